@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cstdlib>
+#include <functional>
 #include <iostream>
 #include <optional>
 #include <vector>
@@ -18,6 +19,7 @@
 #include "daemon/control/wire.hpp"
 #include "daemon/core/bans.hpp"
 #include "daemon/core/edit_distance.hpp"
+#include "daemon/core/operator_order.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -33,6 +35,8 @@ std::optional<std::int16_t> parse_coordinate(std::string_view text) {
 constexpr int exit_arguments = 2;
 /// The daemon reports a command's outcome within 30 s, and gives up on it 5 s later.
 constexpr std::chrono::seconds outcome_patience{45};
+/// A robot on BLE may first have to finish another conversation.
+constexpr std::chrono::seconds ping_patience{30};
 /// It ends orders about the mesh within 180 s.
 constexpr std::chrono::seconds order_patience{200};
 
@@ -137,6 +141,59 @@ void add_send(CLI::App& app, Arguments& a) {
   });
 }
 
+void add_ping(CLI::App& app, Arguments& a) {
+  CLI::App* ping = app.add_subcommand("ping", "Ask a robot for a sign of life, and time it");
+  ping->add_option("ROBOT", a.robot, "The robot's id")->required();
+  ping->add_option("-c,--count", a.order.count, "So many times, once a second")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  ping->callback(ask(a, "ping", Answer::ping, ping_patience));
+}
+
+/// One of the robot's own values, or null for `default`.
+void add_wish(CLI::App& config, Arguments& a, const char* option, const char* key, const char* what,
+              std::function<nlohmann::json(const std::string&)> read) {
+  config.add_option_function<std::string>(
+      option,
+      [&a, option, key, read = std::move(read)](const std::string& word) {
+        const nlohmann::json value = word == "default" ? nlohmann::json() : read(word);
+        if (value.is_discarded()) throw CLI::ValidationError(option, "'" + word + "' is none");
+        a.order.request[key] = value;
+      },
+      what);
+}
+
+std::optional<std::uint64_t> parse_count(std::string_view text) {
+  std::uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+void add_ble_config(CLI::App& ble, Arguments& a) {
+  const nlohmann::json none(nlohmann::json::value_t::discarded);
+  CLI::App* config = ble.add_subcommand("config", "How a robot's node is configured; change it");
+  config->add_option("ROBOT", a.robot, "The robot's id")->required();
+  add_wish(*config, a, "--ttl", "ttl", "TTL of what it sends: 0, 2 to 127, or default",
+           [none](const std::string& word) {
+             const auto ttl = parse_count(word);
+             return ttl && *ttl != 1 && *ttl <= 127 ? nlohmann::json(*ttl) : none;
+           });
+  add_wish(*config, a, "--relay", "relay", "Whether it relays: on, off, or default",
+           [none](const std::string& word) {
+             return word == "on" || word == "off" ? nlohmann::json(word == "on") : none;
+           });
+  add_wish(*config, a, "--transmit", "transmit",
+           "How it sends each packet, TIMESxMS: 3x20, or default", [none](const std::string& word) {
+             const std::size_t by = word.find('x');
+             const auto sends = parse_count(std::string_view(word).substr(0, by));
+             const auto ms = by == word.npos ? std::nullopt : parse_count(word.substr(by + 1));
+             if (!sends || !ms || !Transmissions::is_valid(*sends, *ms)) return none;
+             return nlohmann::json{{"sends", *sends}, {"interval_ms", *ms}};
+           });
+  config->callback(ask(a, "ble config", Answer::config, order_patience));
+}
+
 constexpr const char* reset_board_warning =
     "reset-board makes the serial board forget its keys, addresses and sequence numbers for good. "
     "The daemon gives it the mesh's keys and addresses again at once; it sends from the next of "
@@ -184,6 +241,7 @@ void add_ble(CLI::App& app, Arguments& a) {
   ble->add_subcommand("scan", "New robots in reach")
       ->callback(ask(a, "ble scan", Answer::scan, order_patience));
   ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask(a, "ble nodes", Answer::nodes));
+  add_ble_config(*ble, a);
   add_ble_changes(*ble, a);
 }
 
@@ -372,6 +430,7 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   app.require_subcommand(1);
   add_commands(app, arguments);
   add_send(app, arguments);
+  add_ping(app, arguments);
   add_ble(app, arguments);
   add_store(app, arguments);
   add_host_tasks(app, arguments);

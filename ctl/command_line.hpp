@@ -19,6 +19,8 @@ enum class Answer : std::uint8_t {
   robots,
   fleet,
   clients,  ///< of MQTT-SN
+  ping,     ///< `count` times, once a second
+  config,   ///< of a BLE node
   watch,
   record,  ///< watch events into `file`
   outcome,
@@ -41,6 +43,7 @@ struct Order {
   Answer answer = Answer::status;
   std::chrono::seconds patience = answer_patience;
   nlohmann::json request;
+  std::uint64_t count = 1;
   std::string file;  ///< whose text goes with the request as `text`, or that gets the answer's
 };
 

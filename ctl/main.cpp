@@ -34,6 +34,7 @@ using namespace slamgw::ctl;
 
 constexpr int exit_failed = 1;
 constexpr std::chrono::milliseconds joining_interval{500};
+constexpr std::chrono::seconds ping_interval{1};
 
 /// https://no-color.org: set, and not empty.
 bool is_colour_unwanted() {
@@ -53,6 +54,8 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::robots: return show::robots(result, this_screen());
     case Answer::fleet: return show::fleet(result, this_screen());
     case Answer::clients: return show::clients(result, this_screen());
+    case Answer::ping: return show::ping(result, this_screen());
+    case Answer::config: return show::config(result, this_screen());
     case Answer::watch: return show::event(result, this_screen());
     case Answer::record: break;  // record()
     case Answer::outcome: return show::outcome(result, this_screen());
@@ -191,6 +194,20 @@ int show_joining(Connection& connection, const Order& order) {
   return has_joined || order.request.value("minutes", 0) == 0 ? 0 : exit_failed;
 }
 
+/// Once a second; with --json a line each.
+int ping(Connection& connection, const Order& order) {
+  std::uint64_t answered = 0;
+  for (std::uint64_t i = 0; i < order.count; ++i) {
+    const auto next = std::chrono::steady_clock::now() + ping_interval;
+    const auto answer = connection.ask(order.request, order.patience);
+    answered += answer.value("answered", false) ? 1 : 0;
+    std::cout << text_of(order, answer) << std::flush;
+    if (i + 1 < order.count) std::this_thread::sleep_until(next);
+  }
+  if (!order.json && order.count > 1) std::cout << show::pings(order.count, answered);
+  return answered > 0 ? 0 : exit_failed;
+}
+
 /// Until the daemon hangs up, or Ctrl-C: each line is written at once.
 [[noreturn]] void record(Connection& connection, const Order& order) {
   warn_of_unheard(connection, order.request);
@@ -219,6 +236,7 @@ int run(Order order) {
     print_dead_letters(connection, std::move(order));
     return 0;
   }
+  if (order.answer == Answer::ping) return ping(connection, order);
   if (order.answer == Answer::joining) return show_joining(connection, order);
   const bool is_send = order.answer == Answer::outcome;
   const auto result = connection.ask(order.request, order.patience);

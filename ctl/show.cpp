@@ -546,6 +546,70 @@ std::string clients(const json& clients, const Screen& screen) {
   return out;
 }
 
+namespace {
+
+/// The member's rows; none when it is missing or no array.
+json rows_at(const json& object, const char* key) {
+  const bool is_there = object.is_object() && object.contains(key) && object[key].is_array();
+  return is_there ? object[key] : json::array();
+}
+
+std::string transmissions(const json& of) {
+  return fmt::format("{} times, {} ms apart", count_at(of, "sends"), count_at(of, "interval_ms"));
+}
+
+std::string model_line(const json& model) {
+  std::string out =
+      fmt::format("  {} {}", text_at(model, "element"), pad(text_at(model, "name"), 22));
+  if (!text_at(model, "publishes_to").empty())
+    out += fmt::format("publishes to {}, TTL {}", text_at(model, "publishes_to"),
+                       count_at(model, "publish_ttl"));
+  std::string groups;
+  for (const json& group : rows_at(model, "subscribed_to"))
+    groups += (groups.empty() ? "subscribed to " : ", ") + text_at({{"group", group}}, "group");
+  return out + groups + '\n';
+}
+
+}  // namespace
+
+std::string ping(const json& ping, const Screen& screen) {
+  std::string out = text_at(ping, "robot") + " (" + text_at(ping, "mesh") + ") ";
+  if (!is_true(ping, "answered")) {
+    out += screen.paint("lost", "no answer") + ": " + text_at(ping, "why");
+    if (ping.contains("last_heard_s"))
+      out += fmt::format("; last heard {:.0f} s ago", number_at(ping, "last_heard_s"));
+    return out + "\n";
+  }
+  out += fmt::format("answered after {:.1f} ms", number_at(ping, "after_ms"));
+  if (count_at(ping, "copies") > 1)
+    out += fmt::format(", asked {} times", count_at(ping, "copies"));
+  if (ping.contains("hops")) out += fmt::format(", {} hops", count_at(ping, "hops"));
+  if (ping.contains("ttl")) out += fmt::format(", TTL left {}", count_at(ping, "ttl"));
+  if (ping.contains("rssi_dbm")) out += fmt::format(", {:.0f} dBm", number_at(ping, "rssi_dbm"));
+  return out + "\n";
+}
+
+std::string pings(std::uint64_t sent, std::uint64_t answered) {
+  return fmt::format("{} sent, {} answered, {:.0f} % lost\n", sent, answered,
+                     100.0 * static_cast<double>(sent - answered) / static_cast<double>(sent));
+}
+
+std::string config(const json& config, const Screen& screen) {
+  const json& relay = group_at(config, "relay");
+  const std::string state = text_at(relay, "state");
+  std::string out = fmt::format(
+      "{}  {}  UUID {}\n  TTL       {}\n  Relay     {}{}\n  Transmit  {}\n",
+      text_at(config, "robot"), text_at(config, "address"), text_at(config, "uuid"),
+      count_at(config, "ttl"), state, state == "on" ? ", each packet " + transmissions(relay) : "",
+      "each packet " + transmissions(group_at(config, "transmit")));
+  for (const json& model : rows_at(config, "models")) out += model_line(model);
+  const json& wanted = group_at(config, "wanted");
+  if (!wanted.empty()) out += "  Kept for this robot alone: " + wanted.dump() + "\n";
+  const std::string problem = text_at(config, "problem");
+  if (!problem.empty()) out += "  " + screen.paint("refused", problem) + "\n";
+  return out;
+}
+
 std::string devices(const json& devices) {
   if (devices.empty()) return "no new robot is in reach\n";
   std::string out = pad("UUID", 33) + "RSSI SEEN " + pad("STATE", 8) + "ROBOT\n";

@@ -59,6 +59,12 @@ std::string fleet(const nlohmann::json& fleet, const Screen& screen);
 /// A table of MQTT-SN sessions, or all of the one session that was asked for.
 std::string clients(const nlohmann::json& clients, const Screen& screen);
 
+/// A line for one ping, and one for all of them.
+std::string ping(const nlohmann::json& ping, const Screen& screen);
+std::string pings(std::uint64_t sent, std::uint64_t answered);
+/// What a BLE node is configured with.
+std::string config(const nlohmann::json& config, const Screen& screen);
+
 /// Devices that no mesh has.
 std::string devices(const nlohmann::json& devices);
 /// Robots of the BLE mesh.

@@ -14,6 +14,7 @@
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::mqttsn {
@@ -71,7 +72,13 @@ struct SendMulticast {
   std::uint32_t interface = 0;  ///< index; 0: on every interface
 };
 
-using Action = std::variant<SendDatagram, SendMulticast, MeshEvent>;
+/// An operator's ping has ended; once for each.
+struct PingEnded {
+  std::uint64_t id = 0;
+  OrderAnswer answer;
+};
+
+using Action = std::variant<SendDatagram, SendMulticast, PingEnded, MeshEvent>;
 
 class Output {
  public:
@@ -93,6 +100,7 @@ class Output {
   bool fits(const ClientSession& session, std::size_t octets) const;
   /// On every interface, or on the one with this index.
   void send_multicast(const Packet& packet, std::uint32_t interface = 0);
+  void end(PingEnded ping) { actions_.push(std::move(ping)); }
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
   void count(Count what) { tally_.count(what); }
   /// Something in the session that must survive a restart has changed.

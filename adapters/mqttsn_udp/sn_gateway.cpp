@@ -62,7 +62,8 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       renaming_(rules_, clients_, output_, subscriptions_, lifecycle_, connecting_),
       restoring_(rules_, clients_, output_, subscriptions_, commands_, downlink_, lifecycle_,
                  connecting_, supervision_),
-      discovery_(settings_, clients_, output_, guard_) {}
+      discovery_(settings_, clients_, output_, guard_),
+      pings_(clients_, output_) {}
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now, const std::string& identity) {
@@ -217,7 +218,8 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
                  },
                  [&](const WillTopicUpd& p) { wills_.on_willtopicupd(session, p, now); },
                  [&](WillMsgUpd& p) { wills_.on_willmsgupd(session, std::move(p)); },
-                 [](const auto&) {},  // PINGRESP: a sign of life, no more (R108)
+                 [&](const Pingresp&) { pings_.on_pingresp(session, now); },
+                 [](const auto&) {},
              },
              packet);
 }
@@ -314,10 +316,11 @@ void SnGateway::on_deadline(TimePoint now) {
   while (auto waited = roaming_.take_overdue(now)) go_on(std::move(*waited), {}, now);
   supervision_.on_deadline(now);
   notes_.on_deadline(now);
+  pings_.on_deadline(now);
 }
 
 std::optional<TimePoint> SnGateway::deadline() const {
-  return earlier(earlier(discovery_.deadline(), connecting_.deadline()),
+  return earlier(earlier(earlier(discovery_.deadline(), connecting_.deadline()), pings_.deadline()),
                  earlier(earlier(supervision_.deadline(), roaming_.deadline()), notes_.deadline()));
 }
 

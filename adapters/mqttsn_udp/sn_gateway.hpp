@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
+#include "adapters/mqttsn_udp/conversations/pings.hpp"
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
 #include "adapters/mqttsn_udp/conversations/uplink.hpp"
 
@@ -89,6 +90,10 @@ class SnGateway {
   /// All sessions are to be taken again, for what changes too often to be marked each time (the
   /// window of R76).
   void set_all_dirty();
+  /// Asks the robot for a sign of life; ends with PingEnded, which has this id.
+  void ping(std::uint64_t id, const std::string& robot, TimePoint now) {
+    pings_.ask(id, robot, now);
+  }
   /// See client_report().
   nlohmann::json report(const std::optional<std::string>& robot, TimePoint now) const;
   /// See Restoring. Sessions are restored before the first datagram.
@@ -148,6 +153,7 @@ class SnGateway {
   Renaming renaming_;
   Restoring restoring_;
   Discovery discovery_;
+  Pings pings_;
   LogThrottle malformed_;
 };
 

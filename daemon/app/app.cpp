@@ -407,6 +407,8 @@ void App::manage_store(const std::string& who, StoreOrder order, OrderDone done)
   store_.perform(std::move(order), std::move(recorded));
 }
 
+void App::ping(const std::string& robot, OrderDone done) { meshes_.ping(robot, std::move(done)); }
+
 void App::manage_ble(const std::string& who, BleOrder order, OrderDone done) {
   OrderDone recorded = record(who, audited(order), std::move(done));
   meshes_.manage_ble(std::move(order), std::move(recorded));

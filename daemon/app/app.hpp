@@ -104,6 +104,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_watched(bool is_watched) override;
   void send(const std::string& who, const std::string& robot, const std::string& type,
             Bytes payload, std::function<void(nlohmann::json)> done) override;
+  void ping(const std::string& robot, OrderDone done) override;
   void manage_ble(const std::string& who, BleOrder order, OrderDone done) override;
   void manage_store(const std::string& who, StoreOrder order, OrderDone done) override;
 

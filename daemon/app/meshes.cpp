@@ -117,6 +117,16 @@ OrderAnswer Meshes::mqttsn_clients(const std::optional<std::string>& robot) cons
   return {rows.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace), {}};
 }
 
+void Meshes::ping(const std::string& robot, OrderDone done) {
+  const auto on_thread = presence_of(Mesh::thread, robot);
+  const auto on_ble = presence_of(Mesh::ble, robot);
+  if (!on_thread && !on_ble)
+    return done({{}, "no robot called " + robot + " is known here; see slam-gatewayctl robots"});
+  if (on_thread && (!on_ble || on_ble == Presence::offline))
+    return thread_->ping(robot, std::move(done));
+  manage_ble(PingOrder{robot}, std::move(done));
+}
+
 void Meshes::manage_ble(BleOrder order, OrderDone done) {
   if (cobs_)
     return done(

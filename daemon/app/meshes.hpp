@@ -64,6 +64,8 @@ class Meshes {
   /// Another gateway serves the robot: MeshAdapter::give_up.
   std::vector<WaitingMessage> give_up(const std::string& robot);
   void manage_ble(BleOrder order, OrderDone done);
+  /// Over the mesh on which the robot can be reached, else the one that knows it.
+  void ping(const std::string& robot, OrderDone done);
   /// The sessions of MQTT-SN: mqttsn::client_report().
   OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) const;
 

@@ -30,6 +30,8 @@ class ControlHandler {
   /// "why"}`.
   virtual void send(const std::string& who, const std::string& robot, const std::string& type,
                     Bytes payload, std::function<void(nlohmann::json)> done) = 0;
+  /// Asks a robot for a sign of life. `done` is called once, within seconds.
+  virtual void ping(const std::string& robot, OrderDone done) = 0;
   /// What an operator orders about the BLE mesh. `done` is called once, now or minutes later.
   virtual void manage_ble(const std::string& who, BleOrder order, OrderDone done) = 0;
   /// What an operator orders about dead letters. The same.

@@ -147,6 +147,10 @@ void ControlSession::perform(const control::WatchRequest& request) {
   on_watch_();
 }
 
+void ControlSession::perform(const control::PingRequest& request) {
+  handler_.ping(request.robot, answer_order());
+}
+
 void ControlSession::perform(BleOrder& order) {
   handler_.manage_ble(who_, std::move(order), answer_order());
 }

@@ -67,6 +67,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(const control::ForgetRequest& request);
   void perform(const control::WatchRequest& request);
   void perform(control::SendRequest& request);
+  void perform(const control::PingRequest& request);
   void perform(BleOrder& order);
   void perform(StoreOrder& order);
   OrderDone answer_order();

@@ -49,6 +49,47 @@ std::string unknown(const std::string& command) {
   return fmt::format("unknown command '{}'; slam-gatewayctl --help lists all", command);
 }
 
+/// Null stands for what all robots have.
+template <class Value, class Read>
+bool read_wish(const json& request, const char* key, NodeConfigOrder::Wish<Value>& wish,
+               const Read& read) {
+  const auto found = request.find(key);
+  if (found == request.end()) return true;
+  wish.emplace(found->is_null() ? std::nullopt : read(*found));
+  return found->is_null() || wish->has_value();
+}
+
+std::optional<std::uint8_t> read_ttl(const json& value) {
+  constexpr std::uint64_t most = 127;  // Mesh Profile 1.0 section 4.2.7; 1 is prohibited
+  if (!value.is_number_unsigned() || value == 1U || value > most) return std::nullopt;
+  return value.get<std::uint8_t>();
+}
+
+std::optional<bool> read_relay(const json& value) {
+  return value.is_boolean() ? std::optional(value.get<bool>()) : std::nullopt;
+}
+
+std::optional<Transmissions> read_transmissions(const json& value) {
+  if (!value.is_object()) return std::nullopt;
+  const std::uint64_t sends = number_of(value, "sends");
+  const std::uint64_t interval_ms = number_of(value, "interval_ms");
+  if (!Transmissions::is_valid(sends, interval_ms)) return std::nullopt;
+  return Transmissions{static_cast<std::uint8_t>(sends), static_cast<std::uint16_t>(interval_ms)};
+}
+
+Result<Request, std::string> parse_node_config(const json& request) {
+  const auto robot = text_of(request, "robot");
+  if (!robot) return std::string("ble config needs the text robot");
+  NodeConfigOrder order{*robot};
+  if (!read_wish(request, "ttl", order.ttl, read_ttl))
+    return std::string("ttl is 0 or 2 to 127, or null");
+  if (!read_wish(request, "relay", order.relay, read_relay))
+    return std::string("relay is true, false or null");
+  if (!read_wish(request, "transmit", order.transmit, read_transmissions))
+    return std::string("transmit is null or has sends (1 to 8) and interval_ms (10, 20 ... 320)");
+  return Request(std::move(order));
+}
+
 Result<Request, std::string> parse_order(const std::string& command, const json& request) {
   const auto robot = text_of(request, "robot");
   const auto uuid = text_of(request, "uuid");
@@ -80,6 +121,7 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     if (!robot) return std::string("ble remove needs the text robot");
     return Request(RemoveOrder{*robot, is_true(request, "force")});
   }
+  if (command == "ble config") return parse_node_config(request);
   if (command == "ble import") {
     if (!text) return std::string("ble import needs the text of the file as text");
     return Request(ImportOrder{*text});
@@ -135,9 +177,10 @@ Result<Request, std::string> parse_request(std::string_view line) {
   if (*command == "fleet") return Request(FleetRequest{});
   if (*command == "mqttsn clients") return Request(MqttsnClientsRequest{text_of(request, "robot")});
   if (*command == "send") return parse_send(request);
-  if (*command == "forget") {
+  if (*command == "forget" || *command == "ping") {
     const auto robot = text_of(request, "robot");
-    if (!robot) return std::string("forget needs the text robot");
+    if (!robot) return *command + " needs the text robot";
+    if (*command == "ping") return Request(PingRequest{*robot});
     return Request(ForgetRequest{*robot});
   }
   if (*command == "watch")

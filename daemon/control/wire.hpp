@@ -5,13 +5,16 @@
 //   request   {"command": "status" | "reload" | "fleet"}
 //             {"command": "robots" | "mqttsn clients", "robot": optional}
 //             {"command": "watch", "robot": optional, "type": optional}
-//             {"command": "forget", "robot": "..."}
+//             {"command": "forget" | "ping", "robot": "..."}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
 //             {"command": "ble scan" | "ble nodes" | "ble export" | "ble reset-board"}
 //             {"command": "ble provision", "uuid": "...", "robot": "..."}
 //             {"command": "ble permit-join", "minutes": number, "robot": optional}
 //             {"command": "ble joining", "after": optional number of an event}
 //             {"command": "ble remove", "robot": "...", "force": optional}
+//             {"command": "ble config", "robot": "...", "ttl": optional number,
+//              "relay": optional true or false, "transmit": optional {"sends", "interval_ms"};
+//              null for one of them: as all robots have it}
 //             {"command": "ble import", "text": "..."}
 //             {"command": "store list", "after": optional id, "topic": optional,
 //              "payloads": optional}
@@ -49,6 +52,10 @@ struct MqttsnClientsRequest {
 struct ForgetRequest {
   std::string robot;
 };
+/// A sign of life from a robot on either mesh, once.
+struct PingRequest {
+  std::string robot;
+};
 /// Nothing: any robot, any type.
 struct WatchRequest {
   std::optional<std::string> robot;
@@ -61,7 +68,7 @@ struct SendRequest {
 };
 using Request =
     std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetRequest, MqttsnClientsRequest,
-                 ForgetRequest, WatchRequest, SendRequest, BleOrder, StoreOrder>;
+                 ForgetRequest, PingRequest, WatchRequest, SendRequest, BleOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -37,6 +38,34 @@ struct RemoveOrder {
 struct ImportOrder {
   std::string text;  ///< a mesh database
 };
+/// Asks a robot of the mesh for its default TTL, once.
+struct PingOrder {
+  std::string robot;
+};
+/// How often a node sends each packet, and how far apart.
+struct Transmissions {
+  std::uint8_t sends = 1;          ///< 1 to 8
+  std::uint16_t interval_ms = 10;  ///< 10 to 320, a multiple of 10
+  bool operator==(const Transmissions&) const = default;
+
+  static constexpr bool is_valid(std::uint64_t sends, std::uint64_t interval_ms) {
+    return sends >= 1 && sends <= 8 && interval_ms >= 10 && interval_ms <= 320 &&
+           interval_ms % 10 == 0;
+  }
+};
+/// Changes what the operator wants of one robot, and reads what its node is configured with.
+struct NodeConfigOrder {
+  /// A value for this robot alone; nothing: as all others have it.
+  template <class Value>
+  using Wish = std::optional<std::optional<Value>>;
+
+  std::string robot;
+  Wish<std::uint8_t> ttl = {};
+  Wish<bool> relay = {};
+  Wish<Transmissions> transmit = {};
+
+  bool is_change() const { return ttl || relay || transmit; }
+};
 /// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
 /// unicast address that it gets, and its mesh database as text. The one answer that holds keys.
 struct ExportOrder {
@@ -46,7 +75,8 @@ struct ExportOrder {
 struct ResetBoardOrder {};
 
 using BleOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
-                              NodesOrder, RemoveOrder, ImportOrder, ExportOrder, ResetBoardOrder>;
+                              NodesOrder, RemoveOrder, PingOrder, NodeConfigOrder, ImportOrder,
+                              ExportOrder, ResetBoardOrder>;
 
 /// Either a JSON document or, when the order was refused or failed, a sentence.
 struct OrderAnswer {

@@ -20,6 +20,10 @@ std::optional<AuditedOrder> audited(const BleOrder& order) {
           [](const ScanOrder&) { return Audited(); },
           [](const JoinEventsOrder&) { return Audited(); },
           [](const NodesOrder&) { return Audited(); },
+          [](const PingOrder&) { return Audited(); },
+          [](const NodeConfigOrder& known) {
+            return known.is_change() ? Audited({"ble config", known.robot}) : Audited();
+          },
           [](const ProvisionOrder& known) {
             return Audited({"ble provision", known.robot});
           },

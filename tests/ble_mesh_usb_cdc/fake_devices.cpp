@@ -176,6 +176,9 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
     return answer_subscription(device, status, params);
   if (request.starts_with("8029") || request.starts_with("802b"))
     return answer_list(device, status, params);
+  if (const auto state = answer_state(device, request)) return *state;
+  if (request.starts_with("8018"))
+    return hex("80 19") + Bytes{status} + from(2, 4) + hex("01 00 00 00 04 a7 00") + from(4, end);
   device.has_stopped = request.starts_with("801d") || request.starts_with("801e");
   if (request == "8049") {
     device.address = 0;
@@ -183,6 +186,28 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
     return hex("80 4a");
   }
   return {};
+}
+
+/// Default TTL, relay and network transmit: Get, or Set of what is allowed.
+std::optional<Bytes> FakeDevices::answer_state(FakeDevice& device, const std::string& request) {
+  struct State {
+    const char* get;
+    const char* set;
+    const char* status;
+    Bytes& value;
+  };
+  const State states[] = {{"800c", "800d", "800e", device.default_ttl},
+                          {"8026", "8027", "8028", device.relay},
+                          {"8023", "8024", "8025", device.network_transmit}};
+  for (const State& state : states) {
+    const bool is_set = request.starts_with(state.set);
+    if (request != state.get && !is_set) continue;
+    const Bytes value = hex(request.substr(4));
+    const bool is_fixed = &state.value == &device.relay && device.relay[0] == 2;
+    if (is_set && !is_fixed) state.value = value;
+    return hex(state.status) + state.value;
+  }
+  return std::nullopt;
 }
 
 /// The period of a model without periodic publication is undefined in Nordic's answer.

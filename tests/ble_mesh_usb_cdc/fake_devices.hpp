@@ -28,6 +28,10 @@ struct FakeDevice {
   /// Groups of each model, by its element and identifier as they are on air, hex.
   std::map<std::string, std::set<std::uint16_t>> subscriptions;
 
+  Bytes default_ttl{4};
+  Bytes relay{1, 0x0a};  ///< on, three times, 20 ms apart
+  Bytes network_transmit{0};
+
   bool keeps_subscriptions = false;   ///< they outlive provisioning, as with code that has a fault
   bool shares_subscriptions = false;  ///< all models have one list of groups
   /// As robots that run Nordic's code do: Subscription Delete All and Overwrite (of a model with
@@ -81,6 +85,7 @@ class FakeDevices {
   Bytes ecdh_request();
   Bytes complete(ByteView secret);
   Bytes add_device_key(ByteView params);
+  static std::optional<Bytes> answer_state(FakeDevice& device, const std::string& request);
   static Bytes answer_publication(FakeDevice& device, std::uint8_t status, Bytes params);
   static Bytes answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request);
   static Bytes answer_list(const FakeDevice& device, std::uint8_t status, ByteView request);

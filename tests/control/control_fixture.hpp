@@ -67,6 +67,10 @@ class FakeHandler : public ControlHandler {
     who.push_back(by);
     sent.push_back({robot, type, std::move(payload), std::move(done)});
   }
+  void ping(const std::string& robot, OrderDone done) override {
+    if (robot == "nobody") return done({{}, "no robot called nobody is known here"});
+    done({nlohmann::json{{"robot", robot}, {"answered", true}}.dump(), {}});
+  }
   void manage_ble(const std::string& by, BleOrder order, OrderDone done) override {
     who.push_back(by);
     orders.push_back({std::move(order), done});

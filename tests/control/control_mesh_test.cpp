@@ -63,6 +63,54 @@ TEST_F(ControlMeshIo, TakesARobotInAndNamesIt) {
   EXPECT_EQ(ordered.robot, "r1");
 }
 
+TEST_F(ControlMeshIo, ChangesAndShowsANodesConfiguration) {
+  start();
+  const OrderAnswer answer{R"({"robot":"r1","address":"0x0100","ttl":7,"models":[]})", {}};
+  Ended result = order({"config", "r1"}, answer);
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_NE(result.out.find("TTL       7"), std::string::npos) << result.out;
+  EXPECT_FALSE(order_of<NodeConfigOrder>(handler).is_change());
+  result = order({"config", "r1", "--ttl", "7", "--relay", "off", "--transmit", "3x20"}, answer);
+  EXPECT_EQ(result.status, 0) << result.err;
+  auto wanted = order_of<NodeConfigOrder>(handler);
+  EXPECT_EQ(wanted.ttl.value(), 7);
+  EXPECT_EQ(wanted.relay.value(), false);
+  EXPECT_EQ(wanted.transmit.value(), (Transmissions{3, 20}));
+  order({"config", "r1", "--ttl", "default"}, answer);
+  wanted = order_of<NodeConfigOrder>(handler);
+  ASSERT_TRUE(wanted.ttl.has_value());
+  EXPECT_FALSE(wanted.ttl->has_value());
+  EXPECT_FALSE(wanted.relay.has_value());
+}
+
+TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
+  start();
+  for (const auto& [option, word] :
+       std::vector<std::pair<std::string, std::string>>{{"--ttl", "1"},
+                                                        {"--ttl", "128"},
+                                                        {"--ttl", "-1"},
+                                                        {"--ttl", "x"},
+                                                        {"--relay", "maybe"},
+                                                        {"--transmit", "3"},
+                                                        {"--transmit", "9x20"},
+                                                        {"--transmit", "3x25"}}) {
+    const Ended result = order({"config", "r1", option + "=" + word}, {});
+    EXPECT_EQ(result.status, 2) << option << word;
+    EXPECT_NE(result.err.find(option), std::string::npos) << result.err;
+  }
+  EXPECT_TRUE(handler.orders.empty());
+}
+
+TEST_F(ControlMeshIo, PingsARobotSomeTimes) {
+  start();
+  const Ended result = run({"ping", "r1", "-c", "2"});
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_NE(result.out.find("2 sent, 2 answered, 0 % lost"), std::string::npos) << result.out;
+  EXPECT_EQ(run({"ping", "nobody"}).status, 1);
+  EXPECT_EQ(run({"ping", "r1", "-c", "0"}).status, 2);
+  EXPECT_EQ(json::parse(run({"ping", "r1", "--json"}).out)["answered"], true);
+}
+
 TEST_F(ControlMeshIo, ShowsWhoJoinsUntilTheTimeIsOver) {
   start();
   const auto child = launch({"ble", "permit-join", "--minutes", "3", "--id", "r1"});

@@ -240,6 +240,54 @@ TEST(CtlShow, Clients) {
   EXPECT_EQ(ctl::show::clients(json::array(), {false, noon}), "no MQTT-SN client is known\n");
 }
 
+TEST(CtlShow, Ping) {
+  const ctl::Screen screen{false, noon};
+  EXPECT_EQ(ctl::show::ping({{"robot", "tank"},
+                             {"mesh", "ble"},
+                             {"answered", true},
+                             {"after_ms", 41.26},
+                             {"copies", 2},
+                             {"ttl", 3},
+                             {"hops", 1},
+                             {"rssi_dbm", -60}},
+                            screen),
+            "tank (ble) answered after 41.3 ms, asked 2 times, 1 hops, TTL left 3, -60 dBm\n");
+  EXPECT_EQ(ctl::show::ping({{"robot", "tank"},
+                             {"mesh", "thread"},
+                             {"answered", false},
+                             {"why", "it is asleep"},
+                             {"last_heard_s", 12.2}},
+                            screen),
+            "tank (thread) no answer: it is asleep; last heard 12 s ago\n");
+  EXPECT_EQ(ctl::show::pings(4, 3), "4 sent, 3 answered, 25 % lost\n");
+}
+
+TEST(CtlShow, Config) {
+  const json config = {{"robot", "tank"},
+                       {"address", "0x0100"},
+                       {"uuid", "00112233445566778899aabbccddeeff"},
+                       {"ttl", 7},
+                       {"relay", {{"state", "on"}, {"sends", 3}, {"interval_ms", 20}}},
+                       {"transmit", {{"sends", 1}, {"interval_ms", 10}}},
+                       {"models",
+                        {{{"element", "0x0100"},
+                          {"name", "pos_cmd server"},
+                          {"subscribed_to", {"0xc002", "0xc003"}}},
+                         {{"element", "0x0101"},
+                          {"name", "min_com client"},
+                          {"publishes_to", "0x0001"},
+                          {"publish_ttl", 7}}}},
+                       {"wanted", {{"ttl", 7}}}};
+  EXPECT_EQ(ctl::show::config(config, {false, noon}),
+            "tank  0x0100  UUID 00112233445566778899aabbccddeeff\n"
+            "  TTL       7\n"
+            "  Relay     on, each packet 3 times, 20 ms apart\n"
+            "  Transmit  each packet 1 times, 10 ms apart\n"
+            "  0x0100 pos_cmd server        subscribed to 0xc002, 0xc003\n"
+            "  0x0101 min_com client        publishes to 0x0001, TTL 7\n"
+            "  Kept for this robot alone: {\"ttl\":7}\n");
+}
+
 TEST(CtlShow, SurvivesAnswersOfAnyShape) {
   for (const std::string_view text :
        {"null", "5", "[]", "[1]", "{}", R"({"broker": 5})",
@@ -250,6 +298,8 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(ctl::show::robots(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::fleet(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::clients(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::ping(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::config(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::event(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::outcome(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::devices(answer).ends_with('\n'));

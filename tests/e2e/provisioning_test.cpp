@@ -64,6 +64,28 @@ TEST(NewRobots, JoinByThemselvesAndObey) {
   EXPECT_EQ(simulator.report()["commands_received"], 2 * robot_count);
 }
 
+TEST(NewRobots, AnswerPingsAndTakeAConfigurationOfTheirOwn) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration(broker));
+  SimulatorProcess simulator(new_robots(gateway, 1));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("is configured"); }, join_limit))
+      << gateway.log();
+  const std::string id = gateway.ctl({"ble", "nodes"})[0]["robot"];
+  const json ping = gateway.ctl({"ping", id});
+  EXPECT_EQ(ping["answered"], true) << ping;
+  EXPECT_TRUE(ping["hops"].is_number()) << ping;
+  const json before = gateway.ctl({"ble", "config", id});
+  EXPECT_EQ(before["wanted"], json::object()) << before;
+  EXPECT_GE(before["models"].size(), 3U) << before;
+  const json after =
+      gateway.ctl({"ble", "config", id, "--ttl", "9", "--relay", "off", "--transmit", "2x30"});
+  EXPECT_EQ(after["ttl"], 9) << after;
+  EXPECT_EQ(after["relay"]["state"], "off") << after;
+  EXPECT_EQ(after["transmit"], (json{{"sends", 2}, {"interval_ms", 30}})) << after;
+  EXPECT_EQ(json::parse(read_file(gateway / "store/mesh.json"))["nodes"][0]["wanted"]["ttl"], 9);
+  EXPECT_EQ(gateway.ctl({"send", id, "cmd", "10,-20"})["outcome"], "delivered");
+}
+
 TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
   Mosquitto broker;
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/ghost", "%p");

@@ -146,6 +146,11 @@ void SnRig::broker_link(bool is_up) {
   drain();
 }
 
+void SnRig::ping(std::uint64_t id, const std::string& robot) {
+  gateway.ping(id, robot, now);
+  drain();
+}
+
 void SnRig::stop() {
   gateway.on_stop(now);
   drain();
@@ -193,6 +198,8 @@ void SnRig::drain() {
       take(*datagram);
     } else if (auto* multicast = std::get_if<SendMulticast>(&*action)) {
       multicasts.push_back(describe_octets(multicast->bytes));
+    } else if (auto* ended = std::get_if<PingEnded>(&*action)) {
+      pings.push_back(std::move(*ended));
     } else {
       take(std::get<MeshEvent>(*action));
     }

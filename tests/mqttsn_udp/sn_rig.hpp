@@ -54,6 +54,7 @@ class SnRig {
   void note(const std::string& robot, ByteView note);
   std::vector<WaitingMessage> give_up(const std::string& robot);
   void broker_link(bool is_up);
+  void ping(std::uint64_t id, const std::string& robot);
   void stop();
   /// The configuration is read again: `robots` of it now says this, and all else is as it was.
   void rename(std::vector<RobotName> names);
@@ -78,6 +79,7 @@ class SnRig {
   std::vector<SessionEvicted> evicted;
   std::vector<NoteChanged> notes;
   std::vector<NoteRequest> note_requests;
+  std::vector<PingEnded> pings;
   /// What the robots' sessions at the broker have.
   std::map<std::string, std::set<std::string>> filters;
   std::vector<CommandOutcome> outcomes;

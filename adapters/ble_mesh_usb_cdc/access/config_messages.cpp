@@ -12,6 +12,13 @@ namespace {
 constexpr Opcode appkey_add = 0x00;
 constexpr Opcode model_publication_set = 0x03;
 constexpr Opcode composition_data_get = 0x8008;
+constexpr Opcode default_ttl_get = 0x800c;
+constexpr Opcode default_ttl_set = 0x800d;
+constexpr Opcode model_publication_get = 0x8018;
+constexpr Opcode network_transmit_get = 0x8023;
+constexpr Opcode network_transmit_set = 0x8024;
+constexpr Opcode relay_get = 0x8026;
+constexpr Opcode relay_set = 0x8027;
 constexpr Opcode model_subscription_add = 0x801b;
 constexpr Opcode model_subscription_delete = 0x801c;
 constexpr Opcode sig_model_subscription_get = 0x8029;
@@ -116,6 +123,54 @@ std::vector<std::uint16_t> decode_subscription_list(ByteView params, const Model
   while (reader.ok() && reader.remaining() >= sizeof(std::uint16_t))
     addresses.push_back(reader.read_u16_le());
   return addresses;
+}
+
+std::optional<PublicationState> decode_publication(ByteView params) {
+  ByteReader reader(params);
+  reader.read(1 + sizeof(std::uint16_t));  // status and element
+  PublicationState state;
+  state.address = reader.read_u16_le();
+  reader.read_u16_le();  // application key, and whether with friendship credentials
+  state.ttl = reader.read_u8();
+  return reader.ok() ? std::optional(state) : std::nullopt;
+}
+
+constexpr unsigned step_ms = 10;
+constexpr unsigned count_bits = 3;
+
+std::uint8_t encode_transmissions(const Transmissions& transmissions) {
+  const unsigned steps = transmissions.interval_ms / step_ms - 1;
+  return static_cast<std::uint8_t>((transmissions.sends - 1U) | steps << count_bits);
+}
+
+Transmissions decode_transmissions(std::uint8_t octet) {
+  constexpr unsigned count_mask = (1U << count_bits) - 1;
+  return {static_cast<std::uint8_t>((octet & count_mask) + 1),
+          static_cast<std::uint16_t>(((octet >> count_bits) + 1) * step_ms)};
+}
+
+Bytes encode_model_publication_get(std::uint16_t element, const ModelId& model) {
+  return encode_access(model_publication_get,
+                       ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
+}
+
+Bytes encode_default_ttl_get() { return encode_access(default_ttl_get, {}); }
+
+Bytes encode_default_ttl_set(std::uint8_t ttl) {
+  return encode_access(default_ttl_set, std::array{ttl});
+}
+
+Bytes encode_relay_get() { return encode_access(relay_get, {}); }
+
+Bytes encode_relay_set(bool is_on) {
+  const std::uint8_t state = is_on ? 1 : 0;
+  return encode_access(relay_set, std::array{state, encode_transmissions(relay_transmissions)});
+}
+
+Bytes encode_network_transmit_get() { return encode_access(network_transmit_get, {}); }
+
+Bytes encode_network_transmit_set(const Transmissions& transmissions) {
+  return encode_access(network_transmit_set, std::array{encode_transmissions(transmissions)});
 }
 
 Bytes encode_node_reset() { return encode_access(node_reset, {}); }

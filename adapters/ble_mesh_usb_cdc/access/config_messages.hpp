@@ -10,11 +10,15 @@
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
+#include "daemon/core/operator_order.hpp"
 
 namespace slamgw::ble {
 
 inline constexpr Opcode composition_data_status = 0x02;
 inline constexpr Opcode appkey_status = 0x8003;
+inline constexpr Opcode default_ttl_status = 0x800e;
+inline constexpr Opcode network_transmit_status = 0x8025;
+inline constexpr Opcode relay_status = 0x8028;
 inline constexpr Opcode model_publication_status = 0x8019;
 inline constexpr Opcode model_subscription_status = 0x801f;
 inline constexpr Opcode sig_model_subscription_list = 0x802a;
@@ -43,6 +47,19 @@ Result<Composition, DecodeError> decode_composition(ByteView params);
 /// `model`; an address that is cut short is left out.
 std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model);
 
+/// Where a model publishes to, as in Model Publication Status.
+struct PublicationState {
+  std::uint16_t address = 0;  ///< 0: it does not publish
+  std::uint8_t ttl = 0;       ///< 0xff: the node's default TTL
+};
+/// `params` as for decode_subscription_list().
+std::optional<PublicationState> decode_publication(ByteView params);
+
+// Three bits of a count and five of steps of 10 ms, both less one (Mesh Profile 1.0 sections 4.2.19
+// and 4.2.20).
+std::uint8_t encode_transmissions(const Transmissions& transmissions);
+Transmissions decode_transmissions(std::uint8_t octet);
+
 /// The largest TTL of Mesh Profile 1.0 section 4.2.2.5. Robots that run Nordic's code up to release
 /// 4.2.0 stop on a failed assertion when they are configured to publish with 128 to 254.
 inline constexpr std::uint8_t max_publish_ttl = 127;
@@ -68,6 +85,15 @@ Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t grou
                                        const ModelId& model);
 /// SIG or Vendor Model Subscription Get.
 Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model);
+Bytes encode_model_publication_get(std::uint16_t element, const ModelId& model);
+Bytes encode_default_ttl_get();
+Bytes encode_default_ttl_set(std::uint8_t ttl);
+Bytes encode_relay_get();
+/// With this, a node that relays sends each packet of others.
+inline constexpr Transmissions relay_transmissions{3, 20};
+Bytes encode_relay_set(bool is_on);
+Bytes encode_network_transmit_get();
+Bytes encode_network_transmit_set(const Transmissions& transmissions);
 Bytes encode_node_reset();
 
 /// A model that knows no groups.

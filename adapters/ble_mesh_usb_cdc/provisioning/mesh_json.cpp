@@ -105,8 +105,20 @@ std::optional<std::vector<std::uint16_t>> read_groups(const Json& json, const ch
 constexpr std::uint32_t keys_only_version = 1;
 constexpr std::uint32_t format_version = 2;
 constexpr std::uint32_t max_ttl = 127;
+constexpr std::uint32_t max_interval_ms = 320;
 
 std::string address_text(std::uint16_t address) { return fmt::format("0x{:04x}", address); }
+
+OrderedJson wishes_json(const NodeWishes& wishes) {
+  OrderedJson json = OrderedJson::object();
+  if (wishes.ttl) json["ttl"] = *wishes.ttl;
+  if (wishes.relay) json["relay"] = *wishes.relay;
+  if (wishes.transmit) {
+    json["transmit"] = wishes.transmit->sends;
+    json["transmit_interval_ms"] = wishes.transmit->interval_ms;
+  }
+  return json;
+}
 
 OrderedJson node_json(const Node& node) {
   OrderedJson json = {{"uuid", to_hex(node.uuid)},
@@ -118,6 +130,7 @@ OrderedJson node_json(const Node& node) {
     json["device_key"] = node.device_key ? OrderedJson(to_hex(*node.device_key)) : nullptr;
   if (node.new_address != 0) json["new_address"] = address_text(node.new_address);
   if (node.ttl) json["ttl"] = *node.ttl;
+  if (node.wishes != NodeWishes{}) json["wanted"] = wishes_json(node.wishes);
   if (!node.applied) return json;
   json["gateway"] = address_text(node.applied->destination);
   json["groups"] = OrderedJson::array();
@@ -170,6 +183,23 @@ bool read_applied(const Json& json, Node& node) {
   return true;
 }
 
+/// False when it is damaged.
+bool read_wishes(const Json& node, NodeWishes& wishes) {
+  const auto found = node.find("wanted");
+  if (found == node.end()) return true;
+  if (!found->is_object()) return false;
+  if (const auto ttl = read_count(*found, "ttl", max_ttl))
+    wishes.ttl = static_cast<std::uint8_t>(*ttl);
+  if (const auto relay = found->find("relay"); relay != found->end() && relay->is_boolean())
+    wishes.relay = relay->get<bool>();
+  const auto sends = read_count(*found, "transmit", max_ttl);
+  const auto interval_ms = read_count(*found, "transmit_interval_ms", max_interval_ms);
+  if (sends && interval_ms && Transmissions::is_valid(*sends, *interval_ms))
+    wishes.transmit =
+        Transmissions{static_cast<std::uint8_t>(*sends), static_cast<std::uint16_t>(*interval_ms)};
+  return true;
+}
+
 std::optional<Node> read_node(const Json& json) {
   const auto uuid = read_octets(json, "uuid");
   const auto address = read_unicast(json, "address");
@@ -185,7 +215,7 @@ std::optional<Node> read_node(const Json& json) {
   node.device_key = read_octets(json, "device_key");
   const bool has_radio_key = json.contains("device_key") && json["device_key"].is_null();
   if (!node.device_key && !has_radio_key && node.state != NodeState::reserved) return std::nullopt;
-  if (!read_applied(json, node)) return std::nullopt;
+  if (!read_applied(json, node) || !read_wishes(json, node.wishes)) return std::nullopt;
   return node;
 }
 

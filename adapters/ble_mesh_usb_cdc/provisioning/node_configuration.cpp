@@ -138,6 +138,61 @@ ConfigurationStep node_reset_step() {
           .has_status = false};
 }
 
+ConfigurationStep state_step(std::string what, Bytes request, Opcode answer, Bytes expected) {
+  return {.what = std::move(what),
+          .request = std::move(request),
+          .answer = answer,
+          .has_status = false,
+          .is_required = false,
+          .expected = std::move(expected)};
+}
+
+/// What an operator wants of this node beside what all have.
+void add_wishes(std::vector<ConfigurationStep>& steps, const NodeWishes& wishes) {
+  if (wishes.ttl)
+    steps.push_back(state_step("the default TTL", encode_default_ttl_set(*wishes.ttl),
+                               default_ttl_status, Bytes{*wishes.ttl}));
+  if (wishes.relay)
+    steps.push_back(
+        state_step("relaying", encode_relay_set(*wishes.relay), relay_status,
+                   Bytes{std::uint8_t{*wishes.relay}, encode_transmissions(relay_transmissions)}));
+  if (wishes.transmit)
+    steps.push_back(state_step("network transmit", encode_network_transmit_set(*wishes.transmit),
+                               network_transmit_status,
+                               Bytes{encode_transmissions(*wishes.transmit)}));
+}
+
+std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose) {
+  using Purpose = NodeConfiguration::Purpose;
+  const auto ttl = state_step("its default TTL", encode_default_ttl_get(), default_ttl_status, {});
+  switch (purpose) {
+    case Purpose::reset: return {node_reset_step()};
+    case Purpose::ping: return {ttl};
+    case Purpose::inquire:
+      return {ttl, state_step("whether it relays", encode_relay_get(), relay_status, {}),
+              state_step("its network transmit", encode_network_transmit_get(),
+                         network_transmit_status, {}),
+              composition_step()};
+    case Purpose::configure:
+    case Purpose::move: break;
+  }
+  return {composition_step()};
+}
+
+/// Where the model publishes to, and its groups.
+void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
+                   std::uint16_t element, const ModelId& model, std::uint8_t /*retransmit_count*/) {
+  const auto ask = [&](ConfigurationStep step) {
+    step.lists_groups_of.reset();  // nothing is changed
+    step.about = ModelElement{element, model};
+    steps.push_back(std::move(step));
+  };
+  if (is_one_of(vendor_clients, model) || model == health_server)
+    ask(model_step("the publication", encode_model_publication_get(element, model),
+                   model_publication_status, element, model));
+  if (is_one_of(servers, model)) ask(list_step(settings, element, model));
+}
+
 /// The steps that configure a node, by its composition: the application key for its models,
 /// publication to the gateway for those that speak, groups for those that listen. Only models that
 /// it has; at least the thesis's (thesis 5.2.1), on/off and health. `address` is the node's.
@@ -146,15 +201,7 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
                                                   const Composition& composition) {
   std::vector<ConfigurationStep> steps{appkey_step(settings.app_key)};
   add_each(steps, settings, address, composition, add_model);
-  return steps;
-}
-
-/// The same when only its publications change.
-std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
-                                                 std::uint16_t address,
-                                                 const Composition& composition) {
-  std::vector<ConfigurationStep> steps;
-  add_each(steps, settings, address, composition, add_publication);
+  add_wishes(steps, settings.wishes);
   return steps;
 }
 
@@ -196,8 +243,20 @@ bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
                                      ConfigurationSettings settings, Radio& radio)
     : purpose_(purpose), settings_(std::move(settings)), address_(node.address), radio_(radio) {
-  steps_.push_back(purpose == Purpose::reset ? node_reset_step() : composition_step());
+  steps_ = first_steps(purpose);
   radio_.use_device_key(address_, node.device_key);
+}
+
+Duration NodeConfiguration::time_limit() const {
+  return purpose_ == Purpose::ping ? ping_time_limit : step_time_limit;
+}
+
+std::vector<ConfigurationStep> NodeConfiguration::plan(const Composition& composition) const {
+  if (purpose_ == Purpose::configure) return plan_configuration(settings_, address_, composition);
+  std::vector<ConfigurationStep> steps;  // publications alone, or questions
+  add_each(steps, settings_, address_, composition,
+           purpose_ == Purpose::move ? add_publication : add_questions);
+  return steps;
 }
 
 void NodeConfiguration::on_key_used(const std::string& problem, TimePoint now) {
@@ -215,6 +274,7 @@ void NodeConfiguration::on_key_used(const std::string& problem, TimePoint now) {
 void NodeConfiguration::begin_step(TimePoint now) {
   step_since_ = now;
   send_at_ = now;
+  copies_ = 0;
   pause_ = segments_of(steps_.front().request.size()) > 1 ? 2 * first_pause : first_pause;
   last_refusal_.clear();
 }
@@ -223,6 +283,7 @@ void NodeConfiguration::send_due(TimePoint now) {
   if (stage_ != Stage::talking || now < send_at_) return;
   send_at_ = now + pause_;
   pause_ *= 2;
+  ++copies_;
   radio_.send(
       {.destination = address_, .payload = steps_.front().request, .is_under_device_key = true},
       now);
@@ -233,8 +294,16 @@ bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now
     return false;
   const auto access = decode_access(message.payload);
   if (!access.has_value()) return false;
-  if (steps_.front().is_answered_by(*access)) on_answer(*access, now);
-  return true;  // another one is a late answer to an earlier request
+  if (!steps_.front().is_answered_by(*access)) return true;  // late, to an earlier request
+  if (is_inquiry()) keep(steps_.front(), message, access->params, now);
+  on_answer(*access, now);
+  return true;
+}
+
+void NodeConfiguration::keep(const ConfigurationStep& step, const MessageReceived& from,
+                             ByteView params, TimePoint now) {
+  answers_.push_back({step.answer, step.about, Bytes(params.begin(), params.end()),
+                      now - step_since_, copies_, from.ttl, from.rssi_dbm});
 }
 
 void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
@@ -245,16 +314,16 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
     const std::string refusal =
         fmt::format("{} was refused: {} (0x{:02x})", step.what, config_status_text(status), status);
     if (step.is_required) return finish(State::failed, refusal);
-    problem_ += (problem_.empty() ? "" : "; ") + refusal;
+    add_problem(refusal);
   }
+  if (!step.expected.empty() && !std::ranges::equal(message.params, step.expected))
+    add_problem(fmt::format("{} was not changed: the node answers {} in place of {}", step.what,
+                            to_hex(message.params), to_hex(step.expected)));
   if (step.answer == composition_data_status) {
     const auto composition = decode_composition(message.params);
     if (!composition.has_value())
       return finish(State::failed, "its composition data can't be read");
-    for (auto& next : purpose_ == Purpose::move
-                          ? plan_publications(settings_, address_, *composition)
-                          : plan_configuration(settings_, address_, *composition))
-      steps_.push_back(std::move(next));
+    for (auto& next : plan(*composition)) steps_.push_back(std::move(next));
   }
   if (step.lists_groups_of && status == 0) {
     auto groups =
@@ -267,6 +336,10 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
   begin_step(now);
 }
 
+void NodeConfiguration::add_problem(const std::string& problem) {
+  problem_ += (problem_.empty() ? "" : "; ") + problem;
+}
+
 void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
   if (stage_ != Stage::talking) return;
   last_refusal_ = why;
@@ -276,14 +349,14 @@ void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
 
 std::optional<TimePoint> NodeConfiguration::deadline() const {
   if (stage_ != Stage::talking) return std::nullopt;
-  return std::min(send_at_, step_since_ + step_time_limit);
+  return std::min(send_at_, step_since_ + time_limit());
 }
 
 void NodeConfiguration::on_deadline(TimePoint now) {
-  if (stage_ != Stage::talking || now < step_since_ + step_time_limit) return;
+  if (stage_ != Stage::talking || now < step_since_ + time_limit()) return;
   std::string why =
       fmt::format("no answer to {} in {} s", steps_.front().what,
-                  std::chrono::duration_cast<std::chrono::seconds>(step_time_limit).count());
+                  std::chrono::duration_cast<std::chrono::seconds>(time_limit()).count());
   if (!last_refusal_.empty()) why += " (" + last_refusal_ + ")";
   finish(State::failed, std::move(why));
 }

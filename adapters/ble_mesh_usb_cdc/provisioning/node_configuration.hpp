@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The conversation with one node under its device key: its configuration, or its reset. A radio
+// The conversation with one node under its device key: its configuration, its reset, or questions
+// about it. A radio
 // holds few device keys, so the key is added before and removed after it. Requests go out one
 // after the other, each repeated until its answer comes. Called by NodeConversations.
 #pragma once
@@ -30,6 +31,8 @@ struct ConfigurationStep {
   bool is_required = true;                           ///< without it the rest makes no sense
   std::uint8_t also_done = 0;                        ///< a status that means as much as success
   std::optional<ModelElement> lists_groups_of = {};  ///< its answer is this model's groups
+  std::optional<ModelElement> about = {};            ///< of an inquiry: the model it asks of
+  Bytes expected = {};  ///< not empty: the answer of a node that has done it
 
   /// True also for an answer that says no.
   bool is_answered_by(const AccessMessage& message) const;
@@ -40,16 +43,29 @@ struct ConfigurationSettings {
   std::uint16_t destination = 0x0001;  ///< of what the robot publishes: a gateway, or their group
   std::uint8_t ttl = 4;
   std::vector<std::uint16_t> groups;
+  NodeWishes wishes = {};
+};
+
+/// What a node has said in an inquiry.
+struct NodeAnswer {
+  Opcode opcode = 0;
+  std::optional<ModelElement> about;
+  Bytes params;
+  Duration after{};     ///< since the question was sent first
+  unsigned copies = 0;  ///< of the question that were sent
+  std::optional<std::uint8_t> ttl;
+  std::optional<std::int8_t> rssi_dbm;
 };
 
 class NodeConfiguration {
  public:
-  /// `move`: only what it publishes to.
-  enum class Purpose : std::uint8_t { configure, move, reset };
+  /// `move`: only what it publishes to. `ping` and `inquire` change nothing.
+  enum class Purpose : std::uint8_t { configure, move, reset, ping, inquire };
   enum class State : std::uint8_t { running, succeeded, failed };
 
   /// One request is given up after this long.
   static constexpr Duration step_time_limit = std::chrono::seconds{20};
+  static constexpr Duration ping_time_limit = std::chrono::seconds{5};
   /// The pause before it is sent again, doubled each time: after 0.5 s, 1.5 s, 3.5 s ...; twice
   /// that when it is segmented, because the radio repeats the segments by itself.
   static constexpr Duration first_pause = std::chrono::milliseconds{500};
@@ -76,12 +92,20 @@ class NodeConfiguration {
   std::uint16_t address() const { return address_; }
   /// Why it failed, or which requests the node refused; empty when all went well.
   const std::string& problem() const { return problem_; }
+  /// Of a ping or an inquiry.
+  const std::vector<NodeAnswer>& answers() const { return answers_; }
 
  private:
   enum class Stage : std::uint8_t { adding_key, talking, removing_key, ended };
 
   void begin_step(TimePoint now);
+  bool is_inquiry() const { return purpose_ == Purpose::ping || purpose_ == Purpose::inquire; }
+  Duration time_limit() const;
+  std::vector<ConfigurationStep> plan(const Composition& composition) const;
+  void keep(const ConfigurationStep& step, const MessageReceived& from, ByteView params,
+            TimePoint now);
   void on_answer(const AccessMessage& message, TimePoint now);
+  void add_problem(const std::string& problem);
   void finish(State result, std::string problem);
 
   Purpose purpose_;
@@ -94,8 +118,10 @@ class NodeConfiguration {
   std::deque<ConfigurationStep> steps_;  ///< front: the one under way
   TimePoint step_since_{};
   TimePoint send_at_{};
-  Duration pause_{};  ///< before the next repeat
+  Duration pause_{};     ///< before the next repeat
+  unsigned copies_ = 0;  ///< of the request under way
   std::string last_refusal_;
+  std::vector<NodeAnswer> answers_;
 };
 
 }  // namespace slamgw::ble

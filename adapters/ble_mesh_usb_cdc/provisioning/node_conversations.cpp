@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_report.hpp"
 
 namespace slamgw::ble {
 
@@ -40,7 +41,7 @@ bool NodeConversations::needs_configuration(const Node& node) const {
 /// Its configuration differs from the settings. A node that another tool configured is left alone.
 bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.applied) return false;
-  return node.applied->is_changing || node.ttl != settings_.ttl ||
+  return node.applied->is_changing || node.ttl != ttl_of(node) ||
          node.applied->destination != destination() ||
          !std::ranges::is_permutation(node.applied->groups, settings_.groups);
 }
@@ -53,7 +54,7 @@ bool NodeConversations::is_only_moved(const Node& node) const {
     return address >= settings_.address && address < settings_.address + std::uint32_t{max_sources};
   };
   return node.state == NodeState::configured && node.applied && !node.applied->is_changing &&
-         node.ttl == settings_.ttl && is_own(node.applied->destination) && is_own(destination()) &&
+         node.ttl == ttl_of(node) && is_own(node.applied->destination) && is_own(destination()) &&
          std::ranges::is_permutation(node.applied->groups, settings_.groups);
 }
 
@@ -74,12 +75,12 @@ bool NodeConversations::begin_changes() {
 void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
   if (begin_changes()) return;
-  const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
-                                       settings_.ttl, settings_.groups};
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
+    const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
+                                         ttl_of(node), settings_.groups, node.wishes};
     conversations_.try_emplace(node.address, node, purpose, settings, radio_);
   };
-  if (const Node* node = node_to_reset()) begin(*node, NodeConfiguration::Purpose::reset);
+  if (const Node* node = ordered_node()) begin(*node, *ordered_purpose());
   while (conversations_.size() < max_conversations) {
     const Node* node = next_node(now);
     if (node == nullptr) return;
@@ -88,10 +89,20 @@ void NodeConversations::begin_due(TimePoint now) {
   }
 }
 
-const Node* NodeConversations::node_to_reset() const {
-  if (!order_.is(OpenOrder::Kind::remove)) return nullptr;
+std::optional<NodeConfiguration::Purpose> NodeConversations::ordered_purpose() const {
+  if (order_.is(OpenOrder::Kind::remove)) return NodeConfiguration::Purpose::reset;
+  if (order_.is(OpenOrder::Kind::ping)) return NodeConfiguration::Purpose::ping;
+  if (order_.is(OpenOrder::Kind::config)) return NodeConfiguration::Purpose::inquire;
+  return std::nullopt;
+}
+
+/// The node that an operator's order makes the gateway speak with, when its turn has come: before
+/// a node tells its configuration, it gets what has changed.
+const Node* NodeConversations::ordered_node() const {
+  if (!ordered_purpose()) return nullptr;
   const Node* node = nodes_.find(order_->uuid);
-  return node != nullptr && !is_talking_with(*node) ? node : nullptr;
+  if (node == nullptr || is_talking_with(*node)) return nullptr;
+  return order_.is(OpenOrder::Kind::config) && is_outdated(*node) ? nullptr : node;
 }
 
 /// Nodes that were heard come first, then those that wait longest: a node that is switched off
@@ -115,7 +126,7 @@ std::optional<TimePoint> NodeConversations::next_begin() const {
   if (!link_.is_up || !nodes_.database() || !nodes_.is_saved()) return std::nullopt;
   if (conversations_.size() >= max_conversations) return std::nullopt;
   if (wants_restart_) return std::nullopt;
-  if (node_to_reset() != nullptr) return TimePoint::min();
+  if (ordered_node() != nullptr) return TimePoint::min();
   std::optional<TimePoint> next;
   for (const Node& node : nodes_.database()->nodes) {
     if (!needs_configuration(node)) continue;
@@ -154,6 +165,8 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
   switch (conversation.purpose()) {
     case NodeConfiguration::Purpose::reset:
       return on_reset(*node, is_done, conversation.problem(), now);
+    case NodeConfiguration::Purpose::ping:
+    case NodeConfiguration::Purpose::inquire: return on_asked(*node, conversation);
     case NodeConfiguration::Purpose::configure:
     case NodeConfiguration::Purpose::move: break;
   }
@@ -161,11 +174,21 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
   on_not_configured(*node, conversation.problem(), now);
 }
 
+void NodeConversations::on_asked(const Node& node, const NodeConfiguration& conversation) {
+  const std::string id = nodes_.id_of(node.address);
+  if (order_.is(OpenOrder::Kind::ping, node.uuid))
+    return order_.answer(ping_json(id, conversation));
+  if (!order_.is(OpenOrder::Kind::config, node.uuid)) return;  // the link was down meanwhile
+  if (conversation.state() == NodeConfiguration::State::failed)
+    return order_.refuse(fmt::format("{}: {}", id, conversation.problem()));
+  order_.answer(node_config_json(id, node, conversation));
+}
+
 void NodeConversations::on_configured(const Node& known) {
   Node& node = *nodes_.change().find(known.uuid);
   const Node before = node;
   node.state = NodeState::configured;
-  node.ttl = settings_.ttl;
+  node.ttl = ttl_of(node);
   node.applied = AppliedSettings{destination(), settings_.groups};
   NodeHistory& history = nodes_.history(node.uuid);
   history.failures = 0;
@@ -184,7 +207,7 @@ std::string NodeConversations::changes_from(const Node& before) const {
   std::vector<std::string> changes;
   if (before.applied->destination != destination())
     changes.push_back(fmt::format("it publishes to 0x{:04x}", destination()));
-  if (before.ttl != settings_.ttl) changes.push_back(fmt::format("its TTL is {}", settings_.ttl));
+  if (before.ttl != ttl_of(before)) changes.push_back(fmt::format("its TTL is {}", ttl_of(before)));
   if (!std::ranges::is_permutation(before.applied->groups, settings_.groups))
     changes.push_back(settings_.groups.empty() ? "it has no groups"
                                                : fmt::format("its groups are 0x{:04x}",
@@ -222,6 +245,8 @@ void NodeConversations::on_not_configured(const Node& node, const std::string& p
       id);
   if (!has_old && order_.is(OpenOrder::Kind::provision, node.uuid))
     order_.answer(nodes_.json(node));
+  if (has_old && order_.is(OpenOrder::Kind::config, node.uuid))
+    order_.refuse(fmt::format("{}: {}; what is wanted is kept and tried again", id, problem));
 }
 
 void NodeConversations::on_reset(const Node& node, bool is_done, const std::string& problem,

@@ -48,14 +48,18 @@ class NodeConversations : private ProvisionerPart {
   bool needs_configuration(const Node& node) const;
   bool is_outdated(const Node& node) const;
   bool is_only_moved(const Node& node) const;
+  /// With which TTL the robot publishes.
+  std::uint8_t ttl_of(const Node& node) const { return node.wishes.ttl.value_or(settings_.ttl); }
   /// What robots publish to.
   std::uint16_t destination() const { return settings_.gateway_group.value_or(link_.source); }
   bool begin_changes();
   bool may_be_unheard(const Node& node) const;
-  const Node* node_to_reset() const;
+  std::optional<NodeConfiguration::Purpose> ordered_purpose() const;
+  const Node* ordered_node() const;
   const Node* next_node(TimePoint now);
   std::optional<TimePoint> next_begin() const;
   void end(const NodeConfiguration& conversation, TimePoint now);
+  void on_asked(const Node& node, const NodeConfiguration& conversation);
   void on_configured(const Node& known);
   void on_not_configured(const Node& node, const std::string& problem, TimePoint now);
   std::string changes_from(const Node& before) const;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
+#include "daemon/core/operator_order.hpp"
 
 namespace slamgw::ble {
 
@@ -40,6 +41,14 @@ struct AppliedSettings {
   bool is_changing = false;  ///< it is being changed, and may have parts of both
 };
 
+/// What an operator wants of one robot (`ble config`); nothing: as it is, the TTL as all have it.
+struct NodeWishes {
+  std::optional<std::uint8_t> ttl = {};  ///< of what it publishes, and its default
+  std::optional<bool> relay = {};
+  std::optional<Transmissions> transmit = {};  ///< of each packet that is its own
+  bool operator==(const NodeWishes&) const = default;
+};
+
 struct Node {
   Uuid uuid{};
   std::uint16_t address = 0;  ///< unicast, of the first element
@@ -52,6 +61,7 @@ struct Node {
   std::optional<AppliedSettings> applied;
   /// It was reset by hand and joins again at this address; 0: no. It has both until it has joined.
   std::uint16_t new_address = 0;
+  NodeWishes wishes = {};
 
   /// That it gets when it joins.
   std::uint16_t joining_address() const { return new_address != 0 ? new_address : address; }

@@ -139,14 +139,21 @@ std::string OperatorOrders::scan_json(TimePoint now) const {
 
 // --- Robots of the mesh --------------------------------------------------------------------------
 
+/// Null when the order was refused.
+const Node* OperatorOrders::node_called(const std::string& robot) {
+  std::string problem = problem_with_mesh();
+  if (problem.empty()) {
+    for (const Node& node : nodes_.database()->nodes)
+      if (nodes_.id_of(node.address) == robot) return &node;
+    problem = fmt::format("no robot of this mesh is called {}; see `ble nodes`", robot);
+  }
+  order_.refuse(problem);
+  return nullptr;
+}
+
 void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
-  if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
-  const auto& nodes = nodes_.database()->nodes;
-  const auto node = std::ranges::find_if(
-      nodes, [&](const Node& each) { return nodes_.id_of(each.address) == wanted.robot; });
-  if (node == nodes.end())
-    return order_.refuse(
-        fmt::format("no robot of this mesh is called {}; see `ble nodes`", wanted.robot));
+  const Node* node = node_called(wanted.robot);
+  if (node == nullptr) return;
   order_->kind = Kind::remove;
   order_->due = now + Admission::order_time_limit;
   order_->uuid = node->uuid;
@@ -155,6 +162,46 @@ void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
   if (node->state == NodeState::reserved || (!link_.is_up && wanted.is_forced))
     return conversations_.on_reset(*node, true, {}, now);
   if (!link_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot anyway");
+}
+
+/// Null when the order was refused.
+const Node* OperatorOrders::node_to_ask(OpenOrder::Kind kind, const std::string& robot,
+                                        Duration limit, TimePoint now) {
+  const Node* node = node_called(robot);
+  if (node == nullptr) return nullptr;
+  order_->kind = kind;
+  order_->due = now + limit;
+  order_->uuid = node->uuid;
+  if (node->state == NodeState::reserved || admission_.is_joining(node->uuid)) {
+    order_.refuse(robot + " has not joined the mesh yet");
+  } else if (!link_.is_up) {
+    order_.refuse(link_is_down());
+  } else {
+    return node;
+  }
+  return nullptr;
+}
+
+void OperatorOrders::take(const PingOrder& wanted, TimePoint now) {
+  node_to_ask(Kind::ping, wanted.robot, short_order_time_limit, now);
+}
+
+/// A changed wish makes the node's configuration outdated, so that it is configured anew.
+void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
+  const Node* node = node_to_ask(Kind::config, wanted.robot, Admission::order_time_limit, now);
+  if (node == nullptr || !wanted.is_change()) return;
+  if (!node->applied)
+    return order_.refuse(wanted.robot +
+                         " is configured by another tool, and this gateway leaves it so");
+  NodeWishes wishes = node->wishes;
+  if (wanted.ttl) wishes.ttl = *wanted.ttl;
+  if (wanted.relay) wishes.relay = *wanted.relay;
+  if (wanted.transmit) wishes.transmit = *wanted.transmit;
+  Node& changed = *nodes_.change().find(node->uuid);
+  changed.wishes = wishes;
+  changed.applied->is_changing = true;
+  nodes_.history(changed.uuid).retry_at = now;
+  nodes_.announce_change();
 }
 
 // --- The mesh ------------------------------------------------------------------------------------
@@ -246,7 +293,7 @@ void OperatorOrders::on_radio_cleared(const std::string& problem) {
 // --- Orders that end by themselves ---------------------------------------------------------------
 
 void OperatorOrders::on_link_down() {
-  if (order_.is(Kind::scan) || order_.is(Kind::provision) || order_.is(Kind::remove))
+  if (order_ && order_->kind <= Kind::config)
     order_.refuse("the BLE link went down: " + link_.down_reason);
 }
 
@@ -262,7 +309,9 @@ void OperatorOrders::on_deadline(TimePoint now) {
       if (is_under_way) break;
       return order_.refuse("it was not heard: is it switched on, in reach, and in no mesh?");
     }
+    case Kind::ping: return order_.refuse("the gateway is busy with this robot; try again later");
     case Kind::remove:
+    case Kind::config:
     case Kind::import_mesh:
     case Kind::export_mesh:
     case Kind::reset_board: break;

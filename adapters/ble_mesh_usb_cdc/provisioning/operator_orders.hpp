@@ -36,12 +36,17 @@ class OperatorOrders : private ProvisionerPart {
   void take(const ScanOrder&, TimePoint now);
   void take(const ProvisionOrder& wanted, TimePoint now);
   void take(const RemoveOrder& wanted, TimePoint now);
+  void take(const PingOrder& wanted, TimePoint now);
+  void take(const NodeConfigOrder& wanted, TimePoint now);
   void take(const ImportOrder& wanted, TimePoint now);
   void take(const ExportOrder& wanted, TimePoint now);
   void take(const ResetBoardOrder&, TimePoint now);
   OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
   std::string problem_with_permit(const PermitJoinOrder& wanted) const;
   std::string problem_with_mesh() const;
+  const Node* node_called(const std::string& robot);
+  const Node* node_to_ask(OpenOrder::Kind kind, const std::string& robot, Duration limit,
+                          TimePoint now);
   void answer_export(std::uint16_t address);
   void warn_of_unheard_robots();
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;

@@ -15,12 +15,21 @@ namespace slamgw::ble {
 /// it, the part that fulfils it answers it.
 class OpenOrder {
  public:
-  enum class Kind : std::uint8_t { scan, provision, remove, import_mesh, export_mesh, reset_board };
+  enum class Kind : std::uint8_t {  // those up to `config` need the radio
+    scan,
+    provision,
+    remove,
+    ping,
+    config,
+    import_mesh,
+    export_mesh,
+    reset_board,
+  };
   struct Order {
     std::uint64_t id = 0;
     Kind kind = Kind::scan;
     TimePoint due{};
-    Uuid uuid{};                              ///< provision, remove
+    Uuid uuid{};                              ///< provision, remove, ping, config
     std::string robot = {};                   ///< provision
     bool is_forced = false;                   ///< remove
     std::optional<NodeDatabase> before = {};  ///< import

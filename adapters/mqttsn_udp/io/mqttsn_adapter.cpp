@@ -198,6 +198,16 @@ void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names, RobotKeys 
   if (dtls_) dtls_->use_keys(std::move(keys));
 }
 
+void MqttsnAdapter::ping(const std::string& robot, OrderDone done) {
+  pings_.emplace(++last_ping_, std::move(done));
+  driver_->ping(last_ping_, robot, read_clocks().mono);
+}
+
+void MqttsnAdapter::perform(PingEnded& ended) {
+  const auto waiting = pings_.extract(ended.id);
+  if (waiting) waiting.mapped()(std::move(ended.answer));
+}
+
 nlohmann::json MqttsnAdapter::report(const std::optional<std::string>& robot) const {
   return gateway_.report(robot, read_clocks().mono);
 }

@@ -47,6 +47,8 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   /// As that of SnGateway.
   void ask_where_served(Roaming::ServedElsewhere ask) { gateway_.ask_where_served(std::move(ask)); }
 
+  /// As that of SnGateway. `done` is called once.
+  void ping(const std::string& robot, OrderDone done);
   /// As that of SnGateway.
   nlohmann::json report(const std::optional<std::string>& robot) const;
 
@@ -62,6 +64,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
                     const std::string& identity);
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
+  void perform(PingEnded& ended);
   void perform(MeshEvent& event);
   void save_for_answers();
   void open();
@@ -103,6 +106,8 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::map<std::uint32_t, IpAddress> advertised_from_;  // by interface; the last successful ones
   std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;
+  std::map<std::uint64_t, OrderDone> pings_;  // by their ids
+  std::uint64_t last_ping_ = 0;
   std::uint64_t sends_failed_ = 0;  ///< for want of a socket, and on sockets that were closed
   std::uint64_t truncated_ = 0;
   std::uint64_t unserved_ = 0;

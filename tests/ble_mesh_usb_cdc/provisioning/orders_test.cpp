@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What operators order: scan, provision, nodes, remove, import, reset-board.
+// What operators order: scan, provision, nodes, remove, ping, config, import, reset-board.
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
@@ -131,6 +131,112 @@ TEST(Orders, NodesAreListed) {
   ProvisioningRig without({}, std::nullopt);
   without.order(NodesOrder{});
   EXPECT_EQ(without.answer(), nlohmann::json::array());
+}
+
+TEST(Orders, PingTellsHowLongTheAnswerTookAndItsWay) {
+  JoinedRig rig;
+  const std::size_t stored = rig.stored.size();
+  rig.order(PingOrder{"ble-0100"});
+  rig.pass(2s);
+  EXPECT_EQ(rig.answer()["answered"], true) << rig.answer();
+  EXPECT_EQ(rig.answer()["mesh"], "ble");
+  EXPECT_EQ(rig.answer()["copies"], 1);
+  EXPECT_EQ(rig.answer()["hops"].get<int>(), 4 - rig.answer()["ttl"].get<int>());
+  EXPECT_TRUE(rig.answer().contains("rssi_dbm"));
+  EXPECT_EQ(rig.stored.size(), stored) << "nothing has changed";
+  EXPECT_TRUE(rig.board.devices.device_keys.empty());
+}
+
+TEST(Orders, PingOfASilentRobotEndsSoon) {
+  JoinedRig rig;
+  rig.device().deaf_to = {"800c"};
+  rig.order(PingOrder{"ble-0100"});
+  rig.pass(6s);
+  EXPECT_EQ(rig.answer()["answered"], false) << rig.answer();
+  EXPECT_EQ(rig.answer()["why"], "no answer to its default TTL in 5 s");
+  rig.order(PingOrder{"nobody"});
+  EXPECT_NE(text_of(rig.answer()).find("no robot of this mesh is called nobody"),
+            std::string::npos);
+}
+
+TEST(Orders, ConfigShowsWhatTheNodeHas) {
+  JoinedRig rig;
+  const auto before = rig.device().requests.size();
+  rig.order(NodeConfigOrder{"ble-0100"});
+  rig.pass(10s);
+  const auto answer = rig.answer();
+  EXPECT_EQ(answer["ttl"], 4) << answer;
+  EXPECT_EQ(answer["relay"]["state"], "on");
+  EXPECT_EQ(answer["relay"]["sends"], 3);
+  EXPECT_EQ(answer["relay"]["interval_ms"], 20);
+  EXPECT_EQ(answer["transmit"]["sends"], 1);
+  EXPECT_EQ(answer["wanted"], nlohmann::json::object());
+  const auto model = [&](const char* name) {
+    for (const auto& row : answer["models"])
+      if (row["name"] == name) return row;
+    return nlohmann::json();
+  };
+  EXPECT_EQ(model("sensor_update client")["publishes_to"], "0x0001");
+  EXPECT_EQ(model("sensor_update client")["publish_ttl"], 4);
+  EXPECT_TRUE(model("pos_cmd server").contains("subscribed_to")) << answer;
+  for (auto i = before; i < rig.device().requests.size(); ++i)
+    EXPECT_FALSE(rig.device().requests[i].starts_with("03")) << "nothing is changed";
+}
+
+TEST(Orders, ConfigKeepsWhatIsWantedAndGivesItToTheNode) {
+  JoinedRig rig;
+  NodeConfigOrder order{"ble-0100"};
+  order.ttl.emplace(7);
+  order.relay.emplace(false);
+  order.transmit.emplace(Transmissions{3, 20});
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_EQ(rig.device().default_ttl, hex("07")) << rig.answer();
+  EXPECT_EQ(rig.device().relay[0], 0);
+  EXPECT_EQ(rig.device().network_transmit, hex("0a"));
+  EXPECT_EQ(rig.answer()["ttl"], 7);
+  EXPECT_EQ(rig.answer()["relay"]["state"], "off");
+  EXPECT_EQ(rig.answer()["wanted"]["transmit"]["interval_ms"], 20);
+  const auto stored = decode_node_database(encode_node_database(rig.stored.back()));
+  ASSERT_TRUE(stored.has_value());
+  EXPECT_EQ(stored->nodes[0].wishes, rig.stored.back().nodes[0].wishes);
+  EXPECT_EQ(stored->nodes[0].wishes.ttl, 7);
+  EXPECT_EQ(stored->nodes[0].ttl, 7) << "it publishes with it, too";
+  NodeConfigOrder back{"ble-0100"};
+  back.ttl.emplace(std::nullopt);
+  rig.order(back);
+  rig.pass(20s);
+  EXPECT_EQ(rig.stored.back().nodes[0].ttl, 4) << rig.answer();
+  EXPECT_EQ(rig.stored.back().nodes[0].wishes.relay, false);
+}
+
+TEST(Orders, ConfigSaysWhatTheNodeDoesNotTake) {
+  JoinedRig rig;
+  rig.device().relay = hex("02 00");
+  NodeConfigOrder order{"ble-0100"};
+  order.relay.emplace(true);
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_NE(text_of(rig.answer()).find("relaying was not changed"), std::string::npos)
+      << rig.answer();
+  rig.device().deaf_to = {"80"};
+  rig.order(NodeConfigOrder{"ble-0100"});
+  rig.pass(60s);
+  EXPECT_NE(text_of(rig.answer()).find("no answer to"), std::string::npos) << rig.answer();
+}
+
+TEST(Orders, ConfigLeavesANodeOfAnotherToolAsItIs) {
+  JoinedRig joined;
+  NodeDatabase database = joined.stored.back();
+  database.nodes[0].applied.reset();
+  ProvisioningRig rig({}, database);
+  rig.board = joined.board;
+  rig.start();
+  NodeConfigOrder order{"ble-0100"};
+  order.ttl.emplace(7);
+  rig.order(order);
+  rig.pass(1s);
+  EXPECT_NE(text_of(rig.answer()).find("by another tool"), std::string::npos) << rig.answer();
 }
 
 TEST(Orders, RemoveResetsTheRobotAndDoesNotTakeItBack) {

@@ -2,6 +2,8 @@
 // Ping, keep-alive, loss and revival (R106-R113), and disconnecting (R130-R132).
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -35,6 +37,50 @@ TEST(SnGateway, R108_TakesAPingrespAtAnyTimeAndNeedsNone) {
   EXPECT_TRUE(rig.is_silent(1));
   rig.pass_s(80);
   EXPECT_TRUE(is_active(rig)) << "it was a sign of life";
+}
+
+TEST(SnGateway, PingsAClientAndTimesItsAnswer) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.ping(7, "r1");
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGREQ client="});
+  rig.pass(std::chrono::milliseconds{40});
+  EXPECT_TRUE(rig.pings.empty());
+  rig.send(1, Pingresp{});
+  ASSERT_EQ(rig.pings.size(), 1U);
+  EXPECT_EQ(rig.pings[0].id, 7U);
+  const auto answer = nlohmann::json::parse(rig.pings[0].answer.json);
+  EXPECT_EQ(answer["answered"], true);
+  EXPECT_EQ(answer["after_ms"], 40.0);
+  EXPECT_EQ(answer["mesh"], "thread");
+}
+
+TEST(SnGateway, SaysWhyAPingWasNotAnswered) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.connect(2, "r2");
+  rig.sleep(2);
+  rig.ping(1, "r1");
+  rig.ping(2, "r2");
+  rig.ping(3, "r3");
+  rig.pass_s(6);
+  ASSERT_EQ(rig.pings.size(), 3U);
+  const auto why = [&](std::size_t i) {
+    return nlohmann::json::parse(rig.pings[i].answer.json)["why"].get<std::string>();
+  };
+  EXPECT_NE(why(0).find("asleep"), std::string::npos);
+  EXPECT_NE(why(1).find("no MQTT-SN session"), std::string::npos);
+  EXPECT_NE(why(2).find("no PINGRESP in 5 s"), std::string::npos);
+  EXPECT_EQ(rig.pings[2].id, 1U);
+}
+
+TEST(SnGateway, BoundsOpenPings) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  for (std::uint64_t id = 0; id <= Pings::max_open; ++id) rig.ping(id, "r1");
+  ASSERT_EQ(rig.pings.size(), 1U);
+  EXPECT_EQ(rig.pings[0].id, Pings::max_open);
+  EXPECT_EQ(rig.sent_to(1).size(), Pings::max_open);
 }
 
 TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pings on an operator's word: a PINGREQ without a client id to an active client, which may answer
+// with PINGRESP (MQTT-SN 1.2 section 6.11). Many clients do not. Called by SnGateway. Pure.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+
+namespace slamgw::mqttsn {
+
+class Pings {
+ public:
+  static constexpr std::size_t max_open = 16;
+  static constexpr std::chrono::seconds patience{5};
+
+  /// Both outlive it.
+  Pings(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
+
+  /// Ends with one PingEnded, which has this id.
+  void ask(std::uint64_t id, const std::string& robot, TimePoint now);
+  void on_pingresp(const ClientSession& session, TimePoint now);
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+ private:
+  struct Open {
+    std::uint64_t id = 0;
+    std::string robot;
+    TimePoint since{};
+  };
+
+  void end(const Open& ping, std::optional<Duration> after, const std::string& why, TimePoint now);
+
+  const ClientTable& clients_;
+  Output& output_;
+  std::vector<Open> open_;  ///< oldest first
+};
+
+}  // namespace slamgw::mqttsn
