@@ -304,6 +304,12 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   };
   add("doctor", HostTask::Kind::doctor, "The way from radio to broker: what is well, what to do")
       ->add_option("ROBOT", a.task.robot, "What is known of this robot, and why it is silent");
+  CLI::App* check =
+      add("check", HostTask::Kind::check, "Watch a robot: what its firmware should do otherwise");
+  check->add_option("ROBOT", a.task.robot, "The robot's id")->required();
+  check->add_option("--minutes", a.task.minutes, "For how long")
+      ->check(CLI::Range(1, 24 * 60))
+      ->capture_default_str();
   const auto add_with_file = [&](const char* verb, HostTask::Kind kind, const char* what) {
     CLI::App* task = add(verb, kind, what);
     task->add_option("FILE", a.task.file, "The archive")->required();

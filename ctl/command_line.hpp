@@ -61,13 +61,15 @@ struct HostTask {
     key_add,
     key_list,
     key_remove,
+    check,
   };
   Kind kind = Kind::doctor;
   std::string socket = Order{}.socket;
   bool json = false;
   std::string configuration = "/etc/slam-gateway/gateway.json";
   std::string file;           ///< the archive or the recording; none for doctor
-  std::string robot;          ///< of doctor and audit; empty: the whole way, all
+  std::string robot;          ///< of check, doctor and audit; empty: the whole way, all
+  std::uint64_t minutes = 1;  ///< of check
   std::string who;            ///< of ban and unban: an entry of `bans`; of key: a robot
   std::string broker;         ///< of replay; empty: the one of the configuration
   double speed = 1;           ///< of replay

@@ -77,8 +77,19 @@ nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::secon
   return std::move(answer["result"]);
 }
 
+std::optional<nlohmann::json> Connection::next_event_within(std::chrono::seconds patience) try {
+  set_patience(socket_, patience);
+  return receive_event();
+} catch (const Silence&) {
+  return std::nullopt;
+}
+
 nlohmann::json Connection::next_event() {
   set_patience(socket_, std::chrono::seconds(0));  // for ever
+  return receive_event();
+}
+
+nlohmann::json Connection::receive_event() {
   nlohmann::json line = receive();
   if (!line.contains("event")) throw Failure(path_ + " does not answer like slam-gatewayd");
   return std::move(line["event"]);
@@ -100,7 +111,7 @@ nlohmann::json Connection::receive() {
     const ssize_t count = recv(socket_, chunk.data(), chunk.size(), 0);
     if (count < 0 && errno == EINTR) continue;
     if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
-      throw Failure("slam-gatewayd does not answer at " + path_);
+      throw Silence("slam-gatewayd does not answer at " + path_);
     if (count <= 0) throw Failure("slam-gatewayd hung up: it ended, or this client was too slow");
     const std::size_t before = input_.size();
     input_.append(chunk.data(), static_cast<std::size_t>(count));

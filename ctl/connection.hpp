@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -16,6 +17,11 @@ inline constexpr std::chrono::seconds answer_patience{10};
 /// Ends the program with status 1 and this text.
 struct Failure : std::runtime_error {
   using std::runtime_error::runtime_error;
+};
+
+/// The daemon said nothing for too long.
+struct Silence : Failure {
+  using Failure::Failure;
 };
 
 /// No daemon listens at the socket.
@@ -36,10 +42,13 @@ class Connection {
   nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience);
   /// The next event of a watch, however long it takes. A Failure when the daemon hangs up.
   nlohmann::json next_event();
+  /// The same; nothing when none comes in time.
+  std::optional<nlohmann::json> next_event_within(std::chrono::seconds patience);
 
  private:
   void send(const std::string& text);
   nlohmann::json receive();
+  nlohmann::json receive_event();
 
   std::string path_;
   int socket_ = -1;

@@ -22,6 +22,7 @@
 #include "ctl/host/audit.hpp"
 #include "ctl/host/doctor.hpp"
 #include "ctl/host/recording.hpp"
+#include "ctl/host/robot_check.hpp"
 #include "ctl/host/robot_keys.hpp"
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
@@ -268,6 +269,14 @@ int doctor(const Installation& installation, const HostTask& task) {
   return has_problem(findings) ? exit_failed : 0;
 }
 
+int check(const HostTask& task) {
+  const std::chrono::minutes time(task.minutes);
+  std::cerr << fmt::format("watching {} for {} min\n", task.robot, task.minutes);
+  const auto findings = judge_robot(watch_robot(task.robot, time, task.socket));
+  std::cout << (task.json ? slamgw::control::to_line(to_json(findings)) : to_text(findings));
+  return has_problem(findings) ? exit_failed : 0;
+}
+
 /// The file says it to a daemon that starts later; one that runs reads it now. Returns words about
 /// that.
 std::string reload(const HostTask& task) {
@@ -352,6 +361,7 @@ int run(const HostTask& task) {
   std::string text;
   switch (task.kind) {
     case HostTask::Kind::doctor: return doctor(installation, task);
+    case HostTask::Kind::check: return check(task);
     case HostTask::Kind::replay: return replay(installation, task);
     case HostTask::Kind::audit: return audit(task);
     case HostTask::Kind::backup: text = backup(installation, task.file); break;

@@ -58,6 +58,7 @@ Json to_json(const TraceEvent& event) {
     out["command_id"] = static_cast<std::uint64_t>(event.command);
   if (event.outcome) out["outcome"] = to_string(*event.outcome);
   add_text(out, "why", event.why);
+  if (event.had_stray_octet) out["stray_octet"] = true;
   add_payload(out, event);
   return out;
 }

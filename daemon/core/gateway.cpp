@@ -23,6 +23,7 @@ TrafficEvent event_of(Report report, std::string type, Normalized normalized, co
           .receipt = report.receipt,
           .wire = report.wire,
           .radio = report.radio,
+          .had_stray_octet = normalized.had_stray_octet,
           .is_rejected = normalized.is_rejected,
           .is_proven = report.is_proven};
 }

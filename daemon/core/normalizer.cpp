@@ -66,14 +66,15 @@ Bytes encode(const Update& update, UpdateMode mode, Bytes as_it_came) {
 }  // namespace
 
 Normalized normalize(std::string_view type, Bytes payload, UpdateMode mode) {
-  if (type != update_type) return {std::move(payload), std::nullopt, false};
+  if (type != update_type) return {std::move(payload), std::nullopt, false, false};
   auto update = parse_update(payload);
   if (!update.has_value()) {
     const bool is_rejected = mode != UpdateMode::raw;  // raw reads nothing, so it refuses nothing
-    return {std::move(payload), std::nullopt, is_rejected};
+    return {std::move(payload), std::nullopt, false, is_rejected};
   }
+  const bool had_stray_octet = payload.size() % pair_bytes != 0;
   Bytes encoded = encode(*update, mode, std::move(payload));
-  return {std::move(encoded), std::move(*update), false};
+  return {std::move(encoded), std::move(*update), had_stray_octet, false};
 }
 
 }  // namespace slamgw

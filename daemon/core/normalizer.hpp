@@ -45,6 +45,7 @@ enum class UpdateMode : std::uint8_t { positions, json, raw };
 struct Normalized {
   Bytes payload;
   std::optional<Update> update;  ///< when it is an `update` that could be read
+  bool had_stray_octet = false;  ///< behind an `update` that could be read
   bool is_rejected = false;      ///< `payload` is as it came and belongs on the `rejected` topic
 };
 

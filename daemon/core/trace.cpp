@@ -58,6 +58,7 @@ void Trace::on_traffic(const TrafficEvent& event) {
         .command = event.command,
         .why = event.is_rejected ? "no update: published under rejected/" : "",
         .update = event.update,
+        .had_stray_octet = event.had_stray_octet,
         .payload = event.payload});
 }
 

@@ -52,6 +52,7 @@ struct TraceEvent {
   std::optional<CommandResult> outcome{};
   std::string why{};  ///< of `refused`, `outcome`, `arrived` (under rejected/); may be empty
   std::optional<Update> update{};
+  bool had_stray_octet = false;    ///< behind the update
   std::optional<Bytes> payload{};  ///< of `arrived` and `command`
 };
 

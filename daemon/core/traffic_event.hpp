@@ -28,6 +28,7 @@ struct TrafficEvent {
   WireFacts wire{};
   std::optional<RadioFacts> radio{};
   CommandId command = CommandId::none;  ///< on its way down, when it is one
+  bool had_stray_octet = false;         ///< `payload.update` has cut it off
   bool is_rejected = false;             ///< `payload.update` could not read it
   bool is_proven = true;                ///< see Report
 };
