@@ -55,6 +55,10 @@ void check_robots(const Located& located) {
       located.problem(path + ".address",
                       "is an address on Thread, where this robot has no name; "
                       "\"mqttsn_client_id\" is needed too");
+    if (robot.prefer && (!robot.ble_address || !robot.mqttsn_client_id))
+      located.problem(path + ".prefer",
+                      "is for a robot on both meshes; \"ble_address\" and \"mqttsn_client_id\" are "
+                      "needed");
     if (!located.is_set(path + ".ble_address") && !located.is_set(path + ".mqttsn_client_id") &&
         !located.is_set(path + ".origin") && !located.is_set(path + ".address"))
       located.problem(path,

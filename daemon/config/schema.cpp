@@ -157,6 +157,11 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
            [](std::string_view text) { return IpNetwork::parse(text).has_value(); },
            "an IP address, or a network such as fd00::/64");
      }},
+    {"robots[].prefer",
+     [](Value v, Config& c) {
+       v.one_of(c.robots.back().prefer,
+                {{"auto", std::nullopt}, {"ble", Mesh::ble}, {"thread", Mesh::thread}});
+     }},
     {"robots[].origin",
      [](Value v, Config& c) {
        if (!v.is_null()) c.robots.back().origin.emplace();

@@ -72,13 +72,14 @@ void Commands::on_stray_command(BrokerMessage message, const Now& now) {
   refuse_strays(now);
 }
 
-void Commands::on_outcome(CommandOutcome outcome) {
+void Commands::on_outcome(CommandOutcome outcome, const Now& now) {
   // A command without an id came before a restart.
   const auto command = ledger_.end(outcome.id);
   if (!command && outcome.id != CommandId::none) {
     ++counts_.late_outcomes;
     return;
   }
+  if (directory_.names.is_on_both(outcome.robot)) directory_.choice.on_outcome(outcome, now.mono);
   conclude(std::move(outcome), command ? command->sender : nullptr);
 }
 
@@ -128,7 +129,7 @@ CommandId Commands::deliver(RobotMessage message, const Now& now) {
   const std::string type(scheme_.parse_command_topic(message.message.topic)->type);
   const BrokerMessage& what = message.message;
   Command command{
-      ledger_.next_id(), message.robot, type,       directory_.carrier_for(message.robot),
+      ledger_.next_id(), message.robot, type,       directory_.carrier_for(message.robot, now.mono),
       what.retain,       what.waited,   what.sender};
   if (Robot* known = directory_.registry.find(message.robot))
     known->numbers.on_down(what.payload.size());

@@ -39,7 +39,7 @@ class Commands {
   /// robot with a session is left to it; one for a name that nobody has is refused after a moment.
   void on_stray_command(BrokerMessage message, const Now& now);
   /// A mesh tells it.
-  void on_outcome(CommandOutcome outcome);
+  void on_outcome(CommandOutcome outcome, const Now& now);
   /// The command goes to the robot's next gateway, which tells its outcome.
   void on_handed_on(CommandId command);
   /// `settled_at`: from then on other gateways' robots are known, so a name that nobody has is

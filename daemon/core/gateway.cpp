@@ -35,7 +35,7 @@ Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker
     : scheme_(std::move(scheme)),
       settings_(std::move(settings)),
       broker_(broker),
-      directory_{RobotRegistry(), RobotNames(), {}, std::move(presence_on)},
+      directory_{RobotRegistry(), RobotNames(), {}, std::move(presence_on), {}},
       presence_(scheme_, {settings_.version, settings_.started}, broker_, directory_, actions_),
       commands_(scheme_, directory_, actions_, settings_.max_open_commands),
       rights_(scheme_) {}
@@ -46,7 +46,27 @@ void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
 
 void Gateway::handle(Report report, const Now& now) {
   if (report.is_will && presence_.keep_will(report, now)) return;
+  if (!report.is_will && directory_.names.is_on_both(report.robot) && is_copy(report, now)) return;
   pass_up(std::move(report), now);
+}
+
+/// The robot is heard; what it said went up already, and is acknowledged when that is safe.
+bool Gateway::is_copy(const Report& report, const Now& now) {
+  const CopyFilter::Copy copy = copies_.on_report(report, now.mono);
+  if (copy == CopyFilter::Copy::none) return false;
+  handle(SignOfLife{report.mesh, report.robot}, now);
+  handle(MeshStep{.kind = MeshStep::Kind::repeat,
+                  .mesh = report.mesh,
+                  .robot = report.robot,
+                  .topic = report.topic,
+                  .qos = report.qos,
+                  .wire = report.wire,
+                  .bytes = report.payload.size(),
+                  .radio = report.radio},
+         now);
+  if (copy == CopyFilter::Copy::safe && report.receipt.is_owed())
+    actions_.push(FireReceipt{report.receipt, ReceiptOutcome::safe});
+  return true;
 }
 
 void Gateway::pass_up(Report report, const Now& now) {
@@ -146,6 +166,8 @@ void Gateway::handle(MeshStep step, const Now&) {
 }
 
 void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) {
+  if (const auto copy = copies_.on_receipt(receipt, outcome))
+    actions_.push(FireReceipt{*copy, outcome});
   const auto open = open_receipts_.take(receipt);
   Robot* robot =
       open && outcome == ReceiptOutcome::safe ? directory_.registry.find(open->robot) : nullptr;
@@ -221,7 +243,10 @@ void Gateway::on_configured(std::set<std::string> robots, const Now&) {
 
 std::string Gateway::forget(const std::string& robot) {
   std::string refusal = presence_.drop(robot);
-  if (refusal.empty()) retained_.forget(robot);
+  if (!refusal.empty()) return refusal;
+  retained_.forget(robot);
+  copies_.forget(robot);
+  directory_.choice.forget(robot);
   return refusal;
 }
 

@@ -12,6 +12,7 @@
 
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/commands.hpp"
+#include "daemon/core/copy_filter.hpp"
 #include "daemon/core/gateway_actions.hpp"
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/open_receipts.hpp"
@@ -100,7 +101,9 @@ class Gateway {
   void handle(SignOfLife sign, const Now& now);
   /// Its retained topics still count. Otherwise, new names could retain without end.
   void handle(SessionEvicted evicted, const Now&) { presence_.drop(evicted.robot); }
-  void handle(CommandOutcome outcome, const Now&) { commands_.on_outcome(std::move(outcome)); }
+  void handle(CommandOutcome outcome, const Now& now) {
+    commands_.on_outcome(std::move(outcome), now);
+  }
   void handle(LinkChange change, const Now& now);
   void handle(MeshStep step, const Now& now);
   void handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
@@ -108,6 +111,7 @@ class Gateway {
   template <class Other>
   void handle(const Other&, const Now&) {}
   bool may_retain(const Report& report, std::string_view type, const Now& now);
+  bool is_copy(const Report& report, const Now& now);
   void pass_up(Report report, const Now& now);
   void reject(TrafficEvent event, bool retain, Robot* robot, const Now& now);
   void probe_rights(std::vector<BrokerMessage> messages);
@@ -118,6 +122,7 @@ class Gateway {
   const BrokerLink& broker_;
   GatewayActions actions_;
   RobotDirectory directory_;
+  CopyFilter copies_;
   PresencePublisher presence_;
   Commands commands_;
   RightsProbe rights_;

@@ -56,9 +56,9 @@ struct CommandHandedOn {
   CommandId id = CommandId::none;
 };
 
-using GatewayAction = std::variant<PassUp, Upload, RobotForgotten, WantSession, SubscribeAtBroker,
-                                   UnsubscribeAtBroker, DeliverToMesh, CommandOutcome,
-                                   CommandHandedOn, TrafficEvent, MeshStep, Notice>;
+using GatewayAction = std::variant<PassUp, FireReceipt, Upload, RobotForgotten, WantSession,
+                                   SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
+                                   CommandOutcome, CommandHandedOn, TrafficEvent, MeshStep, Notice>;
 using GatewayActions = ActionQueue<GatewayAction>;
 
 }  // namespace slamgw

@@ -36,6 +36,11 @@ inline constexpr Receipt no_receipt{Mesh::thread, 0};
 /// its message.
 enum class ReceiptOutcome : std::uint8_t { safe, refused };
 
+struct FireReceipt {
+  Receipt receipt;
+  ReceiptOutcome outcome = ReceiptOutcome::safe;
+};
+
 /// Why the broker does not take a message.
 struct Refusal {
   int code = 0;     ///< MQTT 5 reason code, 0x80 and up; 0: the broker closes the connection

@@ -7,7 +7,9 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <tuple>
 
+#include "daemon/core/carrier_choice.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/robot_registry.hpp"
 
@@ -37,19 +39,25 @@ struct RobotDirectory {
   RobotNames names;
   RobotPlaces places;
   PresenceQuery presence_on;
+  CarrierChoice choice;
 
   /// Here or at another gateway.
   bool is_known(const std::string& robot) const {
     return registry.find(robot) != nullptr || places.is_shown(robot);
   }
-  /// A robot with addresses on several meshes gets a command once: where it can be reached. Nothing
-  /// when no mesh knows the robot.
-  std::optional<Mesh> carrier_for(const std::string& robot) const {
+  /// A robot with addresses on several meshes gets a command once: where it can be reached, and of
+  /// two such meshes over the better one. Nothing when no mesh knows the robot.
+  std::optional<Mesh> carrier_for(const std::string& robot, TimePoint now) const {
     std::optional<Mesh> carrier;
+    std::tuple<Presence, bool, double> best;
     for (const Mesh mesh : all_meshes) {
       const auto presence = presence_on(mesh, robot);
-      if (presence && *presence != Presence::offline) return mesh;
-      if (presence && !carrier) carrier = mesh;
+      if (!presence) continue;
+      const std::tuple rank{*presence, names.preferred(robot) != mesh,
+                            choice.expected(robot, mesh, now).count()};
+      if (carrier && rank >= best) continue;
+      carrier = mesh;
+      best = rank;
     }
     return carrier;
   }

@@ -39,6 +39,7 @@ RobotNames::RobotNames(std::vector<RobotName> names, Bans bans)
   for (const RobotName& name : names_) {
     if (name.ble_address) by_ble_.emplace(*name.ble_address, name.id);
     if (name.mqttsn_client_id) by_client_.emplace(*name.mqttsn_client_id, name.id);
+    if (name.ble_address && name.mqttsn_client_id) on_both_.emplace(name.id, name.prefer);
   }
 }
 

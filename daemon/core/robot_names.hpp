@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "daemon/core/bans.hpp"
+#include "daemon/core/mesh.hpp"
 
 namespace slamgw {
 
@@ -32,6 +33,8 @@ struct RobotName {
   std::optional<RobotOrigin> origin{};
   /// IpNetwork's text: over MQTT-SN the robot comes from there alone.
   std::optional<std::string> address{};
+  /// Over which mesh it is commanded when both reach it; nothing: CarrierChoice says it.
+  std::optional<Mesh> prefer{};
   bool operator==(const RobotName&) const = default;
 };
 
@@ -51,6 +54,13 @@ class RobotNames {
   std::optional<std::uint16_t> ble_address_of(std::string_view id) const;
   /// Whether a ban of its name, or of the only name that it has on a mesh, keeps this robot out.
   bool is_banned(std::string_view id) const;
+  /// It has an address on both meshes.
+  bool is_on_both(std::string_view id) const { return on_both_.contains(id); }
+  /// RobotName::prefer of a robot on both; nothing for others.
+  std::optional<Mesh> preferred(std::string_view id) const {
+    const auto known = on_both_.find(id);
+    return known == on_both_.end() ? std::nullopt : known->second;
+  }
   const std::vector<RobotName>& configured() const { return names_; }
   const Bans& bans() const { return bans_; }
 
@@ -59,6 +69,7 @@ class RobotNames {
   Bans bans_;
   std::map<std::uint16_t, std::string> by_ble_;
   std::map<std::string, std::string, std::less<>> by_client_;
+  std::map<std::string, std::optional<Mesh>, std::less<>> on_both_;
   std::map<std::string, IpNetwork, std::less<>> networks_;  ///< by id and by client id
 };
 

@@ -34,10 +34,6 @@ struct PublishAtBroker {
   std::uint64_t sequence = 0;
   bool is_trial = false;  ///< of a topic for which the broker may close the connection
 };
-struct FireReceipt {
-  Receipt receipt;
-  ReceiptOutcome outcome = ReceiptOutcome::safe;
-};
 
 using OutboxAction = std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore,
                                   RetryDeadLetters, DeliveryStep, Notice>;

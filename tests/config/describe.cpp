@@ -57,8 +57,8 @@ std::string show(const BrokerAddress& value) {
 }
 
 std::string show(const RobotName& value) {
-  const auto& [id, ble_address, mqttsn_client_id, origin, address] = value;
-  return all(id, ble_address, mqttsn_client_id, origin, address);
+  const auto& [id, ble_address, mqttsn_client_id, origin, address, prefer] = value;
+  return all(id, ble_address, mqttsn_client_id, origin, address, prefer);
 }
 
 std::string show(const ble::WillSettings& value) {
