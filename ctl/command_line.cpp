@@ -241,6 +241,8 @@ void add_ble(CLI::App& app, Arguments& a) {
   ble->add_subcommand("scan", "New robots in reach")
       ->callback(ask(a, "ble scan", Answer::scan, order_patience));
   ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask(a, "ble nodes", Answer::nodes));
+  ble->add_subcommand("topology", "How each robot's messages come here: relays and signal")
+      ->callback(ask(a, "ble nodes", Answer::topology));
   add_ble_config(*ble, a);
   add_ble_changes(*ble, a);
 }

@@ -27,6 +27,7 @@ enum class Answer : std::uint8_t {
   scan,
   joining,  ///< asked again and again until nobody joins any more
   nodes,
+  topology,  ///< of `ble nodes` and `robots` together
   node,
   removed,  ///< from the mesh
   done,

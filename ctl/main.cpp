@@ -5,6 +5,7 @@
 #include <unistd.h>
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -12,6 +13,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <limits>
 #include <set>
 #include <thread>
 #include <utility>
@@ -62,6 +64,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::outcome: return show::outcome(result, this_screen());
     case Answer::scan: return show::devices(result);
     case Answer::nodes: return show::nodes(result, this_screen());
+    case Answer::topology: return show::topology(result, this_screen());
     case Answer::node: return show::nodes(nlohmann::json::array({result}), this_screen());
     case Answer::removed: return show::removed(result);
     case Answer::done: return show::done(result);
@@ -195,6 +198,29 @@ int show_joining(Connection& connection, const Order& order) {
   return has_joined || order.request.value("minutes", 0) == 0 ? 0 : exit_failed;
 }
 
+/// The nearest first; robots whose way is not known last.
+nlohmann::json topology(Connection& connection, const nlohmann::json& nodes) {
+  const auto robots = connection.ask({{"command", "robots"}}, answer_patience);
+  auto rows = nlohmann::json::array();
+  for (const auto& node : nodes) {
+    nlohmann::json row{{"robot", node.value("robot", "")}, {"address", node.value("address", "")}};
+    for (const auto& robot : robots) {
+      if (robot.value("id", "") != row["robot"] || robot.value("mesh", "") != "ble") continue;
+      for (const char* key : {"hops", "ttl", "rssi_dbm", "last_seen", "state"})
+        if (robot.contains(key)) row[key] = robot[key];
+    }
+    if (!row.contains("state")) row["state"] = "not heard";
+    rows.push_back(std::move(row));
+  }
+  const auto distance = [](const nlohmann::json& row) {
+    const bool is_known = row.contains("hops") && row["hops"].is_number();
+    return is_known ? row["hops"].get<int>() : std::numeric_limits<int>::max();
+  };
+  std::stable_sort(rows.begin(), rows.end(),
+                   [&](const auto& a, const auto& b) { return distance(a) < distance(b); });
+  return {{"nodes", std::move(rows)}};
+}
+
 /// Once a second; with --json a line each.
 int ping(Connection& connection, const Order& order) {
   std::uint64_t answered = 0;
@@ -240,7 +266,8 @@ int run(Order order) {
   if (order.answer == Answer::ping) return ping(connection, order);
   if (order.answer == Answer::joining) return show_joining(connection, order);
   const bool is_send = order.answer == Answer::outcome;
-  const auto result = connection.ask(order.request, order.patience);
+  auto result = connection.ask(order.request, order.patience);
+  if (order.answer == Answer::topology) result = topology(connection, result);
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);

@@ -637,6 +637,22 @@ std::string nodes(const json& nodes, const Screen& screen) {
   return out;
 }
 
+std::string topology(const json& topology, const Screen& screen) {
+  const json rows = rows_at(topology, "nodes");
+  if (rows.empty()) return "no robot is in the mesh yet\n";
+  const std::size_t id = std::max<std::size_t>(widest(rows, "robot", 5), 5);
+  std::string out = fmt::format("{} ADDRESS RELAYS  DBM SEEN STATE\n", pad("ROBOT", id));
+  for (const json& row : rows) {
+    const std::string state = text_at(row, "state");
+    const bool is_relayed = count_at(row, "hops") > 0;
+    out += fmt::format("{} {} {:>6} {:>4}{}{:>4} {}\n", pad(cut_end(text_at(row, "robot"), id), id),
+                       pad(text_at(row, "address"), 7), number_or_dash(row, "hops", 1),
+                       number_or_dash(row, "rssi_dbm", 1), is_relayed ? "*" : " ",
+                       show_age(text_at(row, "last_seen"), screen.now), screen.paint(state, state));
+  }
+  return out + "* of the last relay, not of the robot\n";
+}
+
 std::string removed(const json& node) {
   return fmt::format(
       "{} ({}) is out of the mesh; only this takes it in again: slam-gatewayctl ble provision {} "

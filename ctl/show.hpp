@@ -69,6 +69,8 @@ std::string config(const nlohmann::json& config, const Screen& screen);
 std::string devices(const nlohmann::json& devices);
 /// Robots of the BLE mesh.
 std::string nodes(const nlohmann::json& nodes, const Screen& screen);
+/// How far from the gateway each of them is: nearest first.
+std::string topology(const nlohmann::json& topology, const Screen& screen);
 /// The robot that was put out of the mesh.
 std::string removed(const nlohmann::json& node);
 std::string exported_mesh(const nlohmann::json& exported);

@@ -262,6 +262,29 @@ TEST(CtlShow, Ping) {
   EXPECT_EQ(ctl::show::pings(4, 3), "4 sent, 3 answered, 25 % lost\n");
 }
 
+TEST(CtlShow, Topology) {
+  const json rows = {{{"robot", "near"},
+                      {"address", "0x0100"},
+                      {"hops", 0},
+                      {"rssi_dbm", -56},
+                      {"last_seen", "2026-11-21T11:59:58Z"},
+                      {"state", "online"}},
+                     {{"robot", "far"},
+                      {"address", "0x0101"},
+                      {"hops", 2},
+                      {"rssi_dbm", -70},
+                      {"last_seen", "2026-11-21T11:59:30Z"},
+                      {"state", "online"}},
+                     {{"robot", "gone"}, {"address", "0x0102"}, {"state", "not heard"}}};
+  const std::string shown = ctl::show::topology({{"nodes", rows}}, {false, noon});
+  EXPECT_TRUE(
+      shown.starts_with("ROBOT ADDRESS RELAYS  DBM SEEN STATE\n"
+                        "near  0x0100       0  -56 "))
+      << shown;
+  EXPECT_NE(shown.find("far   0x0101       2  -70*"), std::string::npos) << shown;
+  EXPECT_NE(shown.find("gone  0x0102       -    - "), std::string::npos) << shown;
+}
+
 TEST(CtlShow, Config) {
   const json config = {{"robot", "tank"},
                        {"address", "0x0100"},
@@ -300,6 +323,7 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(ctl::show::clients(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::ping(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::config(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::topology(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::event(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::outcome(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::devices(answer).ends_with('\n'));
