@@ -407,6 +407,14 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
          "--help)";
 }
 
+/// What a command of these words looks like, where words alone are easily mistaken.
+const char* hint(const CLI::App& app) {
+  if (app.got_subcommand("watch"))
+    return "for example: slam-gatewayctl watch --robot NRF_5 --type update\n";
+  if (app.got_subcommand("send")) return "for example: slam-gatewayctl send NRF_5 cmd 40,-20\n";
+  return "";
+}
+
 }  // namespace
 
 Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view text,
@@ -452,7 +460,9 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
     std::reverse(words.begin(), words.end());  // as CLI11 wants them
     app.parse(words);
   } catch (const CLI::ParseError& error) {
-    return Exit{app.exit(error) == 0 ? 0 : exit_arguments};
+    const int status = app.exit(error) == 0 ? 0 : exit_arguments;
+    if (status != 0) std::cerr << hint(app);
+    return Exit{status};
   }
   if (!arguments.is_task) return arguments.order;
   arguments.task.socket = arguments.order.socket;

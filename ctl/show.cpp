@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <ctime>
 #include <vector>
 
@@ -413,6 +414,9 @@ std::string robots(const json& robots, const Screen& screen) {
   std::vector<Row> rows{
       {"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "UP", "DOWN", "REP", "HZ", "P99", "RSSI", "Q"}};
   for (const json& robot : robots) rows.push_back(robot_row(robot, screen.now));
+  std::stable_sort(rows.begin() + 1, rows.end(), [](const Row& a, const Row& b) {
+    return strverscmp(a[id].c_str(), b[id].c_str()) < 0;  // robot2 before robot10
+  });
   if (rows.size() == 1) return "no robot has been heard yet\n";
   const auto widths = fit(rows);
   std::string out;
@@ -698,8 +702,8 @@ std::string done(const json& done) {
     return text_at(done, "forgotten") + " is forgotten" +
            (was_known != done.end() && *was_known == true
                 ? "\n"
-                : "; it was not known here; its retained presence is cleared once the broker "
-                  "is connected\n");
+                : ", but no robot of that name was known here (slam-gatewayctl robots lists them); "
+                  "what the broker retains of it goes\n");
   }
   if (done.contains("in_force")) {
     const std::string restart = text_at(done, "needs_restart");

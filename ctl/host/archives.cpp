@@ -291,6 +291,7 @@ std::string backup(const Installation& installation, const std::string& file) {
   if (access(installation.configuration().c_str(), R_OK) != 0)
     throw Failure(fmt::format("{}: {}; nothing was written", installation.configuration(),
                               std::strerror(errno)));
+  if (fs::exists(file)) throw Failure(file + " is there already; name a new file, or remove it");
   const WorkDirectory work;
   write_manifest(work.path(), {installation.configuration(), installation.state(),
                                installation.parsed().config.gateway_id});

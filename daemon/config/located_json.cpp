@@ -62,6 +62,9 @@ bool has(std::string_view message, std::string_view fragment) {
 
 std::string syntax_words(std::string_view message) {
   // "...; last read: '<text of the file>'; expected ...": our rows must not match the file's text.
+  // The first octet of many a character outside of ASCII; word processors write curly quotes.
+  if (has(message, "invalid literal") && has(message, "\xe2'"))
+    return "a curly quote or another special character; write straight quotes, \"";
   std::string reason(message.substr(0, message.find("last read:")));
   if (const std::size_t expected = message.rfind("; expected "); expected != message.npos)
     reason += message.substr(expected);

@@ -44,6 +44,13 @@ std::set<std::string_view> known_paths() {
   return paths;
 }
 
+/// `client_id` is near `mqttsn_client_id`.
+std::size_t distance(const std::string& name, const std::string& known) {
+  constexpr std::size_t least_telling = 4;
+  const bool is_end = name.size() >= least_telling && known.ends_with(name) && known != name;
+  return is_end ? 1 : edit_distance(name, known);
+}
+
 std::string shown(std::string_view path) {
   return std::string(path.ends_with("[]") ? path.substr(0, path.size() - 2) : path);
 }
@@ -68,7 +75,7 @@ std::string suggestion(std::string_view unknown_path) {
   std::size_t best_score = std::numeric_limits<std::size_t>::max();
   for (const std::string_view path : known_paths()) {
     const Split known = split_path(path);
-    const std::size_t score = edit_distance(name, plain(known.name)) +
+    const std::size_t score = distance(name, plain(known.name)) +
                               (known.parent == unknown.parent ? 0 : elsewhere_penalty);
     if (score < best_score) {
       best_score = score;
@@ -76,7 +83,7 @@ std::string suggestion(std::string_view unknown_path) {
     }
   }
   // With half of the name to be changed it is a guess.
-  const bool is_close = 2 * edit_distance(name, plain(split_path(best).name)) < name.size();
+  const bool is_close = 2 * distance(name, plain(split_path(best).name)) < name.size();
   return "did you mean " + shown(best) + "?" + (is_close ? "" : known_beside(unknown.parent));
 }
 

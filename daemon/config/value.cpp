@@ -12,10 +12,11 @@ namespace {
 constexpr std::size_t longest_echo = 40;
 
 /// What the value is, for "... is not allowed". Text is shown short and quoted as JSON.
-std::string description(const nlohmann::json& value) {
+std::string description(const JsonNode& node) {
+  const nlohmann::json& value = node.value;
   switch (value.type()) {
     case nlohmann::json::value_t::object: return "a group in braces";
-    case nlohmann::json::value_t::array: return value.empty() ? "an empty list" : "a list";
+    case nlohmann::json::value_t::array: return node.children.empty() ? "an empty list" : "a list";
     case nlohmann::json::value_t::string:
       if (value.get_ref<const std::string&>().empty()) return "an empty text";
       if (value.get_ref<const std::string&>().size() > longest_echo) return "this text";
@@ -142,7 +143,7 @@ void Value::texts(std::vector<std::string>& out, TextRule rule, std::string_view
 }
 
 void Value::not_allowed(std::string_view allowed) {
-  problem(fmt::format("{} is not allowed; allowed: {}", description(node_.value), allowed));
+  problem(fmt::format("{} is not allowed; allowed: {}", description(node_), allowed));
 }
 
 void Value::problem(std::string text) {

@@ -41,6 +41,7 @@ void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint
 }
 
 std::string OperatorOrders::problem_with_mesh() const {
+  if (!nodes_.database() && !link_.is_up) return link_is_down();
   if (!nodes_.database())
     return "this gateway does not have the mesh's keys: bring the mesh in with `ble import`";
   if (nodes_.is_guest())

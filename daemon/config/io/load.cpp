@@ -52,6 +52,26 @@ bool is_put_aside(const fs::path& name) {
          name.extension().string().starts_with(".dpkg-");
 }
 
+/// JSON beside gateway.json that is nobody's.
+void warn_of_misplaced_files(ParseResult& result) {
+  const fs::path configuration(service_configuration);
+  const Config& config = result.config;
+  const auto is_named = [&](const std::string& path) {
+    return config.broker.credentials_file == path || config.web.token_file == path ||
+           config.mqttsn.dtls.keys_file == path;
+  };
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(configuration.parent_path(), error)) {
+    const std::string name = entry.path().filename().string();
+    const bool is_known = name == "gateway.json" || name.ends_with("credentials.json") ||
+                          is_put_aside(name) || is_named(entry.path().string());
+    if (is_configuration(name) && !is_known)
+      result.warnings.push_back({entry.path().string(), 1, "file",
+                                 "is not read; the site's own keys are read in " +
+                                     site_directory(service_configuration).string()});
+  }
+}
+
 void warn_of_ignored_files(ParseResult& result, const std::string& configuration) {
   std::vector<std::string> ignored;
   std::error_code error;
@@ -62,6 +82,7 @@ void warn_of_ignored_files(ParseResult& result, const std::string& configuration
   for (const std::string& path : ignored)
     result.warnings.push_back(
         {path, 1, "file", "is not read, for its name does not end in .json; rename or remove it"});
+  if (configuration == service_configuration) warn_of_misplaced_files(result);
 }
 
 /// The one secret that may stand in the configuration itself. Packages ship the file readable by

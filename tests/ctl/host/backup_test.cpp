@@ -113,6 +113,13 @@ TEST_F(Backup, MakesTheSitesDirectoryAgain) {
   EXPECT_EQ(mode("etc/gateway.d"), 0755U);
 }
 
+TEST_F(Backup, OverwritesNoFile) {
+  backup(installation(), archive());
+  const std::string before = test::read_file(archive());
+  EXPECT_THROW(backup(installation(), archive()), Failure);
+  EXPECT_EQ(test::read_file(archive()), before);
+}
+
 TEST_F(Backup, KeepsWhatARestoreReplaces) {
   backup(installation(), archive());
   write("state/messages/1.log", "newer messages");
@@ -253,6 +260,7 @@ TEST_F(Backup, RefusesLinksAndHiddenFiles) {
       {"/link", "a link or a device"},
       {"/fifo", "a link or a device"}};
   for (const auto& [file, words] : attacks) {
+    fs::remove(archive());
     backup(installation(), archive());
     add_to_archive(state + file);
     EXPECT_NE(refusal().find(words), std::string::npos) << file << ": " << refusal();
