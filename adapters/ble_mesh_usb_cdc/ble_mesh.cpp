@@ -19,7 +19,8 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
       shared_(settings_, topics_, *radio_, link_, gate_, actions_, is_traced_),
       downlink_(shared_),
       robots_(shared_, provisioner_.nodes(), downlink_),
-      uplink_(shared_, robots_, downlink_) {}
+      uplink_(shared_, robots_, downlink_),
+      relay_(shared_, robots_, provisioner_.nodes()) {}
 
 void BleMesh::on_start() { robots_.on_start(); }
 
@@ -90,6 +91,7 @@ void BleMesh::on_link_down(const LinkIsDown& down, TimePoint now) {
   const bool was_up = std::exchange(link_.is_up, false);
   for (auto& [address, robot] : robots_)
     downlink_.refuse_all(robot, "the BLE link went down: " + down.why, now);
+  relay_.on_link_down();
   if (was_up) provisioner_.on_link_down(down, now);
 }
 
@@ -223,12 +225,16 @@ void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimeP
   settle(now);
 }
 
-/// BLE robots hear their own commands and nothing else.
 void BleMesh::on_broker_message(const RobotMessage& what, TimePoint now) {
   const auto target = topics_.parse_command_topic(what.message.topic);
   if (!target || what.command == CommandId::none) return;
   if (Robot* robot = robots_.find(what.robot))
     downlink_.on_command(*robot, target->type, what.message, what.command, now);
+  settle(now);
+}
+
+void BleMesh::on_robot_message(const BrokerMessage& message, TimePoint now) {
+  relay_.on_robot_message(message, now);
   settle(now);
 }
 
@@ -250,6 +256,7 @@ void BleMesh::on_stop(TimePoint now) {
 
 std::optional<TimePoint> BleMesh::deadline() const {
   std::optional<TimePoint> next = earlier(radio_->deadline(), provisioner_.deadline());
+  next = earlier(next, relay_.deadline());
   for (const auto& [address, robot] : robots_) {
     next = earlier(next, downlink_.deadline(robot));
     if (robot.is_expected()) next = earlier(next, robot.last_heard + settings_.offline_after);
@@ -264,6 +271,7 @@ void BleMesh::on_deadline(TimePoint now) {
     downlink_.on_deadline(robot, now);
     robots_.on_deadline(robot, now);
   }
+  relay_.on_deadline(now);
   judge_hearing(now);
   settle(now);
 }
@@ -294,6 +302,7 @@ const NodeDatabase* BleMesh::unsaved() const {
 
 Counters BleMesh::counters() const {
   const UplinkCounters& up = uplink_.counters();
+  const RelayCounters& relay = relay_.counters();
   Counters counters{{"robots_online", robots_.online()},
                     {"robots_deaf", robots_.deaf()},
                     {"mostly_deaf", are_mostly_deaf_ ? 1U : 0U},
@@ -307,6 +316,9 @@ Counters BleMesh::counters() const {
                     {"commands_timeout", downlink_.ended(CommandResult::timeout)},
                     {"commands_refused", downlink_.ended(CommandResult::refused)},
                     {"commands_superseded", downlink_.ended(CommandResult::superseded)},
+                    {"relayed", relay.relayed},
+                    {"relays_superseded", relay.superseded},
+                    {"relays_dropped", relay.dropped},
                     {"board_lives", provisioner_.lives().number()},
                     {"source_address", link_.source},
                     {"source_reused", provisioner_.lives().is_reused() ? 1U : 0U}};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The BLE mesh on a radio. Its parts do the work: Radio (the air), Provisioner (who joins and is
-// configured), Robots (who is there), Uplink (robots' messages) and Downlink (commands to them).
+// configured), Robots (who is there), Uplink (robots' messages), Downlink (commands to them) and
+// Relay (what robots on other meshes say).
 // This class carries between them; no I/O, no clock, no kind of radio. Called by the radio's shell,
 // BleMeshAdapter, which drains its actions after each input.
 #pragma once
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/relay.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/uplink.hpp"
 
 namespace slamgw::ble {
@@ -42,6 +44,8 @@ class BleMesh {
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   void on_broker_message(const RobotMessage& message, TimePoint now);
+  /// Of `ble_mesh.relay`: what a robot on any mesh has said.
+  void on_robot_message(const BrokerMessage& message, TimePoint now);
   void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
                            TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
@@ -101,6 +105,7 @@ class BleMesh {
   Downlink downlink_;
   Robots robots_;
   Uplink uplink_;
+  Relay relay_;
   bool are_mostly_deaf_ = false;
   TimePoint up_since_{};  ///< the link
   std::optional<std::uint32_t> tried_life_;

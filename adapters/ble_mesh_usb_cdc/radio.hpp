@@ -31,7 +31,7 @@ struct MeshKeys {
 
 /// One access message to send. Urgent ones (acknowledgements) overtake the others.
 struct Outgoing {
-  std::uint16_t destination = 0;          ///< unicast
+  std::uint16_t destination = 0;          ///< unicast, or a group: nothing acknowledges it then
   std::optional<std::uint16_t> key = {};  ///< of `MessageReceived`; else the mesh's application key
   Bytes payload;
   bool is_urgent = false;
@@ -161,6 +161,8 @@ class Radio {
   virtual void send(Outgoing message, TimePoint now) = 0;
   /// Takes a message back if it still waits.
   virtual void withdraw(std::uint16_t destination, const Bytes& payload) = 0;
+  /// Nothing waits to be sent.
+  virtual bool is_idle() const = 0;
 
   /// Report devices that are in no mesh, or stop.
   virtual void scan(bool is_on) = 0;

@@ -44,6 +44,9 @@ struct Settings {
   /// That robots publish to, so that the radios of several gateways hear them; nothing: they
   /// publish to `address`.
   std::optional<std::uint16_t> gateway_group;
+  /// Filters below the prefix: robots whose updates the robots of this mesh hear, in `relay_group`.
+  std::vector<std::string> relay;
+  std::uint16_t relay_group = 0xc100;
   std::string min_com_type = "adv";
   std::string sensor_update_type = "update";
   std::string pos_cmd_type = "cmd";
@@ -57,6 +60,10 @@ struct Settings {
 
   /// Where robots publish to.
   std::uint16_t destination() const { return gateway_group.value_or(address); }
+  /// The group in which they hear relayed updates; nothing when there are none.
+  std::optional<std::uint16_t> relayed_to() const {
+    return relay.empty() ? std::nullopt : std::optional(relay_group);
+  }
 };
 
 }  // namespace slamgw::ble

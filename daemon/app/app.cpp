@@ -148,6 +148,7 @@ void App::start_meshes() {
               "no mesh is enabled: set mqttsn.enabled or ble_mesh.enabled to true");
   }
   meshes_.each(&MeshAdapter::start);
+  for (const std::string& filter : meshes_.relay_filters()) gateway_driver_->subscribe_own(filter);
   descriptors_.drop_rest();
 }
 
@@ -478,7 +479,8 @@ void App::on_subscribe_result(const std::string& filter, bool is_granted) {
 }
 
 void App::on_message(BrokerMessage message) {
-  if (!fleet_.takes(message)) gateway_driver_->on_broker_message(std::move(message), read_clocks());
+  if (!meshes_.takes(message) && !fleet_.takes(message))
+    gateway_driver_->on_broker_message(std::move(message), read_clocks());
 }
 
 }  // namespace slamgw

@@ -20,7 +20,7 @@ TopicPolicy policy_of(const Config& config, const TopicScheme& scheme) {
 
 Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
                SessionStore& sessions, DescriptorStore& descriptors, MeshListener& listener)
-    : scheme_(scheme) {
+    : scheme_(scheme), relay_(config.ble_mesh.relay) {
   const RobotNames names(config.robots, Bans(config.bans));
   if (config.ble_mesh.enabled) make_ble(io, config, listener);
   if (config.mqttsn.enabled) {
@@ -73,6 +73,19 @@ void Meshes::deliver(const DeliverToMesh& action) {
   for (const Mesh mesh : all_meshes)
     if (adapters_[mesh] && (!action.mesh || action.mesh == mesh))
       adapters_[mesh]->on_broker_message(action.message);
+}
+
+std::vector<std::string> Meshes::relay_filters() const {
+  std::vector<std::string> filters;
+  if (ble_)
+    for (const std::string& filter : relay_) filters.push_back(scheme_.prefix() + "/" + filter);
+  return filters;
+}
+
+bool Meshes::takes(const BrokerMessage& message) {
+  if (!ble_ || !message.topic.starts_with(scheme_.robot_root())) return false;
+  ble_->on_robot_message(message);
+  return true;
 }
 
 void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {

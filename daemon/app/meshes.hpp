@@ -48,6 +48,10 @@ class Meshes {
   }
 
   void deliver(const DeliverToMesh& action);
+  /// What the gateway's own connection subscribes to for `ble_mesh.relay`; empty without it.
+  std::vector<std::string> relay_filters() const;
+  /// True when the message is one of those.
+  bool takes(const BrokerMessage& message);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
   /// `robots` and `topics.extra_*` of the configuration, read again.
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics,
@@ -73,6 +77,7 @@ class Meshes {
   void make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener);
 
   const TopicScheme scheme_;
+  const std::vector<std::string> relay_;  // below the prefix
   std::optional<DiskSessionStore> ble_sessions_;
   PerMesh<std::unique_ptr<MeshAdapter>> adapters_;
   ble::BleMeshAdapter* ble_ = nullptr;       // of `adapters_`, with protocol nordic-serial

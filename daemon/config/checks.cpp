@@ -101,6 +101,28 @@ void check_ble_mesh(const Located& located) {
                     "needed");
 }
 
+void check_relay(const Located& located) {
+  const ble::Settings& ble = located.config.ble_mesh;
+  if (ble.relay.empty()) return;
+  if (ble.protocol == ble::Protocol::cobs)
+    located.problem("ble_mesh.relay",
+                    "has no effect on this link, which has no way to robots; only \"protocol\": "
+                    "\"nordic-serial\" is allowed beside it");
+  if (located.config.update_mode == UpdateMode::json)
+    located.problem("ble_mesh.relay",
+                    "would carry JSON, which robots do not say; \"positions\" or \"raw\" for "
+                    "payload.update is allowed beside it");
+  if (ble.relay.size() > 1 && std::ranges::find(ble.relay, "robot/+/update") != ble.relay.end())
+    located.problem("ble_mesh.relay",
+                    "names robots beside \"robot/+/update\", which has all of them: each update "
+                    "would come twice; that filter alone is allowed");
+  if (ble.gateway_group == ble.relay_group ||
+      std::ranges::find(ble.groups, ble.relay_group) != ble.groups.end())
+    located.problem("ble_mesh.relay_group",
+                    "is ble_mesh.gateway_group or in ble_mesh.groups, which gateways hear; any "
+                    "other group is allowed");
+}
+
 void check_mqttsn(const Located& located) {
   const mqttsn::Settings& mqttsn = located.config.mqttsn;
   if (mqttsn.enabled && mqttsn.listen.empty())
@@ -175,6 +197,7 @@ void check_relations(const Located& located) {
   check_robots(located);
   check_predefined_topics(located);
   check_ble_mesh(located);
+  check_relay(located);
   check_mqttsn(located);
   check_tls_keys(located);
   check_control_socket(located);

@@ -126,6 +126,15 @@ bool is_listen_address(std::string_view text) {
   return is_ipv6(parts->host.substr(0, percent), ipv6);
 }
 
+bool is_relay_filter(std::string_view text) {
+  constexpr std::string_view head = "robot/";
+  constexpr std::string_view tail = "/update";
+  if (text.size() < head.size() + tail.size()) return false;
+  if (!text.starts_with(head) || !text.ends_with(tail)) return false;
+  const std::string_view robot = text.substr(head.size(), text.size() - head.size() - tail.size());
+  return robot == "+" || is_valid_level(robot);
+}
+
 bool is_host_name(std::string_view text) {
   return !text.empty() && text.size() <= max_host_name && text.front() != '.' && all_of(text, "-.");
 }

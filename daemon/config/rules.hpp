@@ -18,8 +18,10 @@ bool is_uuid_prefix(std::string_view text);  ///< 1-32 hex digits
 bool is_static_oob(std::string_view text);   ///< 32 hex digits
 bool is_interface_name(std::string_view text);
 bool is_listen_address(
-    std::string_view text);                ///< `0.0.0.0:47193`, `[::]:47193`, `[fe80::1%wpan0]:0`
-bool is_host_name(std::string_view text);  ///< letters, digits, `-` and `.`, 1-253 characters
+    std::string_view text);  ///< `0.0.0.0:47193`, `[::]:47193`, `[fe80::1%wpan0]:0`
+/// `robot/+/update`, or with one robot's id in place of `+`.
+bool is_relay_filter(std::string_view text);
+bool is_host_name(std::string_view text);        ///< letters, digits, `-` and `.`, 1-253 characters
 bool is_multicast_group(std::string_view text);  ///< an IPv4 or IPv6 multicast address
 
 /// A host name as a gateway id: what does not fit becomes `-`; `gateway` when nothing is left.

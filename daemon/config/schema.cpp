@@ -223,6 +223,14 @@ constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) {
        if (!v.is_null()) v.address(c.ble_mesh.gateway_group.emplace(), 0xc000, 0xfeff);
      }},
+    {"ble_mesh.relay",
+     [](Value v, Config& c) {
+       v.texts(c.ble_mesh.relay, is_relay_filter,
+               "\"robot/+/update\", or \"robot/ID/update\" of one robot, because BLE robots hear "
+               "updates only");
+     }},
+    {"ble_mesh.relay_group",
+     [](Value v, Config& c) { v.address(c.ble_mesh.relay_group, 0xc000, 0xfeff); }},
     {"ble_mesh.types.min_com",
      [](Value v, Config& c) { v.text(c.ble_mesh.min_com_type, is_valid_level, level_words); }},
     {"ble_mesh.types.sensor_update",

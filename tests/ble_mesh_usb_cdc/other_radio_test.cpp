@@ -32,6 +32,7 @@ class OtherRadio final : public Radio {
     if (!answer.empty()) hear(answer, true);
   }
   void withdraw(std::uint16_t, const Bytes&) override {}
+  bool is_idle() const override { return true; }
 
   void scan(bool is_on) override {
     if (!is_on || devices.devices.empty() || devices.devices[0].address != 0) return;

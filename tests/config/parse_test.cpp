@@ -71,11 +71,13 @@ TEST(ParseConfig, ReadsRobotsKeysAndWhoMustHaveOne) {
 }
 
 TEST(ParseConfig, ReadsAddressesAsTextOrNumbers) {
-  const Parsed parsed(R"({"ble_mesh": {"address": "0x7FFF", "groups": [49152, "0xfeff"]},
+  const Parsed parsed(R"({"ble_mesh": {"address": "0x7FFF", "groups": [49152, "0xfeff"],
+          "relay": ["robot/a/update", "robot/b/update"], "relay_group": 49409},
       "robots": [{"id": "a", "ble_address": 256}, {"id": "b", "ble_address": "0x101"}]})");
   EXPECT_EQ(parsed.lines_of_problems, "");
   EXPECT_EQ(parsed.config.ble_mesh.address, 0x7fff);
   EXPECT_EQ(parsed.config.ble_mesh.groups, (std::vector<std::uint16_t>{0xc000, 0xfeff}));
+  EXPECT_EQ(parsed.config.ble_mesh.relayed_to(), 0xc101);
   EXPECT_EQ(parsed.config.robots.at(0).ble_address, 0x0100);
   EXPECT_EQ(parsed.config.robots.at(1).ble_address, 0x0101);
 }

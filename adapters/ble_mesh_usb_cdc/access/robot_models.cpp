@@ -45,12 +45,13 @@ std::size_t segments_of(std::size_t access_bytes) {
 
 namespace {
 
-// c5..c8 min_com, c9..cc sensor_update, cd..d0 pos_cmd; d1, d2, d3 their SET_NUMBERED; then company
-// 0x0059, little-endian.
+// c5..c8 min_com, c9..cc sensor_update, cd..d0 pos_cmd; d1, d2, d3 their SET_NUMBERED; d4
+// SENSOR_UPDATE_RELAYED; then company 0x0059, little-endian.
 constexpr Opcode first_opcode = 0xc55900;
 constexpr Opcode opcode_step = 0x010000;
 constexpr Opcode kinds = 4;
 constexpr Opcode first_numbered = vendor_model_count * kinds;
+constexpr Opcode sensor_update_relayed = 0xd45900;
 constexpr Opcode generic_on_off_set = 0x8202;
 constexpr Opcode simple_on_off_set = 0xc15900;
 
@@ -78,6 +79,11 @@ Bytes encode_status(VendorModel model, std::optional<std::uint8_t> number) {
   Bytes parameters{0};
   if (number) parameters.push_back(*number);
   return encode_access(opcode_of({model, MessageKind::status}), parameters);
+}
+
+Bytes encode_relayed_update(std::uint16_t sender, ByteView update) {
+  return encode_access(sensor_update_relayed,
+                       ByteWriter{}.write_u16_le(sender).write(update).bytes());
 }
 
 Bytes encode_on_off_set(OnOffModel model, bool is_on, std::uint8_t tid) {

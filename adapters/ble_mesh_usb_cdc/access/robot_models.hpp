@@ -60,6 +60,10 @@ std::optional<VendorMessage> vendor_message_of(Opcode opcode);
 /// number of the SET_NUMBERED that it answers.
 Bytes encode_status(VendorModel model, std::optional<std::uint8_t> number = {});
 
+/// SENSOR_UPDATE_RELAYED, which the thesis does not have either: a robot on another mesh has said
+/// `update`. `sender`: relayed_number_of() it.
+Bytes encode_relayed_update(std::uint16_t sender, ByteView update);
+
 inline constexpr Opcode generic_on_off_status = 0x8204;
 inline constexpr Opcode simple_on_off_status = 0xc45900;
 

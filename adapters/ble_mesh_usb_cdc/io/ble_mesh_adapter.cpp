@@ -93,6 +93,10 @@ void BleMeshAdapter::on_session_held(const std::string& robot) {
   driver()->on_session_held(robot, read_clocks());
 }
 
+void BleMeshAdapter::on_robot_message(const BrokerMessage& message) {
+  if (!is_stopped()) driver()->on_robot_message(message, read_clocks());
+}
+
 void BleMeshAdapter::end_order(OrderEnded& ended) {
   const auto waiting = orders_.find(ended.id);
   if (waiting == orders_.end()) return;

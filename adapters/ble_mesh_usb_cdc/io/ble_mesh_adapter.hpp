@@ -37,6 +37,8 @@ class BleMeshAdapter final : public SerialShell<BoardMesh> {
   void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard);
   bool is_shared() const { return machine().is_shared(); }
   void on_session_held(const std::string& robot) override;
+  /// Of `ble_mesh.relay`.
+  void on_robot_message(const BrokerMessage& message);
 
  private:
   static Made make(const Settings& settings, TopicScheme topics, RobotNames names,

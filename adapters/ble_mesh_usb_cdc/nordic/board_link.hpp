@@ -152,6 +152,7 @@ class BoardLink {
   void withdraw(std::uint16_t destination, const Bytes& payload) {
     traffic_.withdraw(destination, payload);
   }
+  bool is_idle() const { return traffic_.is_idle(); }
   /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when
   /// it was not taken: the link is down or an earlier one is still under way. When its answer is
   /// lost it is sent again.

@@ -70,6 +70,7 @@ class BoardRadio final : public Radio {
   void withdraw(std::uint16_t destination, const Bytes& payload) override {
     link_.withdraw(destination, payload);
   }
+  bool is_idle() const override { return link_.is_idle(); }
   void scan(bool is_on) override { is_scan_wanted_ = is_on; }
   void provision(const ProvisionDevice& device) override;
   void answer_device(const std::string& refusal, TimePoint now) override;

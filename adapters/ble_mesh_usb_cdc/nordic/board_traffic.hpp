@@ -58,6 +58,7 @@ class BoardTraffic {
   bool send(Outgoing message);
   void withdraw(std::uint16_t destination, const Bytes& payload);
   bool command(Bytes frame);
+  bool is_idle() const { return urgent_.empty() && normal_.empty() && !command_; }
 
   /// The frame to write now, if any; then its response or on_answer_lost. `is_holding`: messages
   /// that are not urgent wait.

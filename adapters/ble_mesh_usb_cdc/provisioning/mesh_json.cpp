@@ -136,6 +136,7 @@ OrderedJson node_json(const Node& node) {
   json["groups"] = OrderedJson::array();
   for (const std::uint16_t group : node.applied->groups)
     json["groups"].push_back(address_text(group));
+  if (node.applied->relay_group) json["relay_group"] = address_text(*node.applied->relay_group);
   if (node.applied->is_changing) json["changing"] = true;
   return json;
 }
@@ -180,6 +181,10 @@ bool read_applied(const Json& json, Node& node) {
   if (!destination || !groups) return false;
   node.applied =
       AppliedSettings{*destination, std::move(*groups), json.value("changing", Json()) == true};
+  if (!json.contains("relay_group")) return true;
+  const auto relay_group = read_destination(json, "relay_group");
+  if (!relay_group || !is_group_address(*relay_group)) return false;
+  node.applied->relay_group = relay_group;
   return true;
 }
 

@@ -8,6 +8,7 @@
 //               "ttl": NUMBER or absent,
 //               "gateway": "0x0001" or absent: what it publishes to, a gateway or their group,
 //               "groups": ["0xc002"] with "gateway",
+//               "relay_group": "0xc100" or absent: it hears relayed updates there,
 //               "changing": true or absent,
 //               "new_address": "0x0105" or absent: it joins again there}],
 //    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}],

@@ -17,9 +17,11 @@ constexpr std::uint16_t nordic = 0x0059;
 constexpr ModelId health_server{{}, 0x0002};
 constexpr ModelId generic_on_off_server{{}, 0x1000};
 constexpr ModelId generic_on_off_client{{}, 0x1001};
+/// Robots have it and it takes STATUS; its server is the gateway.
+constexpr ModelId sensor_update_client{nordic, 0x0006};
 
 /// The thesis's models (5.2.1) and Nordic's Simple OnOff.
-constexpr std::array vendor_clients{ModelId{nordic, 0x0004}, ModelId{nordic, 0x0006},
+constexpr std::array vendor_clients{ModelId{nordic, 0x0004}, sensor_update_client,
                                     ModelId{nordic, 0x0008}, ModelId{nordic, 0x0001}};
 constexpr std::array servers{ModelId{nordic, 0x0005}, ModelId{nordic, 0x0007},
                              ModelId{nordic, 0x0009}, ModelId{nordic, 0x0000},
@@ -60,6 +62,12 @@ ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std
           .is_required = false};
 }
 
+std::vector<std::uint16_t> groups_of(const ConfigurationSettings& settings, const ModelId& model) {
+  if (model != sensor_update_client) return settings.groups;
+  if (!settings.relay_group) return {};
+  return {*settings.relay_group};
+}
+
 /// Asks which groups the model has. One that knows no groups is right when none are wanted.
 ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t element,
                             const ModelId& model) {
@@ -68,7 +76,7 @@ ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t
       model.company ? vendor_model_subscription_list : sig_model_subscription_list, element, model);
   step.echoed_head =
       ByteWriter{}.write_u16_le(element).write(std::exchange(step.echoed_tail, {})).take();
-  if (settings.groups.empty()) step.also_done = not_a_subscribe_model;
+  if (groups_of(settings, model).empty()) step.also_done = not_a_subscribe_model;
   step.lists_groups_of = ModelElement{element, model};
   return step;
 }
@@ -108,7 +116,10 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
   steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
                              model_app_status, element, model));
   add_publication(steps, settings, element, model, retransmit_count);
-  if (is_one_of(servers, model)) steps.push_back(list_step(settings, element, model));
+  const bool is_relay_model =
+      model == sensor_update_client && (settings.relay_group || settings.had_relay_group);
+  if (is_one_of(servers, model) || is_relay_model)
+    steps.push_back(list_step(settings, element, model));
 }
 
 /// Of each model that has the application key, in the order of the elements.
@@ -215,12 +226,13 @@ std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings
                                            const std::vector<std::uint16_t>& subscribed) {
   const std::set<std::uint16_t> has(subscribed.begin(), subscribed.end());
   std::vector<ConfigurationStep> steps;
+  const std::vector<std::uint16_t> wanted = groups_of(settings, of.model);
   for (const std::uint16_t group : has)  // first, to make room
-    if (is_group(group) && !is_one_of(settings.groups, group))
+    if (is_group(group) && !is_one_of(wanted, group))
       steps.push_back(group_step("the end of the subscription to",
                                  encode_model_subscription_delete(of.element, group, of.model), of,
                                  group));
-  for (const std::uint16_t group : settings.groups)
+  for (const std::uint16_t group : wanted)
     if (!has.contains(group))
       steps.push_back(group_step("the subscription to",
                                  encode_model_subscription_add(of.element, group, of.model), of,
@@ -243,6 +255,8 @@ bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
                                      ConfigurationSettings settings, Radio& radio)
     : purpose_(purpose), settings_(std::move(settings)), address_(node.address), radio_(radio) {
+  settings_.had_relay_group =
+      node.applied && (node.applied->relay_group || node.applied->is_changing);
   steps_ = first_steps(purpose);
   radio_.use_device_key(address_, node.device_key);
 }

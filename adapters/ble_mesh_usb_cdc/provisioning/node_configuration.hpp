@@ -43,7 +43,9 @@ struct ConfigurationSettings {
   std::uint16_t destination = 0x0001;  ///< of what the robot publishes: a gateway, or their group
   std::uint8_t ttl = 4;
   std::vector<std::uint16_t> groups;
+  std::optional<std::uint16_t> relay_group = {};  ///< of the updates that are relayed to robots
   NodeWishes wishes = {};
+  bool had_relay_group = false;  ///< the robot may hear in one
 };
 
 /// What a node has said in an inquiry.

@@ -42,8 +42,7 @@ bool NodeConversations::needs_configuration(const Node& node) const {
 bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.applied) return false;
   return node.applied->is_changing || node.ttl != ttl_of(node) ||
-         node.applied->destination != destination() ||
-         !std::ranges::is_permutation(node.applied->groups, settings_.groups);
+         node.applied->destination != destination() || !has_right_groups(*node.applied);
 }
 
 /// Only its publications have to move to the address of the radio's present life. Until they have,
@@ -55,7 +54,12 @@ bool NodeConversations::is_only_moved(const Node& node) const {
   };
   return node.state == NodeState::configured && node.applied && !node.applied->is_changing &&
          node.ttl == ttl_of(node) && is_own(node.applied->destination) && is_own(destination()) &&
-         std::ranges::is_permutation(node.applied->groups, settings_.groups);
+         has_right_groups(*node.applied);
+}
+
+bool NodeConversations::has_right_groups(const AppliedSettings& applied) const {
+  return std::ranges::is_permutation(applied.groups, settings_.groups) &&
+         applied.relay_group == settings_.relayed_to();
 }
 
 /// Marks the nodes whose configuration will be changed. True when there are some: the disk must
@@ -77,7 +81,8 @@ void NodeConversations::begin_due(TimePoint now) {
   if (begin_changes()) return;
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
     const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
-                                         ttl_of(node), settings_.groups, node.wishes};
+                                         ttl_of(node), settings_.groups,
+                                         settings_.relayed_to(), node.wishes};
     conversations_.try_emplace(node.address, node, purpose, settings, radio_);
   };
   if (const Node* node = ordered_node()) begin(*node, *ordered_purpose());
@@ -189,7 +194,7 @@ void NodeConversations::on_configured(const Node& known) {
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = ttl_of(node);
-  node.applied = AppliedSettings{destination(), settings_.groups};
+  node.applied = AppliedSettings{destination(), settings_.groups, false, settings_.relayed_to()};
   NodeHistory& history = nodes_.history(node.uuid);
   history.failures = 0;
   history.problem.clear();
@@ -212,6 +217,10 @@ std::string NodeConversations::changes_from(const Node& before) const {
     changes.push_back(settings_.groups.empty() ? "it has no groups"
                                                : fmt::format("its groups are 0x{:04x}",
                                                              fmt::join(settings_.groups, ", 0x")));
+  if (before.applied->relay_group != settings_.relayed_to())
+    changes.push_back(settings_.relayed_to() ? fmt::format("it hears relayed updates in 0x{:04x}",
+                                                           *settings_.relayed_to())
+                                             : "it hears no relayed updates");
   if (changes.empty()) return "as it was before";
   return fmt::format("{}", fmt::join(changes, "; "));
 }

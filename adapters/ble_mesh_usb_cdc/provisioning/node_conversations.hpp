@@ -48,6 +48,7 @@ class NodeConversations : private ProvisionerPart {
   bool needs_configuration(const Node& node) const;
   bool is_outdated(const Node& node) const;
   bool is_only_moved(const Node& node) const;
+  bool has_right_groups(const AppliedSettings& applied) const;
   /// With which TTL the robot publishes.
   std::uint8_t ttl_of(const Node& node) const { return node.wishes.ttl.value_or(settings_.ttl); }
   /// What robots publish to.

@@ -39,6 +39,7 @@ struct AppliedSettings {
   std::uint16_t destination = 0;  ///< where it publishes to: a gateway, or a group of gateways
   std::vector<std::uint16_t> groups;
   bool is_changing = false;  ///< it is being changed, and may have parts of both
+  std::optional<std::uint16_t> relay_group = {};  ///< in which it hears relayed updates
 };
 
 /// What an operator wants of one robot (`ble config`); nothing: as it is, the TTL as all have it.

@@ -149,6 +149,57 @@ TEST_F(Reconfiguration, TellsTheGroupOfTheGateways) {
   EXPECT_EQ(again->nodes[0].applied->destination, 0xc010);
 }
 
+TEST_F(Reconfiguration, SubscribesToTheRelaysGroupAndLeavesIt) {
+  Settings relaying;
+  relaying.relay = {"robot/+/update"};
+  NextRig next(first, relaying);
+  next.start();
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it hears relayed updates in 0xc100"));
+  const std::string client = "000159000600";  // sensor_update's
+  const std::string server = "000159000900";  // pos_cmd's
+  EXPECT_EQ(next.device().subscriptions[client], (Groups{0xc100}));
+  EXPECT_EQ(next.device().subscriptions[server], (Groups{0xc002, 0xc003, 0xc004}));
+  const auto again = decode_node_database(encode_node_database(next.on_disk()));
+  ASSERT_TRUE(again.has_value());
+  EXPECT_EQ(again->nodes[0].applied->relay_group, 0xc100);
+
+  NextRig same(next, relaying);
+  same.start();
+  same.pass(60s);
+  EXPECT_EQ(same.requests(), 0u);
+
+  relaying.relay_group = 0xc101;
+  NextRig other(same, relaying);
+  other.start();
+  ASSERT_TRUE(other.is_configured_within(5s));
+  EXPECT_EQ(other.device().subscriptions[client], (Groups{0xc101}));
+
+  NextRig last(other, {});
+  last.start();
+  ASSERT_TRUE(last.is_configured_within(5s));
+  EXPECT_TRUE(last.has_notice("ble-0100 is configured anew: it hears no relayed updates"));
+  EXPECT_EQ(last.device().subscriptions[client], Groups{});
+  EXPECT_FALSE(last.on_disk().nodes[0].applied->relay_group);
+}
+
+/// A robot whose sensor_update client knows no groups goes on as it was.
+TEST_F(Reconfiguration, NamesARobotThatCannotHearTheRelay) {
+  Settings relaying;
+  relaying.relay = {"robot/+/update"};
+  NextRig next(first, relaying);
+  next.device().refuses["802b000159000600"] = 0x08;
+  next.device().refuses["801b000100c159000600"] = 0x08;
+  next.start();
+  next.pass(5s);
+  EXPECT_TRUE(
+      next.has_notice("still has its old configuration: the list of subscriptions of model "
+                      "0x0059:0x0006 was refused"))
+      << next.all<Notice>().back().text;
+  next.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(next.all<Report>().size(), 1u);
+}
+
 TEST_F(Reconfiguration, NamesAllThatChanged) {
   Settings settings = other_groups;
   settings.ttl = 8;

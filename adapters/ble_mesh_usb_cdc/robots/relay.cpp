@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/robots/relay.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "daemon/core/normalizer.hpp"
+
+namespace slamgw::ble {
+
+namespace {
+
+constexpr std::string_view relayed_type = "update";
+
+bool is_in_segments(const Bytes& access) { return segments_of(access.size()) > 1; }
+
+}  // namespace
+
+std::uint16_t relayed_number_of(std::string_view robot) {
+  constexpr unsigned polynomial = 0x1021;
+  unsigned crc = 0xffff;
+  for (const char c : robot) {
+    crc ^= static_cast<unsigned>(static_cast<std::uint8_t>(c)) << 8U;
+    for (int bit = 0; bit < 8; ++bit)
+      crc = (crc & 0x8000U) != 0 ? crc << 1U ^ polynomial : crc << 1U;
+  }
+  return static_cast<std::uint16_t>(crc);
+}
+
+void Relay::on_robot_message(const BrokerMessage& message, TimePoint now) {
+  // What the broker kept may be of yesterday. A guest leaves relaying to the gateway that
+  // configures the robots, or they would hear everything twice.
+  if (message.retain || nodes_.is_guest()) return;
+  const auto topic = topics_.parse_robot_topic(message.topic);
+  const bool is_update =
+      topic && topic->type == relayed_type && parse_update(message.payload).has_value();
+  if (!is_update || !link_.is_up) {
+    ++counters_.dropped;
+    return;
+  }
+  if (!is_for_others(topic->robot)) return;
+  keep_last(relayed_number_of(topic->robot), message.payload);
+  send_due(now);
+}
+
+/// Robots of this mesh are never echoed into it, whether they are there or not.
+bool Relay::is_for_others(std::string_view robot) const {
+  return robots_.find(robot) == nullptr && !nodes_.names().bans().has(robot);
+}
+
+void Relay::keep_last(std::uint16_t sender, ByteView update) {
+  Bytes access = encode_relayed_update(sender, update);
+  const auto older = std::ranges::find(waiting_, sender, &Waiting::sender);
+  if (older != waiting_.end()) {
+    ++counters_.superseded;
+    older->access = std::move(access);
+  } else if (waiting_.size() >= max_senders) {
+    ++counters_.dropped;
+  } else {
+    waiting_.push_back({sender, std::move(access)});
+  }
+}
+
+void Relay::on_link_down() {
+  counters_.dropped += waiting_.size();
+  waiting_.clear();
+}
+
+TimePoint Relay::due(const Waiting& update) const {
+  return is_in_segments(update.access) ? std::max(next_at_, next_segmented_at_) : next_at_;
+}
+
+std::optional<TimePoint> Relay::deadline() const {
+  std::optional<TimePoint> next;
+  for (const Waiting& update : waiting_) next = earlier(next, due(update));
+  return next;
+}
+
+/// Sends one update, of the sender whose turn it is. Acknowledgements and commands go first.
+void Relay::send_due(TimePoint now) {
+  const auto next =
+      std::ranges::find_if(waiting_, [&](const Waiting& update) { return now >= due(update); });
+  if (next == waiting_.end()) return;
+  next_at_ = now + pause;
+  if (!radio_.is_idle()) return;
+  if (is_in_segments(next->access)) next_segmented_at_ = now + segmented_pause;
+  ++counters_.relayed;
+  radio_.send({.destination = settings_.relay_group, .payload = std::move(next->access)}, now);
+  waiting_.erase(next);
+}
+
+}  // namespace slamgw::ble
