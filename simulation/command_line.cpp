@@ -133,6 +133,7 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
       ->capture_default_str();
   app.add_option("--topic-prefix", options.topic_prefix, "First level(s) of the topic tree")
       ->capture_default_str();
+  app.add_flag("--hear", options.hears, "Robots hear the updates of all others, and count them");
   app.add_option("--duplicate", options.duplicate, "Part of the datagrams that arrives twice")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();

@@ -69,6 +69,7 @@ struct ThreadOptions {
   std::string port;
   int qos = 1;  ///< -1: without a session, on pre-defined topic ids
   std::string topic_prefix = "ntnu-slam";
+  bool hears = false;  ///< robots subscribe to each other's updates
   double duplicate = 0;
   double reorder = 0;
   unsigned delay_ms = 0;

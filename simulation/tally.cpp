@@ -16,6 +16,7 @@ void add(nlohmann::ordered_json& to, const Tally& tally, const Tally& total) {
   if (total.wakes > 0) to["wakes"] = tally.wakes;
   if (total.will_updates > 0) to["will_updates"] = tally.will_updates;
   if (total.failed_assertions > 0) to["failed_assertions"] = tally.failed_assertions;
+  if (!total.heard.empty()) to["heard"] = tally.heard;
 }
 
 }  // namespace
@@ -31,6 +32,7 @@ std::string to_json(const std::vector<std::pair<std::string, Tally>>& robots) {
     total.wakes += tally.wakes;
     total.will_updates += tally.will_updates;
     total.failed_assertions += tally.failed_assertions;
+    for (const auto& [sender, count] : tally.heard) total.heard[sender] += count;
   }
   nlohmann::ordered_json document;
   document["robots"] = nlohmann::ordered_json::object();

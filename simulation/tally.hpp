@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,12 +22,15 @@ struct Tally {
   std::uint64_t will_updates = 0;       ///< topic and message both accepted
   std::uint64_t failed_assertions = 0;  ///< after one the robot is gone
 
+  std::map<std::string, std::uint64_t> heard{};  ///< updates of others, by id or, on BLE, number
+
   bool operator==(const Tally&) const = default;
 };
 
 /// One line:
 /// `{"robots":{"<id>":{...}},"sent":..,"acknowledged":..,"lost":..,"commands_received":..}`
-/// `roamed`, `wakes`, `will_updates` and `failed_assertions` are there only when a robot has any.
+/// `roamed`, `wakes`, `will_updates`, `failed_assertions` and `heard` are there only when a robot
+/// has any; `heard` is an object: how many updates of whom.
 std::string to_json(const std::vector<std::pair<std::string, Tally>>& robots);
 
 }  // namespace slamgw::sim

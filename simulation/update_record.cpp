@@ -29,6 +29,7 @@ std::string_view name_of(UpdateEvent::Kind kind) {
     case UpdateEvent::Kind::given_up: return "given_up";
     case UpdateEvent::Kind::link_repeated: return "link_repeat";
     case UpdateEvent::Kind::command: return "received";
+    case UpdateEvent::Kind::heard: return "heard";
   }
   return "";
 }
@@ -54,7 +55,8 @@ void UpdateRecord::write(const std::string& id, const UpdateEvent& event) {
                                  std::chrono::system_clock::now().time_since_epoch())
                                  .count();
   if (record_.is_open()) write_record(id, event, since_1970_us);
-  const bool is_of_update = event.kind != UpdateEvent::Kind::command;
+  const bool is_of_update =
+      event.kind != UpdateEvent::Kind::command && event.kind != UpdateEvent::Kind::heard;
   if (trace_.is_open() && is_of_update) write_trace(id, event, since_1970_us);
 }
 
@@ -71,6 +73,9 @@ void UpdateRecord::write_record(const std::string& id, const UpdateEvent& event,
     record_ << fmt::format("received {} {} {} {} {:.6f}\n", id, event.number, event.type,
                            payload.empty() ? "-" : payload, seconds);
   }
+  if (event.kind == UpdateEvent::Kind::heard)
+    record_ << fmt::format("heard {} {} {:02x} {:.6f}\n", id, event.sender,
+                           fmt::join(event.payload, ""), seconds);
   record_.flush();
 }
 

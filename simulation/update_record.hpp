@@ -23,11 +23,13 @@ struct UpdateEvent {
     given_up,       ///< after all repeats
     link_repeated,  ///< a frame of it on one hop, for want of its 802.15.4 acknowledgement
     command,        ///< no update: the robot received a command, perhaps a repeated one
+    heard,          ///< another robot's update
   };
   Kind kind = Kind::sent;
   std::uint64_t number = 0;  ///< counts the robot's updates from 1; of a command: its message id
   Bytes payload{};           ///< of what was sent, refused or received; else empty
   std::string_view type{};   ///< of a command
+  std::string sender{};      ///< of what was heard: its id, on BLE its number
 
   bool is_acknowledged() const { return kind == Kind::acknowledged; }
 };
@@ -37,9 +39,11 @@ class UpdateRecord {
  public:
   /// `record`: sent and acknowledged, `sent <id> <number> <payload in hex> <seconds since 1970>`
   /// and `acknowledged <id> <number> <seconds since 1970>`; and for each command that reaches a
-  /// robot `received <id> <message id> <type> <payload in hex> <seconds since 1970>`. `trace`: all
-  /// of updates, a JSON object a line, with the members of `slam-gatewayctl --json watch`. No path,
-  /// no file. Throws std::runtime_error when one can't be written.
+  /// robot `received <id> <message id> <type> <payload in hex> <seconds since 1970>`, for each
+  /// update of another robot `heard <id> <sender> <payload in hex> <seconds since 1970>`. `trace`:
+  /// all of its own updates, a JSON object a line, with the members of
+  /// `slam-gatewayctl --json watch`. No path, no file. Throws std::runtime_error when one can't be
+  /// written.
   UpdateRecord(const std::string& record, const std::string& trace, std::string_view mesh);
 
   void write(const std::string& id, const UpdateEvent& event);

@@ -19,6 +19,7 @@ constexpr Address first_robot = 0x0100;  ///< robot n has 0x0100 + n - 1 until p
 constexpr Address min_com_group = 0xc002;
 constexpr Address sensor_update_group = 0xc003;
 constexpr Address pos_cmd_group = 0xc004;
+constexpr Address relay_group = 0xc100;  ///< where gateways relay updates of other meshes
 constexpr Address all_proxies = 0xfffc;
 constexpr Address all_nodes = 0xffff;
 constexpr std::uint8_t default_ttl = 4;
@@ -47,6 +48,7 @@ enum class Vendor : std::uint8_t {
   pos_cmd_status = 0xd0,
   min_com_set_numbered = 0xd1,
   sensor_update_set_numbered = 0xd2,
+  sensor_update_relayed = 0xd4,
 };
 
 /// Generic OnOff, two octets, big-endian on air.

@@ -25,6 +25,7 @@ struct ClientSettings {
   Duration period = std::chrono::milliseconds{200};
   Duration start_delay{0};  ///< the client's random wait before SEARCHGW
   bool obeys = false;       ///< commands steer the robot
+  bool hears = false;       ///< subscribes to the updates of all robots
   std::chrono::seconds keep_alive{60};
   bool is_clean = true;           ///< CleanSession of the CONNECT that begins a session
   std::chrono::seconds sleep{0};  ///< duration in DISCONNECT; 0: it never sleeps

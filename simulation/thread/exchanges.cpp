@@ -28,6 +28,8 @@ void Exchanges::begin(TimePoint now) {
   std::fill(std::begin(topic_ids_), std::end(topic_ids_), std::nullopt);
   for (const Topic topic : {adv, update, cmd, run}) setup_.push_back({Kind::register_topic, topic});
   for (const Topic topic : {cmd, run}) setup_.push_back({Kind::subscribe, topic});
+  senders_.clear();
+  if (settings_.hears) setup_.push_back({Kind::subscribe, others});
   if (settings_.will_interval > Duration::zero()) next_will_update_ = now + settings_.will_interval;
 }
 
@@ -143,16 +145,31 @@ void Exchanges::on_publish(const Packet& packet) {
   for (const Topic topic : {cmd, run}) {
     if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet);
   }
+  const auto sender = senders_.find(packet.topic_id);
+  if (sender != senders_.end()) on_heard(sender->second, packet);
 }
 
 /// Nordic's client ignores what it is told here; one that takes up sessions can't (section 6.10).
 void Exchanges::on_register(const Packet& packet) {
   send(regack(packet.topic_id, packet.msg_id, accepted));
-  if (!settings_.resumes) return;
   const std::string name(packet.payload.begin(), packet.payload.end());
+  const std::string root = settings_.topic_prefix + "/robot/";
+  if (settings_.hears && name.starts_with(root) && name != topic_name(update))
+    senders_[packet.topic_id] = name.substr(root.size(), name.rfind('/') - root.size());
+  if (!settings_.resumes) return;
   for (const Topic topic : {cmd, run}) {
     if (topic_name(topic) == name) topic_ids_[topic] = packet.topic_id;
   }
+}
+
+void Exchanges::on_heard(const std::string& sender, const Packet& packet) {
+  ++tally_.heard[sender];
+  if (settings_.is_recorded)
+    events_.push_back({UpdateEvent::Kind::heard,
+                       packet.msg_id,
+                       Bytes(packet.payload.begin(), packet.payload.end()),
+                       {},
+                       sender});
 }
 
 void Exchanges::on_command(Topic topic, const Packet& packet) {
@@ -308,6 +325,7 @@ void Exchanges::on_link_repeats(std::uint64_t number, unsigned count) {
 
 /// The wills are outside `update`, because old servers would draw their octets as positions.
 std::string Exchanges::topic_name(Topic topic) const {
+  if (topic == others) return settings_.topic_prefix + "/robot/+/update";
   static constexpr std::string_view name_list[] = {"adv", "update", "cmd",
                                                    "run", "will",   "will-updated"};
   const std::string_view branch = topic == cmd || topic == run ? "/server/" : "/robot/";

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -68,7 +69,7 @@ class Exchanges {
 
  private:
   enum class Kind { register_topic, subscribe, publish, release, will_topic, will_message };
-  enum Topic : std::uint8_t { adv, update, cmd, run, will, will_updated };
+  enum Topic : std::uint8_t { adv, update, cmd, run, will, will_updated, others };
   static constexpr std::size_t registered_topics = 4;  // adv .. run
 
   struct Setup {
@@ -96,6 +97,7 @@ class Exchanges {
   void on_publish(const Packet& packet);
   void on_register(const Packet& packet);
   void on_command(Topic topic, const Packet& packet);
+  void on_heard(const std::string& sender, const Packet& packet);
   void repeat_requests(TimePoint now);
   void give_up(const Request& request);
   void plan_will_update(TimePoint now);
@@ -115,9 +117,10 @@ class Exchanges {
   std::uint16_t last_msg_id_ = 0;
   std::optional<TimePoint> next_will_update_;
   std::optional<std::uint16_t> topic_ids_[registered_topics];
-  std::deque<Setup> setup_;           ///< not yet sent; at most 6, and one for the will
-  std::deque<Message> application_;   ///< at most max_application
-  std::vector<Request> outstanding_;  ///< at most `settings_.outstanding`
+  std::map<std::uint16_t, std::string> senders_;  ///< other robots, by the topic id of `update`
+  std::deque<Setup> setup_;                       ///< not yet sent; at most 7, and one for the will
+  std::deque<Message> application_;               ///< at most max_application
+  std::vector<Request> outstanding_;              ///< at most `settings_.outstanding`
   std::deque<Outgoing> outbox_;
   std::deque<UpdateEvent> events_;
   Tally tally_;

@@ -86,6 +86,7 @@ ClientSettings Fleet::settings_of(unsigned number) const {
   settings.start_delay =
       std::chrono::milliseconds{Random(common.seed, number, Random::Use::start).below(spread_ms)};
   settings.obeys = common.obeys;
+  settings.hears = options_.hears;
   settings.keep_alive = std::chrono::seconds{options_.keep_alive_s};
   settings.is_clean = options_.is_clean;
   settings.sleep = std::chrono::seconds{options_.sleep_s};

@@ -6,7 +6,9 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <map>
 #include <set>
+#include <sstream>
 
 #include "tests/e2e/gateway_process.hpp"
 #include "tests/support/broker_of_version.hpp"
@@ -115,6 +117,92 @@ TEST_P(EndToEnd, TheSameCommandsReachARobotOnEitherMesh) {
     }
     expect_command_reaches_robot(arguments, gateway, broker);
   }
+}
+
+// --- Robots hear robots --------------------------------------------------------------------------
+
+/// CRC-16/CCITT-FALSE of the ids, as Python's binascii.crc_hqx(id, 0xffff) says.
+const std::map<std::string, std::string> number_of_far_robot{
+    {"far1", "0x1e99"}, {"far2", "0x2efa"}, {"far3", "0x3edb"}};
+
+/// Whose number, and what they said, in order.
+using Sayings = std::vector<std::pair<std::string, std::string>>;
+
+/// What a robot has heard of the far ones, by the simulator's `--record`.
+Sayings heard_by(const std::string& listener, const std::string& record) {
+  Sayings sayings;
+  std::istringstream lines(read_file(record));
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string what;
+    std::string robot;
+    std::string sender;
+    std::string payload;
+    words >> what >> robot >> sender >> payload;
+    for (const auto& [id, number] : number_of_far_robot)
+      if (what == "heard" && robot == listener && (sender == id || sender == number))
+        sayings.emplace_back(number, payload);
+  }
+  std::ranges::sort(sayings);
+  return sayings;
+}
+
+std::uint64_t ble_counter(const GatewayProcess& gateway, const char* name) {
+  return gateway.ctl({"status"})["meshes"]["ble"]["counters"].value(name, std::uint64_t{0});
+}
+
+std::uint64_t relayed_or_superseded(const GatewayProcess& gateway) {
+  return ble_counter(gateway, "relayed") + ble_counter(gateway, "relays_superseded");
+}
+
+json relaying_configuration(const BrokerOfVersion& broker) {
+  return {
+      {"broker", {{"uri", broker.link_uri()}}},
+      {"ble_mesh", {{"enabled", true}, {"relay", {"robot/+/update"}}}},
+      {"robots",
+       {{{"id", "near1"}, {"ble_address", 0x0100}}, {{"id", "near2"}, {"ble_address", 0x0101}}}}};
+}
+
+TEST_P(EndToEnd, RobotsOnEitherMeshHearTheSameOfOthers) {
+  BrokerOfVersion broker(GetParam());
+  GatewayProcess gateway(relaying_configuration(broker));
+  SimulatorProcess near({"ble", "--tty", gateway.tty(), "--unprovisioned", "--robots", "2",
+                         "--id-prefix", "near", "--rate", "1", "--record", gateway / "near"});
+  // It says one thing in a quarter of an hour. In one segment, as all that the far ones say.
+  SimulatorProcess ear({"thread", "--gateway", gateway.mqttsn_address(), "--hear", "--robots", "1",
+                        "--id-prefix", "ear", "--rate", "0.001", "--max-obstacles", "0", "--record",
+                        gateway / "ear"});
+  const auto hears = [](const std::string& record) {
+    return read_file(record).find("heard ear1 near") != std::string::npos;
+  };
+  ASSERT_TRUE(eventually([&] {
+    return gateway.logs("near1 is configured") && gateway.logs("near2 is configured") &&
+           hears(gateway / "ear") && relayed_or_superseded(gateway) == 1;
+  })) << gateway.log();
+  SimulatorProcess far({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "3",
+                        "--id-prefix", "far", "--seed", "7", "--rate", "1", "--messages", "6",
+                        "--max-obstacles", "0"});
+  EXPECT_EQ(far.report()["acknowledged"], 18);
+  EXPECT_TRUE(eventually([&] {
+    return relayed_or_superseded(gateway) >= 19 && heard_by("ear1", gateway / "ear").size() >= 18;
+  })) << gateway.ctl({"status"});
+  near.process().send_signal(SIGTERM);
+  const json listened = near.report();
+
+  const Sayings on_thread = heard_by("ear1", gateway / "ear");
+  const bool is_complete = ble_counter(gateway, "relays_superseded") == 0;
+  for (const std::string robot : {"near1", "near2"}) {
+    const Sayings on_ble = heard_by(robot, gateway / "near");
+    EXPECT_TRUE(std::ranges::includes(on_thread, on_ble)) << listened;
+    // Else this computer was busy for more than the second between two updates.
+    if (is_complete) {
+      EXPECT_EQ(on_ble, on_thread);
+    }
+    for (const auto& [id, number] : number_of_far_robot)
+      EXPECT_TRUE(listened["robots"][robot]["heard"].contains(number)) << listened;
+  }
+  EXPECT_EQ(relayed_or_superseded(gateway), 19u) << "robots of the mesh are not echoed";
+  EXPECT_EQ(ble_counter(gateway, "relays_dropped"), 0u);
 }
 
 }  // namespace

@@ -36,7 +36,8 @@ std::optional<ModelId> receiver_of(ByteView message) {
     case Vendor::min_com_get:
     case Vendor::min_com_set_unreliable: return min_com_server;
     case Vendor::min_com_status: return min_com_client;
-    case Vendor::sensor_update_status: return sensor_update_client;
+    case Vendor::sensor_update_status:
+    case Vendor::sensor_update_relayed: return sensor_update_client;
     case Vendor::pos_cmd_set:
     case Vendor::pos_cmd_get:
     case Vendor::pos_cmd_set_unreliable: return pos_cmd_server;
@@ -136,6 +137,7 @@ std::optional<LinkSignal> Node::next_link_signal() {
 bool Node::is_for_us(Address destination) const {
   if (is_unicast(destination)) return destination == address();
   if (destination == all_nodes) return true;
+  if (settings_.fixed_address && destination == relay_group) return true;
   return std::any_of(configuration_.models.begin(), configuration_.models.end(),
                      [&](const Model& model) {
                        const auto& groups = model.subscriptions;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulation/ble/robot/robot.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 namespace slamgw::sim::ble {
@@ -50,6 +52,16 @@ void Robot::on_command(std::string_view type, ByteView payload) {
   ++tally_.commands_received;
   if (!settings_.is_recorded) return;
   events_.push_back({UpdateEvent::Kind::command, 0, Bytes(payload.begin(), payload.end()), type});
+}
+
+/// A robot of another mesh has said this: the number of its id, then its update.
+void Robot::on_relayed(ByteView parameters) {
+  if (parameters.size() < 2) return;
+  const std::string sender = fmt::format("0x{:04x}", get_u16_le(parameters, 0));
+  const ByteView update = parameters.subspan(2);
+  ++tally_.heard[sender];
+  if (!settings_.is_recorded) return;
+  events_.push_back({UpdateEvent::Kind::heard, 0, Bytes(update.begin(), update.end()), {}, sender});
 }
 
 void Robot::on_failed_assertion() {
@@ -219,6 +231,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::simple_on_off_get:
       return answer(message, vendor_message(Vendor::simple_on_off_status,
                                             Bytes{static_cast<std::uint8_t>(is_on_)}));
+    case Vendor::sensor_update_relayed: return on_relayed(parameters);
     case Vendor::pos_cmd_set:
     case Vendor::pos_cmd_set_unreliable:
       on_command("cmd", parameters);

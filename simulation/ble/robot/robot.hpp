@@ -102,6 +102,7 @@ class Robot {
   void on_on_off(const MeshMessage& message, ByteView parameters, bool is_simple, bool wants_status,
                  TimePoint now);
   void on_command(std::string_view type, ByteView payload);
+  void on_relayed(ByteView parameters);
   void answer(const MeshMessage& request, Bytes payload);
 
   RobotSettings settings_;

@@ -180,6 +180,22 @@ TEST_F(ClientTest, AnswersCommandsWithPubackAndKnowsThemByTheirRegack) {
   EXPECT_EQ(to_hex(take().at(0)), "07 0b 00 05 12 34 00");
 }
 
+TEST_F(ClientTest, HearsTheUpdatesOfOthersAndNotItsOwn) {
+  settings_.hears = true;
+  begin();
+  connect_client();
+  register_topics();
+  Bytes registered = register_topic(70, "ntnu-slam/robot/robot7/update");
+  registered[3] = 9;  // the topic id, which the gateway gives
+  receive(registered);
+  take();
+  receive(publish(1, 9, 71, hex("0a00ecff")));
+  EXPECT_EQ(take(Type::puback).size(), 1U);
+  receive(publish(1, 2, 72, hex("0a00ecff")));  // its own
+  receive(publish(0, 8, 0, hex("0a00ecff")));   // a topic that it was not told
+  EXPECT_EQ(client_->tally().heard, (std::map<std::string, std::uint64_t>{{"robot7", 1}}));
+}
+
 TEST_F(ClientTest, PingsWithItsIdSixtySecondsAfterConnack) {
   begin(0, 1);
   connect_client();

@@ -320,5 +320,20 @@ TEST(Access, CountsSegmentsAndTimes) {
   EXPECT_EQ(reliable_interval(4, 12), milliseconds{320});
 }
 
+TEST_F(RobotTest, CountsWhatItHearsOfOtherMeshesAndAnswersNothing) {
+  RobotSettings settings;
+  settings.is_recorded = true;
+  begin(settings);
+  EXPECT_EQ(ask("d4 59 00 0d 89 0a 00 ec ff", relay_group), "");
+  EXPECT_EQ(ask("d4 59 00 0d 89", relay_group), "");
+  EXPECT_EQ(ask("d4 59 00 0d", relay_group), "");
+  EXPECT_EQ(robot_->tally().heard, (std::map<std::string, std::uint64_t>{{"0x890d", 2}}));
+  const auto event = robot_->next_event();
+  ASSERT_TRUE(event);
+  EXPECT_EQ(event->kind, UpdateEvent::Kind::heard);
+  EXPECT_EQ(event->sender, "0x890d");
+  EXPECT_EQ(to_hex(event->payload), "0a 00 ec ff");
+}
+
 }  // namespace
 }  // namespace slamgw::sim::ble
