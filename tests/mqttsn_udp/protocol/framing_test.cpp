@@ -29,6 +29,31 @@ TEST(SnGateway, R2_SendsTheThreeOctetLengthOnlyFrom256Octets) {
   EXPECT_EQ(rig.datagrams.back().bytes[0], 1);
 }
 
+/// Lengths of datagrams on both sides of the longer Length field, and of what Thread carries.
+TEST(SnGateway, R2_TakesEachLengthAtTheBoundsWhole) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  const auto id = rig.register_topic(1, own_topic);
+  constexpr std::size_t header = 7;
+  constexpr std::size_t long_header = 9;
+  for (const std::size_t size : {254U, 255U, 256U, 257U, 258U, 1231U, 1232U}) {
+    const bool is_long = size > 255;
+    const std::size_t payload = size - (is_long ? long_header : header);
+    ByteWriter datagram;
+    if (is_long) datagram.write_u8(1).write_u16_be(static_cast<std::uint16_t>(size));
+    if (!is_long) datagram.write_u8(static_cast<std::uint8_t>(size));
+    datagram.write_u8(0x0c).write_u8(0x00).write_u16_be(id).write_u16_be(0);
+    std::string text;
+    for (std::size_t i = 0; i < payload; ++i) text += static_cast<char>('a' + i % 23);
+    datagram.write(text);
+    rig.send_octets(1, datagram.bytes());
+    ASSERT_FALSE(rig.reports.empty()) << size;
+    EXPECT_EQ(as_text(rig.reports.back().payload), text) << size;
+  }
+  EXPECT_EQ(rig.reports.size(), 7U);
+  EXPECT_EQ(rig.counter("malformed") + rig.counter("oversized"), 0U);
+}
+
 TEST(SnGateway, R3_DropsAndCountsAWrongLength) {
   SnRig rig;
   rig.send_octets(1, hex("02 18 00"));
