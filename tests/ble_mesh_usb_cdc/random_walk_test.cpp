@@ -50,6 +50,7 @@ class Walk {
       rig.command("nr1/x", Bytes{static_cast<std::uint8_t>(commands)});
     }
     if (chance(0.3)) rig.hear(0x0100, "c8 59 00 00");
+    if (relays) relay();
     if (chance(board_fault)) rig.say(rig.board.restart());
     if (chance(board_fault)) rig.board.is_silent = !rig.board.is_silent;
     rig.run_for(20ms);
@@ -85,6 +86,15 @@ class Walk {
       robot.offset *= 2;
       transmit(robot);
     }
+  }
+
+  /// Robots of other meshes say more than is relayed.
+  void relay() {
+    for (const char* robot : {"ntnu-slam/robot/a/update", "ntnu-slam/robot/b/update"})
+      rig.mesh.on_robot_message(
+          {robot, hex(chance(0.5) ? "01 00 02 00" : "01 00 02 00 03 00 04 00"), Qos::at_most_once,
+           false},
+          rig.now);
   }
 
   void transmit(const WalkRobot& robot) {
@@ -131,6 +141,7 @@ class Walk {
   std::size_t commands = 0;
   double radio_loss = 0.1;
   double board_fault = 0;
+  bool relays = false;
 };
 
 /// Every number in order without a gap; returns how many went up more than once.
@@ -169,6 +180,22 @@ TEST(RandomWalk, AnHourOnALossyRadioLosesNothingAndDoublesLittle) {
   expect_complete(walk);
   EXPECT_LT(walk.safe_twice, walk.safe.size() / 20) << "of a tenth that lost their STATUS";
   EXPECT_GT(walk.safe.size(), 30000u);
+}
+
+TEST(RandomWalk, WhatIsRelayedCostsTheRobotsOfTheMeshNothing) {
+  for (const double fault : {0.0, 0.005}) {
+    SCOPED_TRACE(fault);
+    Walk walk(4);
+    walk.relays = true;
+    walk.board_fault = fault;
+    for (int i = 0; i < 1000; ++i) walk.step();
+    walk.settle();
+    expect_complete(walk);
+    EXPECT_GT(walk.rig.counter("relayed"), 50u);
+    if (fault == 0.0) {
+      EXPECT_EQ(walk.rig.counter("sends_dropped"), 0u) << "no queue was full";
+    }
+  }
 }
 
 TEST(RandomWalk, ABoardThatRestartsAndFallsSilentComesBack) {

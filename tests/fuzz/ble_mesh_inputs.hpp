@@ -15,7 +15,7 @@ class MeshInputs {
   MeshInputs() { mesh_.on_start(); }
 
   void apply(std::uint8_t verb, std::uint8_t argument, ByteView octets) {
-    switch (verb % 15) {
+    switch (verb % 16) {
       case 0: mesh_.on_bytes(octets, now_); break;
       case 1: now_ += std::chrono::milliseconds{10} * argument; break;
       case 2: mesh_.on_port_open(now_); break;
@@ -31,6 +31,7 @@ class MeshInputs {
       case 12: mesh_.on_deadline(now_ += std::chrono::seconds{argument}); break;
       case 13: mesh_.on_session_held("nr1", now_); break;
       case 14: ended_ += mesh_.give_up("nr1", now_).size(); break;
+      case 15: relay(argument, octets); break;
     }
     mesh_.on_deadline(now_);
     drain();
@@ -51,6 +52,13 @@ class MeshInputs {
          {"p/server/nr1/" + types[argument % 3], Bytes(octets.begin(), octets.end()),
           Qos::at_least_once, argument >= 128},
          CommandId{asked_}},
+        now_);
+  }
+
+  void relay(std::uint8_t argument, ByteView octets) {
+    mesh_.on_robot_message(
+        {"p/robot/r" + std::to_string(argument) + "/update", Bytes(octets.begin(), octets.end()),
+         Qos::at_most_once, argument >= 250},
         now_);
   }
 

@@ -195,15 +195,20 @@ TEST_F(Relaying, HostileMessagesAreCountedAndGoNowhere) {
 
 TEST_F(Relaying, AcknowledgementsAndCommandsGoFirst) {
   rig.latency = 20ms;
-  for (int i = 0; i < 4; ++i)
-    rig.command(fmt::format("ble-010{}/text", i), hex("01 02"));  // unknown: no robots yet
   for (std::uint16_t i = 0; i < 6; ++i)
     rig.hear(static_cast<std::uint16_t>(first_robot + i), "ca 59 00");  // each wants a STATUS
+  rig.command("nr1/cmd", hex("01 00 02 00"));
   say("lego-1", near);
   EXPECT_EQ(rig.counter("relayed"), 0u) << "something waits for the board";
+  rig.run_for(80ms);
+  EXPECT_TRUE(heard().empty());
   rig.run_for(2s);
   ASSERT_EQ(heard().size(), 1u);
-  EXPECT_EQ(rig.board.sent.back().destination, relay_group);
+  std::vector<std::uint16_t> destinations;
+  for (const auto& packet : rig.board.sent) destinations.push_back(packet.destination);
+  const auto relay = std::ranges::find(destinations, relay_group);
+  EXPECT_GE(std::count(destinations.begin(), relay, first_robot), 2) << "STATUS and command";
+  EXPECT_GE(relay - destinations.begin(), 7);
 }
 
 TEST_F(Relaying, NothingWaitsForALinkThatIsDown) {
