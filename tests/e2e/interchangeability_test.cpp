@@ -205,5 +205,32 @@ TEST_P(EndToEnd, RobotsOnEitherMeshHearTheSameOfOthers) {
   EXPECT_EQ(ble_counter(gateway, "relays_dropped"), 0u);
 }
 
+/// It is at another gateway, or anywhere: the broker has its updates.
+TEST_P(EndToEnd, RobotsOnBleHearARobotThatIsNotAtTheirGateway) {
+  BrokerOfVersion broker(GetParam());
+  const auto say = [&](const std::string& robot, const std::string& update, bool is_kept) {
+    std::vector<std::string> arguments{"-q", "1",   "-t", "ntnu-slam/robot/" + robot + "/update",
+                                       "-m", update};
+    if (is_kept) arguments.push_back("-r");
+    mosquitto_publish(broker, arguments);
+  };
+  say("far1", "KEPT", true);
+  GatewayProcess gateway(relaying_configuration(broker));
+  SimulatorProcess near({"ble", "--tty", gateway.tty(), "--robots", "2", "--id-prefix", "near",
+                         "--rate", "1", "--record", gateway / "near"});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("near2 update"); })) << gateway.log();
+  ASSERT_TRUE(eventually([&] {                        // until the subscription stands
+    say("far3", "four octets and four more", false);  // not an update
+    return ble_counter(gateway, "relays_dropped") > 0;
+  }));
+  say("near1", "SELF", false);
+  say("far2", "ONE.", false);
+  const Sayings expected{{number_of_far_robot.at("far2"), "4f4e452e"}};
+  EXPECT_TRUE(eventually([&] { return heard_by("near2", gateway / "near") == expected; }))
+      << read_file(gateway / "near");
+  near.process().send_signal(SIGTERM);
+  EXPECT_EQ(near.report()["robots"]["near1"]["heard"], (json{{"0x2efa", 1}}));
+}
+
 }  // namespace
 }  // namespace slamgw::test

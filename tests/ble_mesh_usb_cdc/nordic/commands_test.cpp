@@ -42,6 +42,8 @@ TEST(Commands, CarryHandlesAndAddressesLittleEndian) {
   EXPECT_EQ(encode_command(CommandOpcode::subscription_add, u16{0xc003}), hex("03 a1 03 c0"));
   EXPECT_EQ(encode_command(CommandOpcode::subscription_add, u16{0xc004}), hex("03 a1 04 c0"));
   EXPECT_EQ(encode_command(CommandOpcode::publication_add, u16{0x0100}), hex("03 a4 00 01"));
+  EXPECT_EQ(encode_command(CommandOpcode::publication_add, u16{0xc003}), hex("03 a4 03 c0"))
+      << "a group gets a handle as a robot does: recorded from all three releases";
   EXPECT_EQ(encode_command(CommandOpcode::publication_remove, u16{2}), hex("03 a6 02 00"));
   EXPECT_EQ(encode_command(CommandOpcode::address_get, u16{2}), hex("03 a7 02 00"));
   EXPECT_EQ(encode_command(CommandOpcode::appkey_get_all, u16{0}), hex("03 9a 00 00"));
