@@ -68,6 +68,12 @@ std::vector<std::uint16_t> groups_of(const ConfigurationSettings& settings, cons
   return {*settings.relay_group};
 }
 
+/// It listens, or hears relayed updates, or did so.
+bool may_have_groups(const ConfigurationSettings& settings, const ModelId& model) {
+  return is_one_of(servers, model) ||
+         (model == sensor_update_client && (settings.relay_group || settings.had_relay_group));
+}
+
 /// Asks which groups the model has. One that knows no groups is right when none are wanted.
 ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t element,
                             const ModelId& model) {
@@ -116,10 +122,7 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
   steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
                              model_app_status, element, model));
   add_publication(steps, settings, element, model, retransmit_count);
-  const bool is_relay_model =
-      model == sensor_update_client && (settings.relay_group || settings.had_relay_group);
-  if (is_one_of(servers, model) || is_relay_model)
-    steps.push_back(list_step(settings, element, model));
+  if (may_have_groups(settings, model)) steps.push_back(list_step(settings, element, model));
 }
 
 /// Of each model that has the application key, in the order of the elements.
@@ -201,7 +204,7 @@ void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSet
   if (is_one_of(vendor_clients, model) || model == health_server)
     ask(model_step("the publication", encode_model_publication_get(element, model),
                    model_publication_status, element, model));
-  if (is_one_of(servers, model)) ask(list_step(settings, element, model));
+  if (may_have_groups(settings, model)) ask(list_step(settings, element, model));
 }
 
 /// The steps that configure a node, by its composition: the application key for its models,

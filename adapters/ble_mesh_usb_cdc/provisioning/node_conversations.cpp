@@ -80,9 +80,9 @@ void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
   if (begin_changes()) return;
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
-    const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
-                                         ttl_of(node), settings_.groups,
-                                         settings_.relayed_to(), node.wishes};
+    const ConfigurationSettings settings{
+        nodes_.database()->keys.app_key, destination(), ttl_of(node), settings_.groups,
+        settings_.relayed_to(),          node.wishes};
     conversations_.try_emplace(node.address, node, purpose, settings, radio_);
   };
   if (const Node* node = ordered_node()) begin(*node, *ordered_purpose());
