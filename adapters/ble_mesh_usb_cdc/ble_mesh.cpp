@@ -64,7 +64,9 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
           [&](LinkIsDown& down) { on_link_down(down, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },
           [&](MessageReceived& message) { on_message(message, now); },
-          [&](Heartbeat& heartbeat) { hear(heartbeat.source, nullptr, now); },
+          [&](Heartbeat& heartbeat) {
+            if (!is_banned(heartbeat.source)) hear(heartbeat.source, nullptr, now);
+          },
           [&](IvUpdate& update) {
             emit(Notice{
                 Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
@@ -101,12 +103,16 @@ void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
   provisioner_.on_send_refused(refused.destination, refused.why, now);
 }
 
+bool BleMesh::is_banned(std::uint16_t source) const {
+  const NodeTable& nodes = provisioner_.nodes();
+  const Bans& bans = nodes.names().bans();
+  return !bans.ids().empty() && bans.has(nodes.id_of(source));
+}
+
 void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (message.source == 0 || message.source > last_unicast_address)
     return uplink_.reject(message.source, "its source is no unicast address", now);
-  const NodeTable& nodes = provisioner_.nodes();
-  const Bans& bans = nodes.names().bans();
-  if (!bans.ids().empty() && bans.has(nodes.id_of(message.source))) {
+  if (is_banned(message.source)) {
     provisioner_.on_message(message, now);  // an operator may still remove it
     return settle(now);
   }

@@ -85,6 +85,7 @@ class BleMesh {
   void on_link_down(const LinkIsDown& down, TimePoint now);
   void on_send_refused(const SendRefused& refused, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);
+  bool is_banned(std::uint16_t source) const;
   /// The robot that this came from, which is online now; null when there is no room for it, or
   /// when another gateway serves it.
   Robot* hear(std::uint16_t source, const MessageReceived* message, TimePoint now);

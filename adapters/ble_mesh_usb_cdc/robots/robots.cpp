@@ -130,6 +130,16 @@ void Robots::on_names(TimePoint now) {
     }
   }
   add_configured();
+  const Bans& bans = nodes_.names().bans();
+  for (auto& [address, robot] : robots_)
+    if (bans.has(robot.id)) shut_out(robot, now);
+}
+
+/// Nobody listens to a banned robot, so its commands can't be acknowledged.
+void Robots::shut_out(Robot& robot, TimePoint now) {
+  robot.is_online = robot.is_awaited = robot.is_deaf = robot.is_deaf_now = false;
+  downlink_.refuse_all(robot, "the robot is banned (slam-gatewayctl unban)", now);
+  if (robot.is_shown()) announce(robot, Presence::offline);
 }
 
 void Robots::leave_name(Robot& robot, const std::string& why, TimePoint now) {

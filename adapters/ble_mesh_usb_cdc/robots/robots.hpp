@@ -73,6 +73,7 @@ class Robots : private MeshPart {
 
  private:
   void add_configured();
+  void shut_out(Robot& robot, TimePoint now);
   void leave_name(Robot& robot, const std::string& why, TimePoint now);
   void take_name(Robot& robot, std::string id, TimePoint now);
   void announce(Robot& robot, Presence presence);

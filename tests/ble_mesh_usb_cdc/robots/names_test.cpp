@@ -50,6 +50,31 @@ TEST(Names, ARobotThatTalksGoesUnderItsOldAndComesUnderItsNewName) {
   EXPECT_TRUE(rig.is_up() || rig.all<LinkChange>().empty()) << "the board was left alone";
 }
 
+TEST(Names, ABannedRobotGoesAndItsCommandsEnd) {
+  MeshRig rig;
+  rig.start();
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  rig.command("nr1/cmd", hex("01 00 02 00"));
+  rig.command("nr1/run", hex("01"));
+  rig.events.clear();
+  rig.mesh.on_names(RobotNames({{"nr1", 0x0100, {}}}, Bans({"nr1"})), rig.now);
+  rig.run_for(100ms);
+  EXPECT_EQ(presence_of(rig), (std::vector<std::string>{"nr1 offline"}));
+  ASSERT_EQ(rig.all<CommandOutcome>().size(), 2u);
+  for (const CommandOutcome& outcome : rig.all<CommandOutcome>()) {
+    EXPECT_EQ(outcome.result, CommandResult::refused);
+    EXPECT_NE(outcome.why.find("banned"), std::string::npos);
+  }
+  const std::size_t sent = rig.sent_to(0x0100).size();
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  rig.run_for(30s);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), sent) << "nothing is said to it";
+  EXPECT_TRUE(rig.all<Report>().empty());
+  rename(rig, {{"nr1", 0x0100, {}}});
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(presence_of(rig), (std::vector<std::string>{"nr1 online"}));
+}
+
 TEST(Names, AnAcknowledgementThatIsOwedComesAfterTheChangeToo) {
   MeshRig rig;
   rig.start();
