@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
-#include "adapters/mqttsn_udp/conversations/pings.hpp"
+#include "adapters/mqttsn_udp/conversations/operator_pings.hpp"
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
 #include "adapters/mqttsn_udp/conversations/uplink.hpp"
 
@@ -153,7 +153,7 @@ class SnGateway {
   Renaming renaming_;
   Restoring restoring_;
   Discovery discovery_;
-  Pings pings_;
+  OperatorPings pings_;
   LogThrottle malformed_;
 };
 

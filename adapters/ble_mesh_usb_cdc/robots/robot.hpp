@@ -15,7 +15,7 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::ble {
@@ -29,7 +29,7 @@ struct UnservedSet {
 
   /// Reliable publish doubles the time between copies: what comes much sooner is a new message.
   bool may_come_again(TimePoint now) const {
-    return now - first <= SetFilter::longest_exchange && (now - last) * 5 >= (last - first) * 2;
+    return now - first <= RepeatFilter::longest_exchange && (now - last) * 5 >= (last - first) * 2;
   }
   /// The robot still waits for its STATUS: its next copy is not overdue.
   bool is_open(TimePoint now) const {
@@ -40,7 +40,7 @@ struct UnservedSet {
 
 /// Acknowledged messages of one model.
 struct Inbox {
-  SetFilter filter;
+  RepeatFilter filter;
   std::uint64_t open_receipt = 0;  ///< 0: none
   std::uint16_t element = 0;       ///< that the last message came from
   Bytes status;                    ///< the access message that acknowledges it

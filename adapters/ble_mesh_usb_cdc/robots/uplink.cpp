@@ -100,29 +100,29 @@ void Uplink::take_up(Robot& robot, const UnservedSet& unserved) {
 
 /// In doubt an `update` goes up, because a lost one does more harm than a doubled one; a message of
 /// another type is then taken for a repeat.
-SetFilter::Verdict Uplink::judge(const VendorReport& set, TimePoint now) const {
-  SetFilter& filter = inbox_of(set.robot, set.model).filter;
+RepeatFilter::Verdict Uplink::judge(const VendorReport& set, TimePoint now) const {
+  RepeatFilter& filter = inbox_of(set.robot, set.model).filter;
   if (set.number) return filter.on_numbered_set(*set.number, set.params, now);
   // The TTL that robots send with is not in the message: the mesh's, or more if more was seen.
   const std::uint8_t ttl = std::max(settings_.ttl, set.robot.highest_ttl);
-  const auto doubt = type_of(set.model) == update_type ? SetFilter::Doubt::take_for_new
-                                                       : SetFilter::Doubt::take_for_repeat;
+  const auto doubt = type_of(set.model) == update_type ? RepeatFilter::Doubt::take_for_new
+                                                       : RepeatFilter::Doubt::take_for_repeat;
   return filter.on_set(set.params, reliable_interval(ttl, set.message.payload.size()), doubt, now);
 }
 
 void Uplink::on_set(const VendorReport& set, TimePoint now) {
   Inbox& inbox = inbox_of(set.robot, set.model);
-  const SetFilter::Verdict verdict = judge(set, now);
+  const RepeatFilter::Verdict verdict = judge(set, now);
   set.robot.is_asking = true;
   if (inbox.filter.is_unheard()) robots_.on_hearing(set.robot, true);
   if (inbox.filter.was_heard()) robots_.on_hearing(set.robot, false);
   switch (verdict) {
-    case SetFilter::Verdict::repeat_open: return report_repeat(set);
-    case SetFilter::Verdict::repeat_answered:
+    case RepeatFilter::Verdict::repeat_open: return report_repeat(set);
+    case RepeatFilter::Verdict::repeat_answered:
       report_repeat(set);
       inbox.filter.on_answered(now);
       return send_status(set.robot, set.message.source, inbox.status, now);
-    case SetFilter::Verdict::fresh: break;
+    case RepeatFilter::Verdict::fresh: break;
   }
   // A receipt still open here is of a SET that the robot has given up. Answering that one late
   // would acknowledge this one, so it is forgotten, and so is a STATUS that still waits.

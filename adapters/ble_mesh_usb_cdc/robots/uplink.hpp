@@ -53,7 +53,7 @@ class Uplink : private MeshPart {
   void on_set(const VendorReport& set, TimePoint now);
   void on_status(Robot& robot, Opcode status, TimePoint now);
   void take_up(Robot& robot, const UnservedSet& unserved);
-  SetFilter::Verdict judge(const VendorReport& set, TimePoint now) const;
+  RepeatFilter::Verdict judge(const VendorReport& set, TimePoint now) const;
   void leave_to_others(Robot& robot, VendorMessage kind, const MessageReceived& message,
                        TimePoint now);
   void forget(Inbox& inbox);

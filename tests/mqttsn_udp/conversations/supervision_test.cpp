@@ -77,10 +77,10 @@ TEST(SnGateway, SaysWhyAPingWasNotAnswered) {
 TEST(SnGateway, BoundsOpenPings) {
   SnRig rig;
   rig.connect(1, "r1");
-  for (std::uint64_t id = 0; id <= Pings::max_open; ++id) rig.ping(id, "r1");
+  for (std::uint64_t id = 0; id <= OperatorPings::max_open; ++id) rig.ping(id, "r1");
   ASSERT_EQ(rig.pings.size(), 1U);
-  EXPECT_EQ(rig.pings[0].id, Pings::max_open);
-  EXPECT_EQ(rig.sent_to(1).size(), Pings::max_open);
+  EXPECT_EQ(rig.pings[0].id, OperatorPings::max_open);
+  EXPECT_EQ(rig.sent_to(1).size(), OperatorPings::max_open);
 }
 
 TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
 
 #include <algorithm>
 #include <array>
@@ -73,8 +73,8 @@ constexpr std::uint32_t first_heard_copies = (1U << (max_lost + 1)) - 1;
 
 }  // namespace
 
-SetFilter::Verdict SetFilter::on_set(ByteView payload, Duration interval, Doubt doubt,
-                                     TimePoint now) {
+RepeatFilter::Verdict RepeatFilter::on_set(ByteView payload, Duration interval, Doubt doubt,
+                                           TimePoint now) {
   const bool is_equal = state_ != State::idle && !number_ && std::ranges::equal(payload, payload_);
   const Copies fitting = fitting_copies(last_copy_, interval, now);
   was_heard_ = false;
@@ -113,8 +113,8 @@ SetFilter::Verdict SetFilter::on_set(ByteView payload, Duration interval, Doubt 
   return Verdict::fresh;
 }
 
-SetFilter::Verdict SetFilter::on_numbered_set(std::uint8_t number, ByteView payload,
-                                              TimePoint now) {
+RepeatFilter::Verdict RepeatFilter::on_numbered_set(std::uint8_t number, ByteView payload,
+                                                    TimePoint now) {
   const bool is_same = state_ != State::idle && number_ == number &&
                        now - first_heard_ <= longest_exchange &&
                        std::ranges::equal(payload, payload_);
@@ -131,7 +131,7 @@ SetFilter::Verdict SetFilter::on_numbered_set(std::uint8_t number, ByteView payl
 /// A robot sends no other message of this model before the last one is acknowledged or given up:
 /// by Nordic's code after half a minute and many copies, by other firmware when the next one is
 /// due.
-void SetFilter::on_copy(bool is_copy, bool is_equal, TimePoint now) {
+void RepeatFilter::on_copy(bool is_copy, bool is_equal, TimePoint now) {
   was_heard_ = !is_copy && state_ == State::answered && unheard_copies_ == 0;
   // Equal messages at the robot's own period can look like a few repeats.
   if (was_heard_ || (is_equal && !is_copy)) unheard_messages_ = 0;
@@ -140,16 +140,16 @@ void SetFilter::on_copy(bool is_copy, bool is_equal, TimePoint now) {
   if (is_unheard && unheard_copies_++ == 0) ++unheard_messages_;
 }
 
-SetFilter::Verdict SetFilter::on_repeat(TimePoint now) const {
+RepeatFilter::Verdict RepeatFilter::on_repeat(TimePoint now) const {
   return state_ == State::open || has_crossed(now) ? Verdict::repeat_open
                                                    : Verdict::repeat_answered;
 }
 
-bool SetFilter::has_crossed(TimePoint now) const {
+bool RepeatFilter::has_crossed(TimePoint now) const {
   return state_ == State::answered && now - last_answered_ < crossing_time;
 }
 
-bool SetFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const {
+bool RepeatFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const {
   if (fitting == 0) return false;
   // If it is new after all, the robot sends it again: nothing is lost or wrongly acknowledged.
   if (has_crossed(now)) return true;
@@ -157,13 +157,13 @@ bool SetFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePo
   return doubt == Doubt::take_for_repeat && !is_schedule_deceptive_;
 }
 
-void SetFilter::on_answered(TimePoint now) {
+void RepeatFilter::on_answered(TimePoint now) {
   state_ = State::answered;
   last_answered_ = now;
 }
 
-SetFilter::Copies SetFilter::fitting_copies(Copies last_copy, Duration interval,
-                                            TimePoint now) const {
+RepeatFilter::Copies RepeatFilter::fitting_copies(Copies last_copy, Duration interval,
+                                                  TimePoint now) const {
   if (now - first_heard_ > longest_exchange) return 0;
   const Duration gap = now - last_heard_;
   Copies fitting = 0;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which of a robot's acknowledged SETs are new: what a robot was acknowledged is delivered, for
 // robots that keep to reliable publish at any period of their own, on a radio that loses.
-#include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
 
 #include <gtest/gtest.h>
 
@@ -22,19 +22,19 @@ const Duration set_interval = reliable_interval(4, 7);  // 280 ms
 
 /// A robot's equal copies at these times, each answered at once; how many go up.
 int count_delivered(std::initializer_list<milliseconds> times,
-                    SetFilter::Doubt doubt = SetFilter::Doubt::take_for_repeat) {
-  SetFilter filter;
+                    RepeatFilter::Doubt doubt = RepeatFilter::Doubt::take_for_repeat) {
+  RepeatFilter filter;
   int delivered = 0;
   for (const auto time : times) {
     if (filter.on_set(hex("0a 00"), set_interval, doubt, TimePoint{} + time) ==
-        SetFilter::Verdict::fresh)
+        RepeatFilter::Verdict::fresh)
       delivered += 1 + filter.missed();
     filter.on_answered(TimePoint{} + time);
   }
   return delivered;
 }
 
-TEST(SetFilter, KnowsTheWholeScheduleOfRepeats) {
+TEST(SetRepeats, KnowsTheWholeScheduleOfRepeats) {
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms, 8960ms}), 1);
   EXPECT_EQ(count_delivered({280ms, 560ms, 1120ms, 2240ms}), 1) << "the first copy was lost";
   EXPECT_EQ(count_delivered({0ms, 295ms, 555ms, 1140ms}), 1) << "with jitter";
@@ -43,8 +43,9 @@ TEST(SetFilter, KnowsTheWholeScheduleOfRepeats) {
   EXPECT_EQ(count_delivered({0ms, 1120ms, 8960ms}), 1) << "two were lost in a row, twice";
 }
 
-TEST(SetFilter, LetsEqualMessagesAtTheRobotsOwnPeriodThrough) {
-  for (const auto doubt : {SetFilter::Doubt::take_for_repeat, SetFilter::Doubt::take_for_new}) {
+TEST(SetRepeats, LetsEqualMessagesAtTheRobotsOwnPeriodThrough) {
+  for (const auto doubt :
+       {RepeatFilter::Doubt::take_for_repeat, RepeatFilter::Doubt::take_for_new}) {
     EXPECT_EQ(count_delivered({0ms, 200ms, 400ms, 600ms, 800ms}, doubt), 5);
     EXPECT_EQ(count_delivered({0ms, 1000ms, 2000ms, 3000ms}, doubt), 4);
     EXPECT_EQ(count_delivered({0ms, 250ms, 500ms, 750ms}, doubt), 4);
@@ -54,78 +55,80 @@ TEST(SetFilter, LetsEqualMessagesAtTheRobotsOwnPeriodThrough) {
   EXPECT_EQ(count_delivered({0ms, 280ms, 400ms, 600ms}), 3) << "one STATUS lost, then new ones";
 }
 
-TEST(SetFilter, InDoubtAnUpdateIsNew) {
-  const auto doubt = SetFilter::Doubt::take_for_new;
+TEST(SetRepeats, InDoubtAnUpdateIsNew) {
+  const auto doubt = RepeatFilter::Doubt::take_for_new;
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms, 1120ms}, doubt), 5);
   EXPECT_EQ(count_delivered({0ms, 559ms, 1118ms, 1677ms}, doubt), 4);
 }
 
-TEST(SetFilter, ThreeEqualGapsAreTheRobotsOwnPeriod) {
+TEST(SetRepeats, ThreeEqualGapsAreTheRobotsOwnPeriod) {
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms}), 4) << "two are made up for";
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms, 1120ms, 1400ms}), 6);
   EXPECT_EQ(count_delivered({0ms, 559ms, 1118ms, 1677ms, 2236ms}), 5);
 }
 
-TEST(SetFilter, WhileOpenEveryEqualSetIsARepeat) {
-  SetFilter filter;
+TEST(SetRepeats, WhileOpenEveryEqualSetIsARepeat) {
+  RepeatFilter filter;
   const auto set = [&](std::string_view payload, milliseconds at) {
-    return filter.on_set(hex(payload), set_interval, SetFilter::Doubt::take_for_new,
+    return filter.on_set(hex(payload), set_interval, RepeatFilter::Doubt::take_for_new,
                          TimePoint{} + at);
   };
-  EXPECT_EQ(set("01", 0ms), SetFilter::Verdict::fresh);
-  EXPECT_EQ(set("01", 200ms), SetFilter::Verdict::repeat_open);
-  EXPECT_EQ(set("02", 280ms), SetFilter::Verdict::fresh);
+  EXPECT_EQ(set("01", 0ms), RepeatFilter::Verdict::fresh);
+  EXPECT_EQ(set("01", 200ms), RepeatFilter::Verdict::repeat_open);
+  EXPECT_EQ(set("02", 280ms), RepeatFilter::Verdict::fresh);
 }
 
-TEST(SetFilter, ARepeatThatCrossedItsStatusIsNotAnswered) {
-  for (const auto doubt : {SetFilter::Doubt::take_for_repeat, SetFilter::Doubt::take_for_new}) {
-    SetFilter filter;
+TEST(SetRepeats, ARepeatThatCrossedItsStatusIsNotAnswered) {
+  for (const auto doubt :
+       {RepeatFilter::Doubt::take_for_repeat, RepeatFilter::Doubt::take_for_new}) {
+    RepeatFilter filter;
     const auto set = [&](milliseconds at) {
       return filter.on_set(hex("01"), set_interval, doubt, TimePoint{} + at);
     };
-    EXPECT_EQ(set(0ms), SetFilter::Verdict::fresh);
+    EXPECT_EQ(set(0ms), RepeatFilter::Verdict::fresh);
     filter.on_answered(TimePoint{} + 260ms);
-    EXPECT_EQ(set(280ms), SetFilter::Verdict::repeat_open);
-    EXPECT_EQ(set(560ms), doubt == SetFilter::Doubt::take_for_new
-                              ? SetFilter::Verdict::fresh
-                              : SetFilter::Verdict::repeat_answered);
+    EXPECT_EQ(set(280ms), RepeatFilter::Verdict::repeat_open);
+    EXPECT_EQ(set(560ms), doubt == RepeatFilter::Doubt::take_for_new
+                              ? RepeatFilter::Verdict::fresh
+                              : RepeatFilter::Verdict::repeat_answered);
   }
 }
 
 /// A busy host hands a repeat over late, just after the STATUS has left: neither a new message, nor
 /// one to be answered.
-TEST(SetFilter, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
-  for (const auto doubt : {SetFilter::Doubt::take_for_repeat, SetFilter::Doubt::take_for_new}) {
-    SetFilter filter;
+TEST(SetRepeats, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
+  for (const auto doubt :
+       {RepeatFilter::Doubt::take_for_repeat, RepeatFilter::Doubt::take_for_new}) {
+    RepeatFilter filter;
     const auto set = [&](milliseconds at) {
       return filter.on_set(hex("01"), set_interval, doubt, TimePoint{} + at);
     };
-    EXPECT_EQ(set(0ms), SetFilter::Verdict::fresh);
+    EXPECT_EQ(set(0ms), RepeatFilter::Verdict::fresh);
     filter.on_answered(TimePoint{} + 330ms);
-    EXPECT_EQ(set(420ms), SetFilter::Verdict::repeat_open) << "140 ms late";
-    EXPECT_EQ(set(700ms), SetFilter::Verdict::fresh) << "it was a new one: its own first repeat";
+    EXPECT_EQ(set(420ms), RepeatFilter::Verdict::repeat_open) << "140 ms late";
+    EXPECT_EQ(set(700ms), RepeatFilter::Verdict::fresh) << "it was a new one: its own first repeat";
   }
 }
 
-TEST(SetFilter, TheFirstMessageMayBeEmpty) {
-  SetFilter filter;
-  EXPECT_EQ(filter.on_set({}, set_interval, SetFilter::Doubt::take_for_repeat, TimePoint{}),
-            SetFilter::Verdict::fresh);
+TEST(SetRepeats, TheFirstMessageMayBeEmpty) {
+  RepeatFilter filter;
+  EXPECT_EQ(filter.on_set({}, set_interval, RepeatFilter::Doubt::take_for_repeat, TimePoint{}),
+            RepeatFilter::Verdict::fresh);
 }
 
-TEST(SetFilter, ATransactionNumberTellsItAll) {
-  SetFilter filter;
+TEST(SetRepeats, ATransactionNumberTellsItAll) {
+  RepeatFilter filter;
   const auto set = [&](std::uint8_t number, milliseconds at, std::string_view payload = "0a 00") {
     const auto verdict = filter.on_numbered_set(number, hex(payload), TimePoint{} + at);
     filter.on_answered(TimePoint{} + at);
     return verdict;
   };
-  EXPECT_EQ(set(7, 0ms), SetFilter::Verdict::fresh);
-  EXPECT_EQ(set(8, 280ms), SetFilter::Verdict::fresh) << "equal, and due as a copy of the last";
-  EXPECT_EQ(set(8, 400ms), SetFilter::Verdict::repeat_answered) << "due as a new one";
-  EXPECT_EQ(set(8, 430ms), SetFilter::Verdict::repeat_open) << "it crossed the STATUS";
-  EXPECT_EQ(set(8, 20s, "0b 00"), SetFilter::Verdict::fresh) << "the robot was restarted";
-  EXPECT_EQ(set(8, 81s, "0b 00"), SetFilter::Verdict::fresh) << "reliable publish has ended";
+  EXPECT_EQ(set(7, 0ms), RepeatFilter::Verdict::fresh);
+  EXPECT_EQ(set(8, 280ms), RepeatFilter::Verdict::fresh) << "equal, and due as a copy of the last";
+  EXPECT_EQ(set(8, 400ms), RepeatFilter::Verdict::repeat_answered) << "due as a new one";
+  EXPECT_EQ(set(8, 430ms), RepeatFilter::Verdict::repeat_open) << "it crossed the STATUS";
+  EXPECT_EQ(set(8, 20s, "0b 00"), RepeatFilter::Verdict::fresh) << "the robot was restarted";
+  EXPECT_EQ(set(8, 81s, "0b 00"), RepeatFilter::Verdict::fresh) << "reliable publish has ended";
 }
 
 /// Nordic's reliable publish on a robot that has something to say each period: it sends copies at
@@ -164,14 +167,14 @@ class RobotWalk {
 
   /// Until the robot has its STATUS. The next due message is later than that.
   void exchange(TimePoint first) {
-    for (Duration offset{}; offset < SetFilter::longest_exchange;
+    for (Duration offset{}; offset < RepeatFilter::longest_exchange;
          offset = offset == Duration{} ? set_interval : 2 * offset) {
       const TimePoint sent = first + offset;
       if (acknowledged_at_ && *acknowledged_at_ <= sent) break;
       if (!radio_.loses_set()) arrive(sent + jitter());
     }
     if (acknowledged_at_) ++acknowledged;
-    busy_until_ = acknowledged_at_.value_or(first + SetFilter::longest_exchange);
+    busy_until_ = acknowledged_at_.value_or(first + RepeatFilter::longest_exchange);
     acknowledged_at_.reset();
   }
 
@@ -183,11 +186,12 @@ class RobotWalk {
 
   void arrive(TimePoint now) {
     const Bytes payload = ByteWriter{}.write_u16_le(content_).take();
-    const auto verdict = filter_.on_set(payload, set_interval, SetFilter::Doubt::take_for_new, now);
+    const auto verdict =
+        filter_.on_set(payload, set_interval, RepeatFilter::Doubt::take_for_new, now);
     unheard += filter_.is_unheard() ? 1 : 0;
     heard += filter_.was_heard() ? 1 : 0;
-    if (verdict == SetFilter::Verdict::repeat_open) return;
-    if (verdict == SetFilter::Verdict::fresh) delivered += 1 + filter_.missed();
+    if (verdict == RepeatFilter::Verdict::repeat_open) return;
+    if (verdict == RepeatFilter::Verdict::fresh) delivered += 1 + filter_.missed();
     filter_.on_answered(now + receipt_time);
     if (!radio_.loses_status() && !acknowledged_at_)
       acknowledged_at_ = now + receipt_time + status_time;
@@ -196,7 +200,7 @@ class RobotWalk {
   Duration period_;
   Radio radio_;
   std::mt19937_64 random_;
-  SetFilter filter_;
+  RepeatFilter filter_;
   TimePoint next_{};
   TimePoint busy_until_{};
   std::uint16_t content_ = 0;
@@ -336,7 +340,7 @@ TEST(AnyPeriod, ARobotThatHearsNothingIsNoticedAtItsSixthCopy) {
   });
 }
 
-TEST(SetFilter, ALossyRadioSeldomMakesARobotLookDeaf) {
+TEST(SetRepeats, ALossyRadioSeldomMakesARobotLookDeaf) {
   std::mt19937_64 random(1);
   const auto lose = [&] { return random() % 10 < 3; };
   RobotWalk walk(200ms, {3ms, lose, lose});
@@ -346,11 +350,11 @@ TEST(SetFilter, ALossyRadioSeldomMakesARobotLookDeaf) {
 }
 
 /// Firmware that replaces an update by the next one: each has time for a single repeat.
-TEST(SetFilter, MessagesThatAreAllRepeatedAreNotHeard) {
-  SetFilter filter;
+TEST(SetRepeats, MessagesThatAreAllRepeatedAreNotHeard) {
+  RepeatFilter filter;
   const auto set = [&](int content, milliseconds at) {
     const Bytes payload{static_cast<std::uint8_t>(content)};
-    filter.on_set(payload, set_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
+    filter.on_set(payload, set_interval, RepeatFilter::Doubt::take_for_new, TimePoint{} + at);
     filter.on_answered(TimePoint{} + at + 10ms);
   };
   for (int message = 0; message < 5; ++message) {
@@ -366,10 +370,10 @@ TEST(SetFilter, MessagesThatAreAllRepeatedAreNotHeard) {
   EXPECT_FALSE(filter.is_unheard());
 }
 
-TEST(SetFilter, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
-  SetFilter filter;
+TEST(SetRepeats, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
+  RepeatFilter filter;
   const auto set = [&](milliseconds at) {
-    filter.on_set(hex("01"), set_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
+    filter.on_set(hex("01"), set_interval, RepeatFilter::Doubt::take_for_new, TimePoint{} + at);
   };
   for (const auto at : {0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms}) set(at);
   filter.on_answered(TimePoint{} + 5000ms);
@@ -377,8 +381,8 @@ TEST(SetFilter, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
   EXPECT_FALSE(filter.is_unheard()) << "one STATUS left so far";
 }
 
-TEST(SetFilter, ANumberTellsRepeatsThatWereAnswered) {
-  SetFilter filter;
+TEST(SetRepeats, ANumberTellsRepeatsThatWereAnswered) {
+  RepeatFilter filter;
   const auto set = [&](std::uint8_t number, milliseconds at) {
     filter.on_numbered_set(number, hex("0a"), TimePoint{} + at);
     filter.on_answered(TimePoint{} + at);
@@ -393,7 +397,7 @@ TEST(SetFilter, ANumberTellsRepeatsThatWereAnswered) {
   EXPECT_TRUE(filter.was_heard());
 }
 
-TEST(SetFilter, ARobotThatMovesIsNotDoubledByLostStatusMessages) {
+TEST(SetRepeats, ARobotThatMovesIsNotDoubledByLostStatusMessages) {
   std::mt19937_64 random(1);
   RobotWalk walk(200ms, {.jitter = 3ms, .loses_status = [&] { return random() % 10 == 0; }});
   walk.say(10000, true);

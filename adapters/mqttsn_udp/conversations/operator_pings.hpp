@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pings on an operator's word: a PINGREQ without a client id to an active client, which may answer
-// with PINGRESP (MQTT-SN 1.2 section 6.11). Many clients do not. Called by SnGateway. Pure.
+// OperatorPings on an operator's word: a PINGREQ without a client id to an active client, which may
+// answer with PINGRESP (MQTT-SN 1.2 section 6.11). Many clients do not. Called by SnGateway. Pure.
 #pragma once
 
 #include <cstdint>
@@ -13,13 +13,13 @@
 
 namespace slamgw::mqttsn {
 
-class Pings {
+class OperatorPings {
  public:
   static constexpr std::size_t max_open = 16;
   static constexpr std::chrono::seconds patience{5};
 
   /// Both outlive it.
-  Pings(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
+  OperatorPings(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
 
   /// Ends with one PingEnded, which has this id.
   void ask(std::uint64_t id, const std::string& robot, TimePoint now);

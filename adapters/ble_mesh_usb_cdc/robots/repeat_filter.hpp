@@ -4,7 +4,7 @@
 //
 // The models have no transaction number, every repeat is a fresh mesh message, and the serial board
 // reports no sequence number of the network layer: content and time are all that is left. (Firmware
-// can do better: see SetFilter::on_numbered_set.)
+// can do better: see RepeatFilter::on_numbered_set.)
 //
 // While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
 // After the STATUS was sent, an equal SET is either a repeat, because the STATUS was lost, or a new
@@ -38,7 +38,7 @@
 namespace slamgw::ble {
 
 /// The period at which one robot sends new messages of one model, learned from when they arrive.
-/// Tells SetFilter whether a message that arrives now can be a new one.
+/// Tells RepeatFilter whether a message that arrives now can be a new one.
 class ArrivalPattern {
  public:
   /// Gaps between messages that are looked at.
@@ -76,7 +76,7 @@ class ArrivalPattern {
   bool is_last_certain_ = false;
 };
 
-class SetFilter {
+class RepeatFilter {
  public:
   /// Jitter of relays and of the serial line.
   static constexpr Duration tolerance = std::chrono::milliseconds{30};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/mqttsn_udp/conversations/pings.hpp"
+#include "adapters/mqttsn_udp/conversations/operator_pings.hpp"
 
 #include <fmt/format.h>
 
@@ -23,7 +23,7 @@ std::string_view obstacle(ClientState state) {
 
 }  // namespace
 
-void Pings::ask(std::uint64_t id, const std::string& robot, TimePoint now) {
+void OperatorPings::ask(std::uint64_t id, const std::string& robot, TimePoint now) {
   const Open ping{id, robot, now};
   const ClientSession* session = clients_.find_robot(robot);
   if (!session) return end(ping, {}, "it has no MQTT-SN session here", now);
@@ -35,18 +35,18 @@ void Pings::ask(std::uint64_t id, const std::string& robot, TimePoint now) {
 }
 
 /// It answers all that are open, because it names none.
-void Pings::on_pingresp(const ClientSession& session, TimePoint now) {
+void OperatorPings::on_pingresp(const ClientSession& session, TimePoint now) {
   const auto is_answered = [&](const Open& ping) { return ping.robot == session.robot; };
   for (const Open& ping : open_)
     if (is_answered(ping)) end(ping, now - ping.since, {}, now);
   std::erase_if(open_, is_answered);
 }
 
-std::optional<TimePoint> Pings::deadline() const {
+std::optional<TimePoint> OperatorPings::deadline() const {
   return open_.empty() ? std::nullopt : std::optional(open_.front().since + patience);
 }
 
-void Pings::on_deadline(TimePoint now) {
+void OperatorPings::on_deadline(TimePoint now) {
   while (deadline() && *deadline() <= now) {
     const Open ping = std::move(open_.front());
     open_.erase(open_.begin());
@@ -55,8 +55,8 @@ void Pings::on_deadline(TimePoint now) {
   }
 }
 
-void Pings::end(const Open& ping, std::optional<Duration> after, const std::string& why,
-                TimePoint now) {
+void OperatorPings::end(const Open& ping, std::optional<Duration> after, const std::string& why,
+                        TimePoint now) {
   using Milliseconds = std::chrono::duration<double, std::milli>;
   nlohmann::json answer{
       {"robot", ping.robot}, {"mesh", to_string(Mesh::thread)}, {"answered", after.has_value()}};

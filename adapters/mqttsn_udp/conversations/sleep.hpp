@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a client falls asleep, wakes, and gets what has waited for it. Called by SnGateway. Pure.
+#pragma once
+
+#include <chrono>
+
+#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
+
+namespace slamgw::mqttsn {
+
+/// Sleeping clients (MQTT-SN 1.2 section 6.14): a client falls asleep, wakes by its PINGREQ, gets
+/// its messages, and sleeps again by PINGRESP.
+///
+///   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
+class Sleep {
+ public:
+  Sleep(const Settings& settings, ClientTable& clients, Output& output, Downlink& downlink,
+        Lifecycle& lifecycle)
+      : settings_(settings),
+        clients_(clients),
+        output_(output),
+        downlink_(downlink),
+        lifecycle_(lifecycle) {}
+
+  /// DISCONNECT with a duration: nothing is sent from now on, messages wait (R114, R116, R126).
+  void fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
+  /// PINGREQ: what waits is sent, and some of what comes meanwhile (R118, R122). A repeated PINGREQ
+  /// changes nothing (R123).
+  void wake(ClientSession& session, TimePoint now);
+  static bool is_asleep(const ClientSession& session) {
+    return presence_of(session.state()) == Presence::asleep;
+  }
+  /// Its PINGREQ came from this address, perhaps a new one (R118).
+  void follow(ClientSession& session, const Peer& peer, const LocalAddress& local, TimePoint now);
+  /// After each step of the delivery: with nothing left to send or to await, PINGRESP lets the
+  /// client sleep again for the same duration (R119, R120).
+  void settle(ClientSession& session, TimePoint now);
+  /// The awake client has left something unanswered; messages wait for its next PINGREQ (R124).
+  void on_unanswered(ClientSession& session, TimePoint now);
+
+ private:
+  void sleep_again(ClientSession& session, TimePoint now);
+
+  const Settings& settings_;
+  ClientTable& clients_;
+  Output& output_;
+  Downlink& downlink_;
+  Lifecycle& lifecycle_;
+};
+
+}  // namespace slamgw::mqttsn
