@@ -82,6 +82,12 @@ struct MeshMessage {
   std::optional<Encryption> encryption{};
 };
 
+/// Of the segments of a message.
+struct SegmentAcknowledgement {
+  std::uint32_t sequence = 0;
+  Key net_key{};
+};
+
 /// How many sequence numbers a message uses up: one for each segment and transmission; those to a
 /// group are sent five times.
 std::uint32_t sequence_numbers(Address destination, std::size_t payload_octets, bool is_segmented);

@@ -232,7 +232,7 @@ bool Network::run_heartbeats(TimePoint now) {
     if (node.address() == 0) continue;
     for (Board& board : boards_)
       if (!radio_.loses_message())
-        board.on_heartbeat(node.address(), ttl_of(options_),
+        board.on_heartbeat(node.address(), node.net_key(), ttl_of(options_),
                            static_cast<std::uint8_t>(options_.hops));
   }
   return true;
@@ -353,8 +353,9 @@ bool Network::can_reach(const MeshMessage& message) const {
 void Network::acknowledge_segments(std::size_t index, const MeshMessage& message, TimePoint now) {
   if (segment_count(message.payload.size()) == 1 || !is_unicast(message.destination)) return;
   for (Board& board : boards_) {
-    const std::optional<std::uint32_t> sequence = board.acknowledge_segments(message.destination);
-    if (sequence && nodes_[index].would_accept(message.destination, *sequence)) return;
+    const auto acknowledgement = board.acknowledge_segments(message);
+    if (acknowledgement && nodes_[index].would_accept(message.destination, *acknowledgement))
+      return;
   }
   robots_[index].on_unacknowledged_segments(message, now);
 }

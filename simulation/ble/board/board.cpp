@@ -219,8 +219,10 @@ void Board::on_beacon(const Beacon& beacon) {
   forward_events();
 }
 
-void Board::on_heartbeat(Address source, std::uint8_t initial_ttl, std::uint8_t hops) {
+void Board::on_heartbeat(Address source, const std::optional<Key>& net_key,
+                         std::uint8_t initial_ttl, std::uint8_t hops) {
   if (!firmware_.has_heartbeats || !listens_to(flash_.local_start)) return;
+  if (net_key && !flash_.subnets.find_key(*net_key, 0)) return;
   Bytes event{heartbeat_received, initial_ttl, hops};
   put_u16_le(event, relay_feature);
   put_u16_le(event, source);
@@ -238,9 +240,13 @@ void Board::on_transfer_ended(std::uint64_t transfer, bool is_acknowledged) {
   forward_events();
 }
 
-std::optional<std::uint32_t> Board::acknowledge_segments(Address destination) {
-  if (!is_unicast(destination) || !listens_to(destination)) return std::nullopt;
-  return sender_.take_sequence(1);
+std::optional<SegmentAcknowledgement> Board::acknowledge_segments(const MeshMessage& message) {
+  if (!is_unicast(message.destination) || !listens_to(message.destination)) return std::nullopt;
+  const std::optional<Handle> subnet = message.encryption
+                                           ? flash_.subnets.find_key(message.encryption->net_key, 0)
+                                           : flash_.subnets.primary();
+  if (!subnet) return std::nullopt;
+  return SegmentAcknowledgement{sender_.take_sequence(1), flash_.subnets.find(*subnet)->key};
 }
 
 void Board::on_radio(const Reception& reception) {

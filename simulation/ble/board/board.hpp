@@ -57,8 +57,9 @@ class Board {
   void on_host_bytes(ByteView bytes, TimePoint now);
   void on_radio(const Reception& reception);
   void on_beacon(const Beacon& beacon);
-  /// Only firmware 4.0 and later tells its host.
-  void on_heartbeat(Address source, std::uint8_t initial_ttl, std::uint8_t hops);
+  /// Only firmware 4.0 and later tells its host. `net_key`: nothing for whatever the board has.
+  void on_heartbeat(Address source, const std::optional<Key>& net_key, std::uint8_t initial_ttl,
+                    std::uint8_t hops);
   void on_link_signal(const LinkSignal& signal, TimePoint now);
   /// A failed transfer shows to the host only by what does not come.
   void on_transfer_ended(std::uint64_t transfer, bool is_acknowledged);
@@ -66,9 +67,9 @@ class Board {
   void repeat_segments(std::size_t count) {
     sender_.take_sequence(static_cast<std::uint32_t>(count));
   }
-  /// It acknowledges the segments of a message to one of its addresses, and from that address: the
-  /// sequence number of the acknowledgement, or nothing.
-  std::optional<std::uint32_t> acknowledge_segments(Address destination);
+  /// It acknowledges the segments of a message to one of its addresses, and from that address, when
+  /// it has the message's network key.
+  std::optional<SegmentAcknowledgement> acknowledge_segments(const MeshMessage& message);
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
 

@@ -194,13 +194,15 @@ bool Node::is_taken_by_model(const MeshMessage& message, std::uint16_t app_key_i
 }
 
 void Node::configure(const MeshMessage& request, TimePoint now) {
+  const std::uint16_t net_index = configuration_.network_of(request.encryption->net_key)->index;
   const ConfigServer::Result result =
       ConfigServer(*settings_.firmware, configuration_).on_message(request.payload);
   failed_assertion_ = result.failed_assertion;
   if (!result.answer) return;
   configured_at_ = now;
-  MeshMessage answer{address(), request.source,    configuration_.ttl, *result.answer,
-                     0,         request.encryption};
+  Encryption encryption = *request.encryption;
+  encryption.net_key = configuration_.sending_key(*configuration_.find_net_key(net_index));
+  MeshMessage answer{address(), request.source, configuration_.ttl, *result.answer, 0, encryption};
   prepare(answer);
   answers_.push_back(std::move(answer));
   if (result.resets_node) reset(now);
@@ -268,6 +270,11 @@ std::optional<Robot::Publication> Node::publication_of(ModelId id) const {
   const std::uint8_t ttl =
       publication.ttl == use_default_ttl ? configuration_.ttl : publication.ttl;
   return Robot::Publication{publication.address, ttl, publish_period(publication.period)};
+}
+
+std::optional<Key> Node::net_key() const {
+  if (configuration_.net_keys.empty()) return std::nullopt;
+  return configuration_.sending_key(configuration_.net_keys.front());
 }
 
 Robot::Publications Node::publications(TimePoint now) const {

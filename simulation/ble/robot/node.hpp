@@ -46,9 +46,10 @@ class Node {
   /// It acknowledges the segments of this message: the network key and the address are its own, and
   /// replay protection lets them pass.
   bool acknowledges(const MeshMessage& message) const;
-  /// Replay protection lets an acknowledgement of its own segments pass.
-  bool would_accept(Address source, std::uint32_t sequence) const {
-    return heard_.would_accept(source, sequence);
+  /// It understands an acknowledgement of its own segments, and replay protection lets it pass.
+  bool would_accept(Address source, const SegmentAcknowledgement& acknowledgement) const {
+    return (settings_.fixed_address || configuration_.has_net_key(acknowledgement.net_key)) &&
+           heard_.would_accept(source, acknowledgement.sequence);
   }
   /// True when the robot's models shall see it; configuration messages are answered here.
   bool on_message(const MeshMessage& message, TimePoint now);
@@ -59,6 +60,9 @@ class Node {
 
   /// The assertion that its firmware has failed, once: from then on the node is gone.
   const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
+
+  /// That it sends under; nothing for the keys that the board has.
+  std::optional<Key> net_key() const;
 
   /// What the configuration lets the robot publish at this time.
   Robot::Publications publications(TimePoint now) const;

@@ -42,9 +42,11 @@ NetKey* NodeConfiguration::find_net_key(std::uint16_t index) {
   return const_cast<NetKey*>(std::as_const(*this).find_net_key(index));
 }
 
-bool NodeConfiguration::has_net_key(const Key& key) const {
-  return std::any_of(net_keys.begin(), net_keys.end(),
-                     [&](const NetKey& own) { return own.key == key || own.new_key == key; });
+const NetKey* NodeConfiguration::network_of(const Key& key) const {
+  const auto found = std::find_if(net_keys.begin(), net_keys.end(), [&](const NetKey& own) {
+    return own.key == key || own.new_key == key;
+  });
+  return found == net_keys.end() ? nullptr : &*found;
 }
 
 Key NodeConfiguration::sending_key(const NetKey& net_key) const {

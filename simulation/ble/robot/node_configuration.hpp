@@ -100,8 +100,9 @@ struct NodeConfiguration {
   NetKey* find_net_key(std::uint16_t index);
   const NetKey* find_net_key(std::uint16_t index) const;
   const AppKey* find_app_key(std::uint16_t index) const;
-  /// A network key of this node, the old or the new one.
-  bool has_net_key(const Key& key) const;
+  /// The network that has this key, the old or the new one; null when none of this node has it.
+  const NetKey* network_of(const Key& key) const;
+  bool has_net_key(const Key& key) const { return network_of(key) != nullptr; }
   /// With what it sends in the network, and with that network's application keys.
   Key sending_key(const NetKey& net_key) const;
   Key sending_key(const AppKey& app_key) const;

@@ -102,7 +102,9 @@ TEST_F(NodeTest, SpeaksWithTheOldKeyUntilTheNewOneIsInForce) {
   const Key old_key = host_.network().nodes()[0].configuration().net_keys[0].key;
   host_.ask("80 45 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
   EXPECT_EQ(said(), std::vector<std::uint8_t>(5, 0xcb));
-  EXPECT_EQ(host_.ask("80 16 00 00 02"), "80 17 00 00 00 02");  // answered as it was asked
+  EXPECT_EQ(host_.ask("80 16 00 00 02"), "");  // it answers under the new key
+  host_.tell("13 93 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
+  EXPECT_EQ(host_.ask("80 16 00 00 02"), "80 17 00 00 00 02");  // the board hears both
   EXPECT_EQ(host_.ask("80 08 00").substr(0, 2), "02");
   EXPECT_EQ(host_.ask("80 16 00 00 03"), "80 17 00 00 00 00");
   EXPECT_EQ(host_.ask("80 08 00"), "");
