@@ -29,6 +29,14 @@ struct MeshKeys {
   bool operator==(const MeshKeys&) const = default;
 };
 
+/// The keys for a radio. During a key refresh the nodes use two pairs of keys.
+struct RadioKeys {
+  MeshKeys keys;                      ///< sends under these, and hears them
+  std::optional<MeshKeys> next = {};  ///< hears these, too
+  std::optional<MeshKeys> former =
+      {};  ///< a radio that still has these forgets all and begins anew
+};
+
 /// One access message to send. Urgent ones (acknowledgements) overtake the others.
 struct Outgoing {
   std::uint16_t destination = 0;          ///< unicast, or a group: nothing acknowledges it then
@@ -60,8 +68,11 @@ struct ReopenPort {
 
 // Events that the radio reports.
 
-/// Make keys for a new mesh and store them; answered by Radio::on_keys or on_keys_failed.
-struct GenerateKeys {};
+/// Make keys for a new mesh and store them; answered by Radio::on_keys or on_keys_failed. The mesh
+/// itself asks for those of a refresh, and has them stored.
+struct GenerateKeys {
+  bool is_refresh = false;
+};
 
 /// The radio did not send to `destination`; the mesh above repeats by its own rules.
 struct SendRefused {
@@ -178,8 +189,9 @@ class Radio {
   /// The answer to GenerateKeys.
   virtual void on_keys(const MeshKeys& keys, TimePoint now) = 0;
   virtual void on_keys_failed(const std::string& why, TimePoint now) = 0;
-  /// The mesh has other keys than the radio was started up with.
-  virtual void change_keys(const MeshKeys& keys, TimePoint now) = 0;
+  /// The mesh has other keys than the radio was started up with. The link goes down when those that
+  /// it sends under change.
+  virtual void change_keys(const RadioKeys& keys, TimePoint now) = 0;
 
   /// Sends from this address, which the disk has. `count`: of the addresses for a radio without
   /// one.

@@ -50,6 +50,10 @@ Bytes FakeBoard::execute(std::uint8_t opcode, ByteView params) {
       const std::uint16_t index = reader.read_u16_le();
       return add_key(subnets, opcode, index, reader.read_rest());
     }
+    case 0x93: return update_key(opcode, reader, subnets.size(), new_net_key);
+    case 0x98:
+      if (new_net_key.empty()) return response(opcode, 0x83);
+      return update_key(opcode, reader, appkeys.size(), new_app_key);
     case 0x95: return response(opcode, 0, indexes(subnets));
     case 0x97: {
       const std::uint16_t index = reader.read_u16_le();
@@ -87,6 +91,16 @@ Bytes FakeBoard::add_key(std::vector<std::pair<std::uint16_t, Bytes>>& keys, std
     if (known_index == index) return response(opcode, std::ranges::equal(known, key) ? 0x81 : 0x8e);
   keys.emplace_back(index, Bytes(key.begin(), key.end()));
   return response(opcode, 0, number(static_cast<std::uint16_t>(keys.size() - 1)));
+}
+
+Bytes FakeBoard::update_key(std::uint8_t opcode, ByteReader params, std::size_t keys,
+                            Bytes& new_key) const {
+  const std::uint16_t handle = params.read_u16_le();
+  const ByteView key = params.read_rest();
+  if (handle >= keys) return response(opcode, 0x8e);
+  if (!new_key.empty() && !std::ranges::equal(new_key, key)) return response(opcode, 0x83);
+  new_key.assign(key.begin(), key.end());
+  return response(opcode, 0, number(handle));
 }
 
 Bytes FakeBoard::list_appkeys(std::uint16_t subnet) const {
@@ -153,6 +167,9 @@ Bytes FakeBoard::send_packet(ByteReader params) {
   sent.push_back(packet);
   ++token_;
   const Bytes token = ByteWriter{}.write_u32_le(token_).take();
+  devices.net_keys.clear();
+  if (!subnets.empty()) devices.net_keys.push_back(subnets.front().second);
+  if (!new_net_key.empty()) devices.net_keys.push_back(new_net_key);
   const Bytes reply = devices.on_access(packet.appkey_handle, packet.destination, packet.payload);
   const Bytes heard =
       reply.empty() ? Bytes{} : message(packet.destination, reply, 0, packet.appkey_handle);
@@ -164,6 +181,8 @@ Bytes FakeBoard::clear() {
   unicast = 0;
   subnets.clear();
   appkeys.clear();
+  new_net_key.clear();
+  new_app_key.clear();
   addresses.clear();
   devices.device_keys.clear();
   return response(0xac, 0);

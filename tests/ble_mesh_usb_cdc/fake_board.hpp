@@ -40,6 +40,8 @@ class FakeBoard {
   std::uint16_t unicast_count = 1;
   std::vector<std::pair<std::uint16_t, Bytes>> subnets;
   std::vector<std::pair<std::uint16_t, Bytes>> appkeys;
+  Bytes new_net_key;  ///< during a key refresh; it hears both, and sends under the old one
+  Bytes new_app_key;
   std::vector<std::optional<Address>> addresses;  ///< place = handle
   std::size_t max_addresses = 32;
   std::uint16_t serial_version = 10;
@@ -77,6 +79,7 @@ class FakeBoard {
   Bytes execute(std::uint8_t opcode, ByteView params);
   Bytes add_key(std::vector<std::pair<std::uint16_t, Bytes>>& keys, std::uint8_t opcode,
                 std::uint16_t index, ByteView key);
+  Bytes update_key(std::uint8_t opcode, ByteReader params, std::size_t keys, Bytes& new_key) const;
   Bytes list_appkeys(std::uint16_t subnet) const;
   Bytes add_address(std::uint8_t opcode, std::uint16_t address);
   Bytes remove_address(std::uint8_t opcode, std::uint16_t handle);

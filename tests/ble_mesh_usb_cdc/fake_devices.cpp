@@ -72,6 +72,7 @@ Bytes FakeDevices::provision(ByteView params) {
   if (is_scanning || busy_contexts.contains(params[0])) return response(0x63, 0x83);
   context_ = params[0];
   const Bytes uuid(params.begin() + 1, params.begin() + 17);
+  joining_net_key_.assign(params.begin() + 17, params.begin() + 33);
   last_iv_index = ByteReader(params.subspan(35)).read_u32_le();
   joining_address_ = ByteReader(params.subspan(39)).read_u16_le();
   ++context_count;
@@ -122,6 +123,8 @@ Bytes FakeDevices::complete(ByteView secret) {
   if (joining_ == nullptr) return first;  // it failed instead
   device.address = joining_address_;
   device.app_key.clear();
+  device.net_key = joining_net_key_;
+  device.refresh_phase = 0;
   if (!device.keeps_subscriptions) device.subscriptions.clear();
   joining_ = nullptr;
   return first + event(0xc2, {context_, 0});
@@ -149,16 +152,22 @@ Bytes FakeDevices::on_access(std::uint16_t devkey_handle, std::uint16_t destinat
   FakeDevice* device = at(destination);
   if (key == device_keys.end() || device == nullptr) return {};
   if (key->second.second != device->device_key || device->has_stopped) return {};
+  if (!net_keys.empty() && !device->hears(net_keys.front())) return {};
   const std::string request = to_hex(payload);
   for (const std::string& deaf : device->deaf_to)
     if (request.starts_with(deaf)) return {};
-  return answer(*device, request);
+  const Bytes reply = answer(*device, request);
+  const bool is_heard = net_keys.empty() || device->net_key.empty() ||
+                        std::ranges::find(net_keys, device->sending_key()) != net_keys.end();
+  return is_heard ? reply : Bytes{};
 }
 
 Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
   std::uint8_t status = 0;
   for (const auto& [start, refusal] : device.refuses)
     if (request.starts_with(start)) status = refusal;
+  for (const auto& [start, lie] : device.lies)
+    if (request.starts_with(start)) return hex(lie);
   const Bytes params = hex(request);
   const auto from = [&](std::ptrdiff_t first, std::ptrdiff_t end) {
     return Bytes(params.begin() + first, params.begin() + end);
@@ -170,6 +179,9 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
     if (status == 0) device.app_key = from(4, end);
     return hex("80 03") + Bytes{status} + from(1, 4);
   }
+  const bool is_about_refresh = request.starts_with("8045") || request.starts_with("8016") ||
+                                (request.starts_with("01") && params.size() == 20);
+  if (is_about_refresh) return answer_refresh(device, status, params);
   if (request.starts_with("803d")) return hex("80 3e") + Bytes{status} + from(2, end);
   if (request.starts_with("03")) return answer_publication(device, status, from(1, end));
   if (request.starts_with("801b") || request.starts_with("801c"))
@@ -208,6 +220,32 @@ std::optional<Bytes> FakeDevices::answer_state(FakeDevice& device, const std::st
     return hex(state.status) + state.value;
   }
   return std::nullopt;
+}
+
+/// NetKey Update, AppKey Update and Key Refresh Phase Set.
+Bytes FakeDevices::answer_refresh(FakeDevice& device, std::uint8_t status, const Bytes& request) {
+  constexpr std::uint8_t cannot_update = 0x0b;
+  const Bytes key(request.end() - std::min<std::ptrdiff_t>(16, std::ssize(request)), request.end());
+  if (request[0] == 0x01) {
+    const bool may_update = device.refresh_phase == 1;
+    if (status == 0 && may_update) device.new_app_key = key;
+    return hex("80 03") + Bytes{may_update ? status : cannot_update, 0, 0, 0};
+  }
+  if (request[1] == 0x45) {
+    const bool is_same = device.refresh_phase == 1 && device.new_net_key == key;
+    const bool may_update = device.refresh_phase == 0 || is_same;
+    if (status == 0 && may_update) device.refresh_phase = 1;
+    if (status == 0 && may_update) device.new_net_key = key;
+    return hex("80 44") + Bytes{may_update ? status : cannot_update, 0, 0};
+  }
+  const bool is_to_finish = request[4] == 3;
+  if (!is_to_finish && device.refresh_phase == 0) return {};  // as Nordic's robot
+  if (status == 0 && is_to_finish && device.refresh_phase > 0) {
+    device.net_key = device.new_net_key;
+    device.app_key = device.new_app_key;
+  }
+  if (status == 0) device.refresh_phase = is_to_finish ? 0 : 2;
+  return hex("80 17") + Bytes{status, 0, 0, static_cast<std::uint8_t>(device.refresh_phase)};
 }
 
 /// The period of a model without periodic publication is undefined in Nordic's answer.

@@ -24,6 +24,10 @@ struct FakeDevice {
   std::uint16_t address = 0;  ///< 0: not provisioned
   Bytes device_key;
   Bytes app_key;
+  Bytes net_key;  ///< with which it joined; empty: it hears whatever the board sends
+  Bytes new_net_key;
+  Bytes new_app_key;
+  int refresh_phase = 0;
   std::vector<std::string> requests;  ///< configuration messages that it carried out, hex
   /// Groups of each model, by its element and identifier as they are on air, hex.
   std::map<std::string, std::set<std::uint16_t>> subscriptions;
@@ -41,6 +45,14 @@ struct FakeDevice {
   // Faults.
   std::set<std::string> deaf_to;                ///< requests that begin so get no answer
   std::map<std::string, std::uint8_t> refuses;  ///< requests that begin so: status
+  std::map<std::string, std::string> lies;      ///< requests that begin so: this answer, hex
+
+  /// In phases 1 and 2 of a key refresh it hears both keys.
+  bool hears(const Bytes& key) const {
+    return net_key.empty() || key == net_key || (refresh_phase > 0 && key == new_net_key);
+  }
+  /// From phase 2 on it sends under the new key.
+  const Bytes& sending_key() const { return refresh_phase == 2 ? new_net_key : net_key; }
 };
 
 class FakeDevices {
@@ -59,6 +71,8 @@ class FakeDevices {
   std::map<std::uint16_t, std::pair<std::uint16_t, Bytes>> device_keys;
   std::size_t max_device_keys = 10;
   std::size_t most_device_keys = 0;
+  /// The board's network keys: first the one that it sends under.
+  std::vector<Bytes> net_keys;
   std::uint32_t last_iv_index = 0;  ///< that a device was given
   std::uint16_t context_count = 0;  ///< provisioning links that were opened
 
@@ -86,6 +100,7 @@ class FakeDevices {
   Bytes complete(ByteView secret);
   Bytes add_device_key(ByteView params);
   static std::optional<Bytes> answer_state(FakeDevice& device, const std::string& request);
+  static Bytes answer_refresh(FakeDevice& device, std::uint8_t status, const Bytes& request);
   static Bytes answer_publication(FakeDevice& device, std::uint8_t status, Bytes params);
   static Bytes answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request);
   static Bytes answer_list(const FakeDevice& device, std::uint8_t status, ByteView request);
@@ -94,6 +109,7 @@ class FakeDevices {
   std::uint8_t context_ = 0;
   FakeDevice* joining_ = nullptr;
   std::uint16_t joining_address_ = 0;
+  Bytes joining_net_key_;
 };
 
 }  // namespace slamgw::ble

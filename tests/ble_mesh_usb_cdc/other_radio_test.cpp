@@ -63,7 +63,7 @@ class OtherRadio final : public Radio {
     say(LinkIsUp{"another radio", "", 0x0001, false});
   }
   void on_keys_failed(const std::string&, TimePoint) override {}
-  void change_keys(const MeshKeys&, TimePoint) override {}
+  void change_keys(const RadioKeys&, TimePoint) override {}
   void use_source(std::uint16_t, std::uint16_t, TimePoint) override {}
   void delay_source(const std::string&) override {}
   void clear(TimePoint) override { say(ProvisionerEvent{RadioCleared{"it can't be cleared"}}); }

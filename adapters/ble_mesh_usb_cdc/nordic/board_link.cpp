@@ -121,8 +121,8 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
   return std::nullopt;
 }
 
-BoardLink::BoardLink(BoardSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed)
-    : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
+BoardLink::BoardLink(BoardSettings settings, std::optional<RadioKeys> keys, std::uint64_t seed)
+    : settings_(std::move(settings)), keys_(std::move(keys)), resync_(seed) {}
 
 void BoardLink::on_port_open(TimePoint now) {
   health_.on_port_open();
@@ -135,10 +135,11 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
   go_down(why);
 }
 
-void BoardLink::change_keys(const MeshKeys& keys, TimePoint now) {
+void BoardLink::change_keys(const RadioKeys& keys, TimePoint now) {
+  const bool sends_as_before = keys_ && keys_->keys == keys.keys;
   keys_ = keys;
   if (stage_ == Stage::closed) return;
-  go_down("the mesh's keys were imported");
+  if (!sends_as_before) go_down("the mesh has new keys");
   begin_resync(now);
 }
 
@@ -184,6 +185,9 @@ void BoardLink::continue_start_up(TimePoint now) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys: on_keys_needed(now); break;
     case StartUp::State::needs_source: on_source_needed(now); break;
+    case StartUp::State::needs_clear:
+      issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
+      break;
     case StartUp::State::refused: on_refused(now); break;
     case StartUp::State::done: on_started(now); break;
   }
@@ -225,7 +229,7 @@ void BoardLink::on_started(TimePoint now) {
 
 void BoardLink::on_keys_needed(TimePoint now) {
   if (keys_) {  // they came while the board started anew
-    start_up_->on_keys(*keys_);
+    start_up_->on_keys(keys_->keys);
     return continue_start_up(now);
   }
   stage_ = Stage::awaiting_keys;
@@ -233,7 +237,7 @@ void BoardLink::on_keys_needed(TimePoint now) {
 }
 
 void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
-  keys_ = keys;
+  keys_ = RadioKeys{keys};
   are_keys_requested_ = false;
   if (stage_ != Stage::awaiting_keys) return;  // used when they are needed
   stage_ = Stage::starting;
@@ -332,7 +336,7 @@ void BoardLink::on_event(CommandResponse& response, TimePoint now) {
   }
   const Issuer issuer = std::exchange(in_flight_, std::nullopt)->issuer;
   health_.on_answer(response.opcode);
-  if (stage_ == Stage::starting) {
+  if (stage_ == Stage::starting && issuer == Issuer::start_up) {
     if (response.status == Status::busy && ++busy_answers_ <= max_busy_answers) {
       busy_until_ = now + busy_pause;
       return;
@@ -375,6 +379,10 @@ void BoardLink::on_board_cleared(Status status, TimePoint now) {
   if (std::exchange(is_clear_wanted_, false))
     actions_.push(
         RadioCleared{status == Status::success ? std::string() : std::string(to_string(status))});
+  if (status != Status::success && stage_ == Stage::starting)
+    refuse(fmt::format("the serial board can't be used: it keeps the mesh's former keys ({})",
+                       to_string(status)),
+           now);
   if (status != Status::success) return;
   was_cleared_ = true;
   go_down("the serial board was cleared");

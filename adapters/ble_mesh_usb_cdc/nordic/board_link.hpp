@@ -135,7 +135,7 @@ class BoardLink {
   static constexpr std::size_t max_notified = 16;
 
   /// `seed` makes the Echo nonces.
-  BoardLink(BoardSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed);
+  BoardLink(BoardSettings settings, std::optional<RadioKeys> keys, std::uint64_t seed);
 
   void on_port_open(TimePoint now);
   void on_port_closed(const std::string& why, TimePoint now);
@@ -158,14 +158,14 @@ class BoardLink {
   /// lost it is sent again.
   bool command(Bytes frame, TimePoint now);
   /// State Clear: the board forgets keys, addresses and sequence numbers and is started up anew.
-  /// Only on an operator's word: the one place that sends it. False when there is no board that
-  /// could be cleared.
+  /// Only on an operator's word. False when there is no board that could be cleared.
   bool clear_board(TimePoint now);
   /// Has the board restart as if it was powered off and on, after the command in flight. False when
   /// the link is down.
   bool restart_board(TimePoint now);
-  /// The mesh has other keys than before; starts the board up with them.
-  void change_keys(const MeshKeys& keys, TimePoint now);
+  /// The mesh has other keys than before; starts the board up with them. A board that has the
+  /// former ones is cleared.
+  void change_keys(const RadioKeys& keys, TimePoint now);
   /// That was started up last.
   const StartedBoard& board() const { return traffic_.board(); }
 
@@ -224,7 +224,7 @@ class BoardLink {
   void warn(std::string text) { actions_.push(Notice{Severity::warning, std::move(text), {}}); }
 
   BoardSettings settings_;
-  std::optional<MeshKeys> keys_;
+  std::optional<RadioKeys> keys_;
   ActionQueue<LinkAction> actions_;
   Stage stage_ = Stage::closed;
   bool is_up_ = false;

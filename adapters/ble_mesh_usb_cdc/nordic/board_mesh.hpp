@@ -13,11 +13,11 @@ class BoardMesh final : public BleMesh {
   /// As BleMesh. `random` makes the keys for new robots, `seed` Echo nonces.
   BoardMesh(const Settings& settings, TopicScheme topics, RobotNames names,
             const std::optional<NodeDatabase>& database, RandomSource random, std::uint64_t seed)
-      : BleMesh(
-            settings, std::move(topics), std::move(names), database,
-            std::make_unique<BoardRadio>(board_settings(settings),
-                                         database ? std::optional(database->keys) : std::nullopt,
-                                         std::move(random), seed)) {}
+      : BleMesh(settings, std::move(topics), std::move(names), database,
+                std::make_unique<BoardRadio>(
+                    board_settings(settings),
+                    database ? std::optional(radio_keys(*database)) : std::nullopt,
+                    std::move(random), seed)) {}
 
   void on_port_open(TimePoint now) {
     board().on_port_open(now);

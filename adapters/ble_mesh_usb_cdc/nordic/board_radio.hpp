@@ -56,9 +56,9 @@ class DeviceKeySweep {
 class BoardRadio final : public Radio {
  public:
   /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
-  BoardRadio(BoardSettings settings, std::optional<MeshKeys> keys, RandomSource random,
+  BoardRadio(BoardSettings settings, std::optional<RadioKeys> keys, RandomSource random,
              std::uint64_t seed)
-      : link_(std::move(settings), keys, seed), random_(std::move(random)) {}
+      : link_(std::move(settings), std::move(keys), seed), random_(std::move(random)) {}
 
   void on_port_open(TimePoint now) { link_.on_port_open(now); }
   void on_port_closed(const std::string& why, TimePoint now) { link_.on_port_closed(why, now); }
@@ -80,7 +80,7 @@ class BoardRadio final : public Radio {
   void on_keys_failed(const std::string& why, TimePoint now) override {
     link_.on_keys_failed(why, now);
   }
-  void change_keys(const MeshKeys& keys, TimePoint now) override { link_.change_keys(keys, now); }
+  void change_keys(const RadioKeys& keys, TimePoint now) override { link_.change_keys(keys, now); }
   void use_source(std::uint16_t source, std::uint16_t count, TimePoint now) override {
     link_.on_source(source, count, now);
   }

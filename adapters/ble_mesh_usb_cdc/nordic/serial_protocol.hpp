@@ -64,8 +64,10 @@ enum class CommandOpcode : std::uint8_t {
   capabilities_set = 0x6a,
   enable = 0x90,
   subnet_add = 0x92,
+  subnet_update = 0x93,  ///< a key refresh: hears the old and the new key, sends under the old
   subnet_get_all = 0x95,
   appkey_add = 0x97,
+  appkey_update = 0x98,  ///< during that of its subnet only
   appkey_get_all = 0x9a,
   appkey_count_max_get = 0x9b,
   devkey_add = 0x9c,

@@ -20,8 +20,8 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
 
 }  // namespace
 
-StartUp::StartUp(BoardSettings settings, std::optional<MeshKeys> keys)
-    : settings_(std::move(settings)), keys_(keys) {
+StartUp::StartUp(BoardSettings settings, std::optional<RadioKeys> keys)
+    : settings_(std::move(settings)), keys_(std::move(keys)) {
   board_.source = settings_.address;
 }
 
@@ -35,13 +35,21 @@ Bytes StartUp::command() const {
     case Step::set_address:
       return encode_command(CommandOpcode::local_unicast_set, settings_.address, count_);
     case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
+    case Step::find_former:
+      return encode_command(CommandOpcode::subnet_add, key_index, keys_->former->net_key);
     case Step::add_subnet:
-      return encode_command(CommandOpcode::subnet_add, key_index, keys_->net_key);
+      return encode_command(CommandOpcode::subnet_add, key_index, keys_->keys.net_key);
+    case Step::update_subnet:
+      return encode_command(CommandOpcode::subnet_update, board_.subnet_handle,
+                            keys_->next->net_key);
     case Step::get_appkeys:
       return encode_command(CommandOpcode::appkey_get_all, board_.subnet_handle);
     case Step::add_appkey:
       return encode_command(CommandOpcode::appkey_add, key_index, board_.subnet_handle,
-                            keys_->app_key);
+                            keys_->keys.app_key);
+    case Step::update_appkey:
+      return encode_command(CommandOpcode::appkey_update, board_.appkey_handle,
+                            keys_->next->app_key);
     case Step::get_handles: return encode_command(CommandOpcode::address_get_all);
     case Step::read_handle:
       return encode_command(CommandOpcode::address_get, unread_handles_.front());
@@ -70,9 +78,16 @@ void StartUp::on_response(const CommandResponse& response) {
       if (check(response, true, "taking the gateway's unicast address")) step_ = first_key_step();
       return;
     case Step::get_subnets: return on_subnets(response);
+    case Step::find_former: return on_former_sought(response);
     case Step::add_subnet: return on_subnet_added(response);
+    case Step::update_subnet:
+      if (is_updated(response, "taking the new network key")) step_ = Step::get_appkeys;
+      return;
     case Step::get_appkeys: return on_appkeys(response);
     case Step::add_appkey: return on_appkey_added(response);
+    case Step::update_appkey:
+      if (is_updated(response, "taking the new application key")) on_keys_complete();
+      return;
     case Step::get_handles: return on_handles(response);
     case Step::read_handle: return on_handle_read(response);
     case Step::add_group: return on_group_added(response);
@@ -129,7 +144,7 @@ void StartUp::on_subnets(const CommandResponse& response) {
 
 void StartUp::on_keys(const MeshKeys& keys) {
   assert(state_ == State::needs_keys);
-  keys_ = keys;
+  keys_ = RadioKeys{keys};
   state_ = State::commanding;
   begin_writing();
 }
@@ -148,7 +163,16 @@ void StartUp::on_source(std::uint16_t source, std::uint16_t count) {
 }
 
 StartUp::Step StartUp::first_key_step() const {
-  return keys_ ? Step::add_subnet : Step::get_appkeys;
+  if (!keys_) return Step::get_appkeys;
+  const bool has_key = std::ranges::find(subnet_indexes_, key_index) != subnet_indexes_.end();
+  return keys_->former && has_key ? Step::find_former : Step::add_subnet;
+}
+
+/// "The very same key" proves that the board belongs to this mesh and has missed its key refresh,
+/// or hears the old key, too. No command takes the old key from it.
+void StartUp::on_former_sought(const CommandResponse& response) {
+  step_ = Step::add_subnet;
+  if (response.status == Status::internal) state_ = State::needs_clear;
 }
 
 void StartUp::on_subnet_added(const CommandResponse& response) {
@@ -166,7 +190,12 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
         Severity::notice,
         fmt::format("the serial board was fresh and got this mesh's keys; it sends from 0x{:04x}",
                     board_.source));
-  step_ = Step::get_appkeys;
+  step_ = keys_->next ? Step::update_subnet : Step::get_appkeys;
+}
+
+/// Invalid state: the board has gone on to the new key by itself, as a node's beacon can make it.
+bool StartUp::is_updated(const CommandResponse& response, std::string_view what) {
+  return response.status == Status::invalid_state || check(response, true, what);
 }
 
 bool StartUp::take_handle(const CommandResponse& response, const std::vector<std::uint16_t>& listed,
@@ -206,6 +235,11 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
         "mesh, or its key arrived damaged; slam-gatewayctl ble reset-board --yes clears it");
   if (!take_handle(response, appkey_indexes_, board_.appkey_handle, "taking the application key"))
     return;
+  if (!keys_->next) return on_keys_complete();
+  step_ = Step::update_appkey;
+}
+
+void StartUp::on_keys_complete() {
   step_ = Step::get_handles;
   if (had_addresses_ > 0) state_ = State::needs_source;
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The questions and commands for a board that is in step, in an order that is safe whatever state
 // it is in: first read, then add what is missing, and stop rather than change another tool's
-// configuration. Never clears the board. A board without an address has forgotten its sequence
+// configuration. Never clears the board; asks for that when the board has the keys that this mesh
+// had before its key refresh. A board without an address has forgotten its sequence
 // numbers, and robots would discard what it sends from an address that they have heard before: the
 // caller says which address a board sends from. No timing: one command, its response, the next.
 // Called by BoardLink.
@@ -82,10 +83,17 @@ struct StartedBoard {
 
 class StartUp {
  public:
-  enum class State : std::uint8_t { commanding, needs_keys, needs_source, refused, done };
+  enum class State : std::uint8_t {
+    commanding,
+    needs_keys,
+    needs_source,
+    needs_clear,
+    refused,
+    done
+  };
 
   /// Without `keys` a board that holds keys is used as it is, and a fresh one asks for some.
-  StartUp(BoardSettings settings, std::optional<MeshKeys> keys);
+  StartUp(BoardSettings settings, std::optional<RadioKeys> keys);
 
   State state() const { return state_; }
   /// While commanding: the frame to send now.
@@ -119,9 +127,12 @@ class StartUp {
     get_address,
     get_subnets,
     set_address,
+    find_former,
     add_subnet,
+    update_subnet,
     get_appkeys,
     add_appkey,
+    update_appkey,
     get_handles,
     read_handle,
     add_group,
@@ -131,9 +142,12 @@ class StartUp {
   void on_version(const CommandResponse& response);
   void on_address(const CommandResponse& response);
   void on_subnets(const CommandResponse& response);
+  void on_former_sought(const CommandResponse& response);
   void on_subnet_added(const CommandResponse& response);
   void on_appkeys(const CommandResponse& response);
   void on_appkey_added(const CommandResponse& response);
+  bool is_updated(const CommandResponse& response, std::string_view what);
+  void on_keys_complete();
   void on_handles(const CommandResponse& response);
   void on_handle_read(const CommandResponse& response);
   void on_group_added(const CommandResponse& response);
@@ -154,7 +168,7 @@ class StartUp {
   void notice(Severity severity, std::string text);
 
   BoardSettings settings_;
-  std::optional<MeshKeys> keys_;
+  std::optional<RadioKeys> keys_;
   State state_ = State::commanding;
   Step step_ = Step::get_version;
   std::string refusal_;

@@ -129,6 +129,7 @@ OrderedJson node_json(const Node& node) {
   if (node.state != NodeState::reserved)
     json["device_key"] = node.device_key ? OrderedJson(to_hex(*node.device_key)) : nullptr;
   if (node.new_address != 0) json["new_address"] = address_text(node.new_address);
+  if (node.refreshed != RefreshStep::none) json["refreshed"] = to_string(node.refreshed);
   if (node.ttl) json["ttl"] = *node.ttl;
   if (node.wishes != NodeWishes{}) json["wanted"] = wishes_json(node.wishes);
   if (!node.applied) return json;
@@ -162,6 +163,27 @@ bool read_life(const Json& json, RadioLife& life) {
   life.radio = read_text(*found, "board").value_or("");
   for (const RadioKind each : {RadioKind::forgets, RadioKind::keeps})
     if (*kind == to_string(each)) life.kind = each;
+  return true;
+}
+
+/// Nothing where it is missing or unknown.
+RefreshStep read_step(const Json& json, const char* name) {
+  const auto text = read_text(json, name);
+  for (const RefreshStep step :
+       {RefreshStep::distributing, RefreshStep::switching, RefreshStep::finishing})
+    if (text == to_string(step)) return step;
+  return RefreshStep::none;
+}
+
+/// False when it is damaged.
+bool read_refresh(const Json& json, NodeDatabase& database) {
+  const auto found = json.find("refresh");
+  if (found == json.end()) return true;
+  const RefreshStep step = read_step(*found, "step");
+  const auto net_key = read_octets(*found, "net_key");
+  const auto app_key = read_octets(*found, "app_key");
+  if (step == RefreshStep::none || !net_key || !app_key) return false;
+  database.refresh = RefreshState{step, {*net_key, *app_key}};
   return true;
 }
 
@@ -215,6 +237,7 @@ std::optional<Node> read_node(const Json& json) {
   if (json.contains("new_address") && !new_address) return std::nullopt;
   Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}, {}, 0};
   node.new_address = new_address.value_or(0);
+  node.refreshed = read_step(json, "refreshed");
   node.name = read_text(json, "name").value_or("");
   if (!is_valid_level(node.name)) node.name.clear();  // goes by its default name
   node.device_key = read_octets(json, "device_key");
@@ -296,6 +319,10 @@ std::string encode_node_database(const NodeDatabase& database) {
   }
   if (!database.host.empty()) json["host"] = database.host;
   json["life"] = life_json(database.life);
+  if (const auto& refresh = database.refresh)
+    json["refresh"] = {{"step", to_string(refresh->step)},
+                       {"net_key", to_hex(refresh->other.net_key)},
+                       {"app_key", to_hex(refresh->other.app_key)}};
   return json.dump(2) + "\n";
 }
 
@@ -314,7 +341,7 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
   const auto iv_index = read_count(json, "iv_index", UINT32_MAX);
   const auto next_address = read_text(json, "next_address");
   if (!iv_index || !next_address || !read_nodes(json, database) || !read_removed(json, database) ||
-      !read_gateways(json, database))
+      !read_gateways(json, database) || !read_refresh(json, database))
     return DecodeError::bad_value;
   database.iv_index = *iv_index;
   // One past the last address when all were handed out.

@@ -10,6 +10,7 @@
 //               "groups": ["0xc002"] with "gateway",
 //               "relay_group": "0xc100" or absent: it hears relayed updates there,
 //               "changing": true or absent,
+//               "refreshed": STEP or absent: the last one that it has taken,
 //               "new_address": "0x0105" or absent: it joins again there}],
 //    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}],
 //    "gateways": ["0x0021"] or absent: addresses that other gateways were given,
@@ -18,10 +19,13 @@
 //    "host": "room-a" or absent: that one's gateway.id,
 //    "life": {"number": 3, "source": "0x0003" or absent, "board": TEXT or absent,
 //             "kind": "unknown" | "forgets" | "keeps"} or absent for the first life: the radio's
-//             lives so far, the last address that it sends from, what tells it from others}
+//             lives so far, the last address that it sends from, what tells it from others,
+//    "refresh": {"step": STEP, "net_key": KEY, "app_key": KEY} or absent: the key refresh under
+//    way,
+//             and the other keys: the new ones, while finishing the old ones}
 //
-// KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
-// MeshFile and for imports.
+// KEY and UUID are 32 hex digits; STEP is "distributing", "switching" or "finishing". Version 1
+// held the two keys only and is still read. Called by MeshFile and for imports.
 #pragma once
 
 #include <cstdint>

@@ -38,6 +38,24 @@ std::string_view to_string(RadioKind kind) {
   return "unknown";
 }
 
+std::string_view to_string(RefreshStep step) {
+  switch (step) {
+    case RefreshStep::none: break;
+    case RefreshStep::distributing: return "distributing";
+    case RefreshStep::switching: return "switching";
+    case RefreshStep::finishing: return "finishing";
+  }
+  return "none";
+}
+
+RadioKeys radio_keys(const NodeDatabase& database) {
+  RadioKeys keys{database.keys};
+  if (!database.refresh) return keys;
+  if (database.refresh->step == RefreshStep::switching) keys.next = database.refresh->other;
+  if (database.refresh->step == RefreshStep::finishing) keys.former = database.refresh->other;
+  return keys;
+}
+
 const Node* NodeDatabase::find(const Uuid& uuid) const {
   const auto found = std::ranges::find(nodes, uuid, &Node::uuid);
   return found == nodes.end() ? nullptr : &*found;

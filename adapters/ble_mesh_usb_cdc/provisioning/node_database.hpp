@@ -50,6 +50,22 @@ struct NodeWishes {
   bool operator==(const NodeWishes&) const = default;
 };
 
+/// The steps of a key refresh (Mesh Profile 1.0 section 3.10.4), each for all nodes. A step is on
+/// disk before anything of it is said.
+enum class RefreshStep : std::uint8_t {
+  none,
+  distributing,  ///< nodes get the new keys, and hear both; they send under the old ones
+  switching,     ///< they send under the new ones
+  finishing,     ///< they forget the old ones, which the radio does not have any more
+};
+std::string_view to_string(RefreshStep step);
+
+/// A key refresh that is under way. Holds secrets.
+struct RefreshState {
+  RefreshStep step = RefreshStep::distributing;
+  MeshKeys other;  ///< than the mesh's: the new ones, while finishing the old ones
+};
+
 struct Node {
   Uuid uuid{};
   std::uint16_t address = 0;  ///< unicast, of the first element
@@ -63,6 +79,8 @@ struct Node {
   /// It was reset by hand and joins again at this address; 0: no. It has both until it has joined.
   std::uint16_t new_address = 0;
   NodeWishes wishes = {};
+  /// Of the key refresh that is under way: the last step that it has taken.
+  RefreshStep refreshed = RefreshStep::none;
 
   /// That it gets when it joins.
   std::uint16_t joining_address() const { return new_address != 0 ? new_address : address; }
@@ -117,6 +135,7 @@ struct NodeDatabase {
   std::uint16_t guest_addresses = 1;
   RadioLife life = {};
   std::string host = {};  ///< `gateway.id` of the gateway that provisions it; may be empty
+  std::optional<RefreshState> refresh = {};
 
   Node* find(const Uuid& uuid);
   const Node* find(const Uuid& uuid) const;
@@ -130,6 +149,10 @@ struct NodeDatabase {
   /// The device is welcome again; its address stays retired.
   void forget_removed(const Uuid& uuid);
 };
+
+/// The keys for the radio. A radio that distributes hears the old ones only: no node sends under
+/// the new ones yet.
+RadioKeys radio_keys(const NodeDatabase& database);
 
 // Which unicast address a new robot gets. In this order: the addresses that `robots` names, as they
 // stand there; the next free one from 0x0100; one that was passed over; at last the one whose robot

@@ -255,7 +255,7 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   if (!nodes_.is_saved()) return;
   const NodeDatabase& database = *nodes_.database();
   if (!is_import) return answer_export(order_->address);
-  if (!order_->before) radio_.change_keys(database.keys, now);
+  if (!order_->before) radio_.change_keys(radio_keys(database), now);
   nodes_.announce_change();
   warn_of_unheard_robots();
   order_.answer(fmt::format(R"({{"nodes":{}}})", database.nodes.size()));

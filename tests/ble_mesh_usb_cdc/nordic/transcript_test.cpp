@@ -68,7 +68,7 @@ class RecordedBoard {
 struct RecordedLink {
   explicit RecordedLink(const std::string& release)
       : board(test::read_transcript("start_up.txt", "start_up", release)),
-        link({.address = 1, .groups = {0xc002, 0xc003, 0xc004}}, recorded_keys(), 1) {}
+        link({.address = 1, .groups = {0xc002, 0xc003, 0xc004}}, RadioKeys{recorded_keys()}, 1) {}
 
   void drain() {
     while (auto action = link.next_action()) {
