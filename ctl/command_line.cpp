@@ -53,6 +53,9 @@ struct Arguments {
   bool is_forced = false;
   int address = 0;
   bool is_confirmed = false;
+  std::vector<std::string> left_behind;
+  bool leaves_silent = false;
+  bool is_status = false;
   std::vector<std::uint64_t> ids;
   std::string topic;
   bool is_all = false;
@@ -199,6 +202,31 @@ constexpr const char* reset_board_warning =
     "The daemon gives it the mesh's keys and addresses again at once; it sends from the next of "
     "the gateway's addresses, so that robots hear it. Say --yes if that is what you want";
 
+constexpr const char* refresh_keys_warning =
+    "refresh-keys gives the robots of the BLE mesh new keys, and waits for those that are switched "
+    "off. Name stolen robots with --leave-behind: they get none, and are out of the mesh. For some "
+    "seconds the gateway hears no robot. Say --yes if that is what you want";
+
+void add_refresh_keys(CLI::App& ble, Arguments& a) {
+  CLI::App* refresh = ble.add_subcommand("refresh-keys", "Give the mesh new keys");
+  auto* const left = refresh->add_option("--leave-behind", a.left_behind,
+                                         "This robot gets none, and is out of the mesh");
+  left->expected(1)->take_all()->type_name("ROBOT");
+  auto* const silent = refresh->add_flag("--leave-behind-silent", a.leaves_silent,
+                                         "Nor do those that have not answered");
+  auto* const status = refresh->add_flag("--status", a.is_status, "How far it has come");
+  status->excludes(left)->excludes(silent);
+  refresh->add_flag("--yes", a.is_confirmed, "Begin, or leave robots behind");
+  refresh->callback([&a, order = ask(a, "ble refresh-keys", Answer::refresh, order_patience)] {
+    if (!a.is_confirmed && !a.is_status)
+      throw CLI::ValidationError("refresh-keys", refresh_keys_warning);
+    order();
+    a.order.request["left_behind"] = a.left_behind;
+    a.order.request["silent"] = a.leaves_silent;
+    a.order.request["status"] = a.is_status;
+  });
+}
+
 void add_ble_changes(CLI::App& ble, Arguments& a) {
   CLI::App* provision = ble.add_subcommand("provision", "Take a new robot into the mesh");
   provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
@@ -245,6 +273,7 @@ void add_ble(CLI::App& app, Arguments& a) {
       ->callback(ask(a, "ble nodes", Answer::topology));
   add_ble_config(*ble, a);
   add_ble_changes(*ble, a);
+  add_refresh_keys(*ble, a);
 }
 
 void add_dead_letter_choice(CLI::App& command, Arguments& a, Answer answer) {

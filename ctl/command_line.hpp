@@ -30,6 +30,7 @@ enum class Answer : std::uint8_t {
   topology,  ///< of `ble nodes` and `robots` together
   node,
   removed,  ///< from the mesh
+  refresh,  ///< of the mesh's keys
   done,
   dead_letters,  ///< page by page, as a table
   exported,      ///< page by page, a JSON document a line

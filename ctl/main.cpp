@@ -67,6 +67,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::topology: return show::topology(result, this_screen());
     case Answer::node: return show::nodes(nlohmann::json::array({result}), this_screen());
     case Answer::removed: return show::removed(result);
+    case Answer::refresh: return show::refresh(result);
     case Answer::done: return show::done(result);
     case Answer::resent: return show::resent(result);
     case Answer::discarded: return show::discarded(result);

@@ -280,6 +280,15 @@ std::string deaf_line(const json& counters, const Screen& screen) {
       screen.paint("deaf", "deaf:"));
 }
 
+std::string refresh_line(const json& counters) {
+  const std::uint64_t step = count_at(counters, "key_refresh_step");
+  if (step == 0) return "";
+  return fmt::format(
+      "          keys are refreshed, step {} of 3 lacks {} robots; see slam-gatewayctl ble "
+      "refresh-keys --status\n",
+      step, count_at(counters, "key_refresh_missing"));
+}
+
 /// Who takes the places for clients, when any are taken.
 std::string places_line(const json& places) {
   if (count_at(places, "taken") == 0) return "";
@@ -304,7 +313,7 @@ std::string mesh_line(std::string name, const json& mesh, const Screen& screen) 
   const std::string detail = text_at(mesh, "detail");
   return pad(name, 10) + screen.paint(state, detail.empty() ? state : pad(state, 9)) + detail +
          "\n" + places_line(group_at(mesh, "places")) + refused_line(group_at(mesh, "counters")) +
-         deaf_line(group_at(mesh, "counters"), screen);
+         deaf_line(group_at(mesh, "counters"), screen) + refresh_line(group_at(mesh, "counters"));
 }
 
 std::string payload_text(const json& event) {
@@ -658,11 +667,32 @@ std::string topology(const json& topology, const Screen& screen) {
 }
 
 std::string removed(const json& node) {
+  const std::string keys = is_true(node, "was_reset")
+                               ? "it has forgotten the mesh's keys"
+                               : "it may still have the mesh's keys; if strangers may have it, "
+                                 "give the others new ones: "
+                                 "slam-gatewayctl ble refresh-keys";
   return fmt::format(
       "{} ({}) is out of the mesh; only this takes it in again: slam-gatewayctl ble provision {} "
-      "--id {}\n",
+      "--id {}\n{}\n",
       text_at(node, "robot"), text_at(node, "address"), text_at(node, "uuid"),
-      text_at(node, "robot"));
+      text_at(node, "robot"), keys);
+}
+
+std::string refresh(const json& refresh) {
+  const std::string step = text_at(refresh, "step");
+  if (step == "none") return "the mesh's keys are not being refreshed\n";
+  const std::string_view words = step == "distributing" ? "1 of 3, robots get the new keys"
+                                 : step == "switching"  ? "2 of 3, robots switch to the new keys"
+                                                        : "3 of 3, robots forget the old keys";
+  std::string out = fmt::format("key refresh: step {}; {} of {} robots have done it\n", words,
+                                count_at(refresh, "refreshed"), count_at(refresh, "robots"));
+  for (const json& robot : refresh.value("missing", json::array())) {
+    const std::string problem = text_at(robot, "problem");
+    out += fmt::format("waits for {}{}{}\n", text_at(robot, "robot"), problem.empty() ? "" : ": ",
+                       problem);
+  }
+  return out;
 }
 
 std::string exported_mesh(const json& exported) {

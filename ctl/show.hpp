@@ -73,6 +73,8 @@ std::string nodes(const nlohmann::json& nodes, const Screen& screen);
 std::string topology(const nlohmann::json& topology, const Screen& screen);
 /// The robot that was put out of the mesh.
 std::string removed(const nlohmann::json& node);
+/// How far the refresh of the mesh's keys has come.
+std::string refresh(const nlohmann::json& refresh);
 std::string exported_mesh(const nlohmann::json& exported);
 /// How long new robots may join, and one event of a robot that joins.
 std::string joining_head(const nlohmann::json& news);

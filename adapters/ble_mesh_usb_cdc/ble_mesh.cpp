@@ -27,8 +27,7 @@ void BleMesh::on_start() { robots_.on_start(); }
 // --- The radio -----------------------------------------------------------------------------------
 
 void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
-  provisioner_.on_new_mesh(keys);
-  radio_->on_keys(keys, now);
+  if (!provisioner_.on_keys(keys, now)) radio_->on_keys(keys, now);
   settle(now);
 }
 
@@ -327,7 +326,9 @@ Counters BleMesh::counters() const {
                     {"relays_dropped", relay.dropped},
                     {"board_lives", provisioner_.lives().number()},
                     {"source_address", link_.source},
-                    {"source_reused", provisioner_.lives().is_reused() ? 1U : 0U}};
+                    {"source_reused", provisioner_.lives().is_reused() ? 1U : 0U},
+                    {"key_refresh_step", static_cast<std::uint64_t>(provisioner_.refresh().step())},
+                    {"key_refresh_missing", provisioner_.refresh().missing()}};
   std::ranges::move(radio_->counters(), std::back_inserter(counters));
   return counters;
 }

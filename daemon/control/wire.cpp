@@ -90,6 +90,16 @@ Result<Request, std::string> parse_node_config(const json& request) {
   return Request(std::move(order));
 }
 
+Result<Request, std::string> parse_refresh(const json& request) {
+  RefreshKeysOrder order{{}, is_true(request, "silent"), is_true(request, "status")};
+  const auto left = request.find("left_behind");
+  if (left == request.end()) return Request(order);
+  if (!left->is_array() || !std::ranges::all_of(*left, &json::is_string))
+    return std::string("ble refresh-keys takes a list of robots as left_behind");
+  order.left_behind = left->get<std::vector<std::string>>();
+  return Request(order);
+}
+
 Result<Request, std::string> parse_order(const std::string& command, const json& request) {
   const auto robot = text_of(request, "robot");
   const auto uuid = text_of(request, "uuid");
@@ -122,6 +132,7 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     return Request(RemoveOrder{*robot, is_true(request, "force")});
   }
   if (command == "ble config") return parse_node_config(request);
+  if (command == "ble refresh-keys") return parse_refresh(request);
   if (command == "ble import") {
     if (!text) return std::string("ble import needs the text of the file as text");
     return Request(ImportOrder{*text});

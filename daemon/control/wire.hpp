@@ -15,6 +15,8 @@
 //             {"command": "ble config", "robot": "...", "ttl": optional number,
 //              "relay": optional true or false, "transmit": optional {"sends", "interval_ms"};
 //              null for one of them: as all robots have it}
+//             {"command": "ble refresh-keys", "left_behind": optional [...], "silent": optional,
+//              "status": optional}
 //             {"command": "ble import", "text": "..."}
 //             {"command": "store list", "after": optional id, "topic": optional,
 //              "payloads": optional}

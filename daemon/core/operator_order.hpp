@@ -73,10 +73,16 @@ struct ExportOrder {
 };
 /// Clears the board for good and starts it up anew.
 struct ResetBoardOrder {};
+/// Gives all robots of the mesh new keys, or asks how far that has come.
+struct RefreshKeysOrder {
+  std::vector<std::string> left_behind = {};  ///< robots that get none, and are out of the mesh
+  bool leaves_silent = false;                 ///< those that did not take theirs, too
+  bool is_question = false;
+};
 
 using BleOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
                               NodesOrder, RemoveOrder, PingOrder, NodeConfigOrder, ImportOrder,
-                              ExportOrder, ResetBoardOrder>;
+                              ExportOrder, ResetBoardOrder, RefreshKeysOrder>;
 
 /// Either a JSON document or, when the order was refused or failed, a sentence.
 struct OrderAnswer {

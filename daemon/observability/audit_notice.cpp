@@ -37,6 +37,12 @@ std::optional<AuditedOrder> audited(const BleOrder& order) {
           [&](const ImportOrder&) { return simple("ble import"); },
           [&](const ExportOrder&) { return simple("ble export"); },
           [&](const ResetBoardOrder&) { return simple("ble reset-board"); },
+          [](const RefreshKeysOrder& known) {
+            if (known.is_question) return Audited();
+            const bool leaves_any = known.leaves_silent || !known.left_behind.empty();
+            return Audited({leaves_any ? "ble refresh-keys --leave-behind" : "ble refresh-keys",
+                            fmt::format("{}", fmt::join(known.left_behind, ", "))});
+          },
       },
       order);
 }

@@ -28,6 +28,14 @@ inline MeshKeys test_keys() {
   return keys;
 }
 
+/// Of a key refresh.
+inline MeshKeys new_keys() {
+  MeshKeys keys;
+  keys.net_key.fill(0x33);
+  keys.app_key.fill(0x44);
+  return keys;
+}
+
 inline NodeDatabase test_database() {
   NodeDatabase database;
   database.keys = test_keys();
@@ -194,9 +202,10 @@ class MeshRig : public EventLog {
                        now += reopen.after;
                        if (reopens_port) mesh.on_port_open(now);
                      },
-                     [&](GenerateKeys&) {
+                     [&](GenerateKeys& wanted) {
                        ++key_requests;
-                       if (answers_key_requests) mesh.on_keys(test_keys(), now);
+                       if (answers_key_requests)
+                         mesh.on_keys(wanted.is_refresh ? new_keys() : test_keys(), now);
                      },
                      [&](StoreMesh& store) {
                        stored.push_back(std::move(store.database));

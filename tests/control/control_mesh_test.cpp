@@ -160,9 +160,12 @@ TEST_F(ControlMeshIo, ListsAndRemovesNodes) {
       order({"remove", "r1"},
             {R"({"robot":"r1","uuid":"736c","address":"0x0100","state":"configured"})", {}});
   EXPECT_EQ(removed.status, 0);
-  EXPECT_EQ(removed.out,
-            "r1 (0x0100) is out of the mesh; only this takes it in again: slam-gatewayctl ble "
-            "provision 736c --id r1\n")
+  EXPECT_EQ(
+      removed.out,
+      "r1 (0x0100) is out of the mesh; only this takes it in again: slam-gatewayctl ble "
+      "provision 736c --id r1\n"
+      "it may still have the mesh's keys; if strangers may have it, give the others new ones: "
+      "slam-gatewayctl ble refresh-keys\n")
       << "not its row, which looks as if it were still there";
   EXPECT_EQ(order_of<RemoveOrder>(handler).robot, "r1");
   EXPECT_FALSE(order_of<RemoveOrder>(handler).is_forced);
@@ -232,6 +235,36 @@ TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
   order_of<ResetBoardOrder>(handler);
 }
 
+TEST_F(ControlMeshIo, RefreshesTheKeysOnlyWhenToldTwice) {
+  start();
+  const std::string answer = R"({"step":"distributing","robots":3,"refreshed":2,"missing":[)"
+                             R"({"robot":"r1","has_new_keys":false,"problem":"no answer"}]})";
+  const Ended asked = order({"refresh-keys", "--leave-behind", "r1"}, {answer, {}});
+  EXPECT_EQ(asked.status, 2);
+  EXPECT_NE(asked.err.find("--yes"), std::string::npos) << asked.err;
+  EXPECT_TRUE(handler.orders.empty());
+  const Ended begun = order(
+      {"refresh-keys", "--leave-behind", "r1", "--leave-behind", "r2", "--yes"}, {answer, {}});
+  EXPECT_EQ(begun.status, 0) << begun.err;
+  EXPECT_EQ(begun.out,
+            "key refresh: step 1 of 3, robots get the new keys; 2 of 3 robots have done it\n"
+            "waits for r1: no answer\n");
+  const RefreshKeysOrder first = order_of<RefreshKeysOrder>(handler);
+  EXPECT_EQ(first.left_behind, (std::vector<std::string>{"r1", "r2"}));
+  EXPECT_FALSE(first.leaves_silent || first.is_question);
+  EXPECT_EQ(order({"refresh-keys", "--leave-behind-silent", "--yes"}, {answer, {}}).status, 0);
+  EXPECT_TRUE(order_of<RefreshKeysOrder>(handler).leaves_silent);
+}
+
+TEST_F(ControlMeshIo, TellsHowFarTheKeysAreRefreshed) {
+  start();
+  const Ended none = order({"refresh-keys", "--status"},
+                           {R"({"step":"none","robots":3,"refreshed":3,"missing":[]})", {}});
+  EXPECT_EQ(none.out, "the mesh's keys are not being refreshed\n");
+  EXPECT_TRUE(order_of<RefreshKeysOrder>(handler).is_question);
+  EXPECT_EQ(order({"refresh-keys", "--status", "--leave-behind", "r1"}, {"{}", {}}).status, 2);
+}
+
 TEST_F(ControlMeshIo, GivesOneJsonDocumentForEachOrder) {
   start();
   write_file(directory / "mesh.json", "{}");
@@ -241,6 +274,7 @@ TEST_F(ControlMeshIo, GivesOneJsonDocumentForEachOrder) {
       {{"provision", "00", "--id", "r1"}, R"({"robot":"r1"})"},
       {{"remove", "r1"}, R"({"robot":"r1"})"},
       {{"import", directory / "mesh.json"}, R"({"nodes":3})"},
+      {{"refresh-keys", "--yes"}, R"({"step":"distributing"})"},
       {{"reset-board", "--yes"}, R"({"cleared":true})"}};
   for (auto [arguments, answer] : orders) {
     arguments.push_back("--json");

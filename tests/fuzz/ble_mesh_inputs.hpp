@@ -77,13 +77,14 @@ class MeshInputs {
   void order(std::uint8_t argument, ByteView octets) {
     const std::string text(as_text(octets));
     ++ordered_;
-    switch (argument % 6) {
+    switch (argument % 7) {
       case 0: return mesh_.on_order(ordered_, ScanOrder{}, now_);
       case 1: return mesh_.on_order(ordered_, ProvisionOrder{std::string(32, '1'), text}, now_);
       case 2: return mesh_.on_order(ordered_, NodesOrder{}, now_);
       case 3: return mesh_.on_order(ordered_, RemoveOrder{text, argument >= 128}, now_);
       case 4: return mesh_.on_order(ordered_, ImportOrder{text}, now_);
       case 5: return mesh_.on_order(ordered_, ResetBoardOrder{}, now_);
+      case 6: return mesh_.on_order(ordered_, RefreshKeysOrder{{text}, argument >= 128}, now_);
     }
   }
 

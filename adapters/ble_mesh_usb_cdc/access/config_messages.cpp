@@ -10,10 +10,12 @@ namespace slamgw::ble {
 namespace {
 
 constexpr Opcode appkey_add = 0x00;
+constexpr Opcode appkey_update = 0x01;
 constexpr Opcode model_publication_set = 0x03;
 constexpr Opcode composition_data_get = 0x8008;
 constexpr Opcode default_ttl_get = 0x800c;
 constexpr Opcode default_ttl_set = 0x800d;
+constexpr Opcode key_refresh_phase_set = 0x8016;
 constexpr Opcode model_publication_get = 0x8018;
 constexpr Opcode network_transmit_get = 0x8023;
 constexpr Opcode network_transmit_set = 0x8024;
@@ -24,8 +26,12 @@ constexpr Opcode model_subscription_delete = 0x801c;
 constexpr Opcode sig_model_subscription_get = 0x8029;
 constexpr Opcode vendor_model_subscription_get = 0x802b;
 constexpr Opcode model_app_bind = 0x803d;
+constexpr Opcode netkey_update = 0x8045;
 constexpr Opcode node_reset = 0x8049;
+constexpr std::uint16_t net_key_index = 0;
 constexpr std::uint16_t app_key_index = 0;
+/// Two of 12 bits each.
+constexpr std::array<std::uint8_t, 3> key_indexes{};
 constexpr std::size_t composition_head_bytes = 8;  // product, version, CRPL, features
 
 Bytes encode_subscription(Opcode opcode, std::uint16_t element, std::uint16_t group,
@@ -76,8 +82,21 @@ Bytes encode_composition_data_get() {
 }
 
 Bytes encode_appkey_add_message(const Key& app_key) {
-  const std::array<std::uint8_t, 3> key_indexes{};  // two of 12 bits each
   return encode_access(appkey_add, ByteWriter{}.write(key_indexes).write(app_key).bytes());
+}
+
+Bytes encode_netkey_update(const Key& net_key) {
+  return encode_access(netkey_update,
+                       ByteWriter{}.write_u16_le(net_key_index).write(net_key).bytes());
+}
+
+Bytes encode_appkey_update(const Key& app_key) {
+  return encode_access(appkey_update, ByteWriter{}.write(key_indexes).write(app_key).bytes());
+}
+
+Bytes encode_key_refresh_phase_set(std::uint8_t transition) {
+  return encode_access(key_refresh_phase_set,
+                       ByteWriter{}.write_u16_le(net_key_index).write_u8(transition).bytes());
 }
 
 Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model) {

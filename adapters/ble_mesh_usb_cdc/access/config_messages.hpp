@@ -23,7 +23,9 @@ inline constexpr Opcode model_publication_status = 0x8019;
 inline constexpr Opcode model_subscription_status = 0x801f;
 inline constexpr Opcode sig_model_subscription_list = 0x802a;
 inline constexpr Opcode vendor_model_subscription_list = 0x802c;
+inline constexpr Opcode key_refresh_phase_status = 0x8017;
 inline constexpr Opcode model_app_status = 0x803e;
+inline constexpr Opcode netkey_status = 0x8044;
 inline constexpr Opcode node_reset_status = 0x804a;
 
 struct ModelId {
@@ -77,6 +79,11 @@ inline constexpr std::uint8_t period_10_s = 0x4a;
 
 Bytes encode_composition_data_get();
 Bytes encode_appkey_add_message(const Key& app_key);
+/// The new keys of a key refresh (Mesh Profile 1.0 section 3.10.4).
+Bytes encode_netkey_update(const Key& net_key);
+Bytes encode_appkey_update(const Key& app_key);
+/// `transition`: 2, to send under the new keys, or 3, to forget the old ones.
+Bytes encode_key_refresh_phase_set(std::uint8_t transition);
 Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model);
 Bytes encode_model_publication_set(const Publication& publication);
 Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,

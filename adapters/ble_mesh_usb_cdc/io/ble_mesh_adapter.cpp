@@ -109,7 +109,7 @@ void BleMeshAdapter::perform(MeshAction& action) {
   std::visit(overloaded{
                  [this](WriteSerial& serial) { write(serial); },
                  [this](ReopenPort& port) { reopen(port); },
-                 [this](GenerateKeys&) { generate_keys(); },
+                 [this](GenerateKeys& wanted) { generate_keys(wanted); },
                  [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
                  [this](CommandsChanged&) { keep_commands(); },
                  [this](HeardRobot& heard) { on_heard_(heard); },
@@ -119,16 +119,20 @@ void BleMeshAdapter::perform(MeshAction& action) {
              action);
 }
 
-void BleMeshAdapter::generate_keys() {
+void BleMeshAdapter::generate_keys(const GenerateKeys& wanted) {
   const auto keys = generate_random_keys();
   write_file(
-      [this, keys] { return keys ? file_.create({*keys}) : "no randomness for the mesh's keys"; },
-      [this, keys](const std::string& problem) { on_keys_stored(keys, problem); });
+      [this, keys, wanted]() -> std::string {
+        if (!keys) return "no randomness for the mesh's keys";
+        return wanted.is_refresh ? std::string() : file_.create({*keys});
+      },
+      [this, keys, wanted](const std::string& problem) { on_keys_made(wanted, keys, problem); });
 }
 
-void BleMeshAdapter::on_keys_stored(const std::optional<MeshKeys>& keys,
-                                    const std::string& problem) {
-  if (problem.empty())
+void BleMeshAdapter::on_keys_made(const GenerateKeys& wanted, const std::optional<MeshKeys>& keys,
+                                  const std::string& problem) {
+  if (!problem.empty() && wanted.is_refresh) return notify(Severity::error, problem);
+  if (problem.empty() && !wanted.is_refresh)
     notify(Severity::notice,
            "a new BLE mesh begins: " + file_.path() +
                " holds its keys; keep a backup, without them every robot must join anew");

@@ -44,8 +44,9 @@ class BleMeshAdapter final : public SerialShell<BoardMesh> {
   static Made make(const Settings& settings, TopicScheme topics, RobotNames names,
                    const MeshFile& file);
   void perform(MeshAction& action) override;
-  void generate_keys();
-  void on_keys_stored(const std::optional<MeshKeys>& keys, const std::string& problem);
+  void generate_keys(const GenerateKeys& wanted);
+  void on_keys_made(const GenerateKeys& wanted, const std::optional<MeshKeys>& keys,
+                    const std::string& problem);
   void store(NodeDatabase database);
   /// `write` runs on the disk's thread; `done` gets the problem that it returns, on the loop.
   void write_file(std::function<std::string()> write,

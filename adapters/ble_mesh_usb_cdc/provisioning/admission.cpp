@@ -171,6 +171,9 @@ bool Admission::wants_scan() const {
 void Admission::choose_next(const IsBusy& is_busy, TimePoint now) {
   // Beacons come again and again: a device that is not due now is considered with its next one.
   if (!is_idle() || order_.is(OpenOrder::Kind::scan)) return;
+  // It would get the keys that the others are giving up.
+  const auto& refresh = nodes_.database()->refresh;
+  if (refresh && refresh->step == RefreshStep::switching) return;
   if (order_.is(OpenOrder::Kind::provision)) {
     const Candidate* ordered = candidates_.find(order_->uuid, now);
     if (ordered != nullptr && reserve(*ordered, order_->robot, now))
@@ -321,6 +324,8 @@ void Admission::on_joined(const std::optional<Key>& device_key, TimePoint now) {
   node.state = NodeState::provisioned;
   node.ttl.reset();
   node.applied.reset();
+  const bool has_new_keys = database.refresh && database.refresh->step == RefreshStep::finishing;
+  node.refreshed = has_new_keys ? RefreshStep::finishing : RefreshStep::none;
   candidates_.erase(node.uuid);
   NodeHistory& history = nodes_.history(node.uuid);
   history = NodeHistory{.joined_at = now, .has_restarted_radio = history.has_restarted_radio};

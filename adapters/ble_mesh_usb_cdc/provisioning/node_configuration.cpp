@@ -176,11 +176,42 @@ void add_wishes(std::vector<ConfigurationStep>& steps, const NodeWishes& wishes)
                                Bytes{encode_transmissions(*wishes.transmit)}));
 }
 
-std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose) {
+/// Mesh Profile 1.0 section 4.3.2.42: a node that is in another phase than it should be then says
+/// so, and is not believed.
+ConfigurationStep phase_step(std::uint8_t transition, std::uint8_t phase) {
+  return {.what = fmt::format("key refresh phase {}", transition),
+          .request = encode_key_refresh_phase_set(transition),
+          .answer = key_refresh_phase_status,
+          .echoed_head = Bytes(2, 0),
+          .echoed_tail = Bytes(1, phase)};
+}
+
+/// Each may be said again: nodes answer as if it was the first time.
+std::deque<ConfigurationStep> plan_refresh(const RefreshState& refresh) {
+  switch (refresh.step) {
+    case RefreshStep::none: break;
+    case RefreshStep::distributing:
+      return {{.what = "the new network key",
+               .request = encode_netkey_update(refresh.other.net_key),
+               .answer = netkey_status,
+               .echoed_head = Bytes(2, 0)},
+              {.what = "the new application key",
+               .request = encode_appkey_update(refresh.other.app_key),
+               .answer = appkey_status,
+               .echoed_head = Bytes(3, 0)}};
+    case RefreshStep::switching: return {phase_step(2, 2)};
+    case RefreshStep::finishing: return {phase_step(3, 0)};
+  }
+  return {};
+}
+
+std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose,
+                                          const ConfigurationSettings& settings) {
   using Purpose = NodeConfiguration::Purpose;
   const auto ttl = state_step("its default TTL", encode_default_ttl_get(), default_ttl_status, {});
   switch (purpose) {
     case Purpose::reset: return {node_reset_step()};
+    case Purpose::refresh: return plan_refresh(settings.refresh);
     case Purpose::ping: return {ttl};
     case Purpose::inquire:
       return {ttl, state_step("whether it relays", encode_relay_get(), relay_status, {}),
@@ -260,7 +291,7 @@ NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
     : purpose_(purpose), settings_(std::move(settings)), address_(node.address), radio_(radio) {
   settings_.had_relay_group =
       node.applied && (node.applied->relay_group || node.applied->is_changing);
-  steps_ = first_steps(purpose);
+  steps_ = first_steps(purpose_, settings_);
   radio_.use_device_key(address_, node.device_key);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The conversation with one node under its device key: its configuration, its reset, or questions
-// about it. A radio
+// The conversation with one node under its device key: its configuration, a step of the mesh's key
+// refresh, its reset, or questions about it. A radio
 // holds few device keys, so the key is added before and removed after it. Requests go out one
 // after the other, each repeated until its answer comes. Called by NodeConversations.
 #pragma once
@@ -46,6 +46,7 @@ struct ConfigurationSettings {
   std::optional<std::uint16_t> relay_group = {};  ///< of the updates that are relayed to robots
   NodeWishes wishes = {};
   bool had_relay_group = false;  ///< the robot may hear in one
+  RefreshState refresh = {};  ///< to `refresh` the node: the step, and the new keys
 };
 
 /// What a node has said in an inquiry.
@@ -61,8 +62,9 @@ struct NodeAnswer {
 
 class NodeConfiguration {
  public:
-  /// `move`: only what it publishes to. `ping` and `inquire` change nothing.
-  enum class Purpose : std::uint8_t { configure, move, reset, ping, inquire };
+  /// `move`: only what it publishes to. `refresh`: a step of the key refresh. `ping` and `inquire`
+  /// change nothing.
+  enum class Purpose : std::uint8_t { configure, move, refresh, reset, ping, inquire };
   enum class State : std::uint8_t { running, succeeded, failed };
 
   /// One request is given up after this long.
@@ -91,6 +93,7 @@ class NodeConfiguration {
   /// Ended only when the radio has removed the device key.
   State state() const { return stage_ == Stage::ended ? result_ : State::running; }
   Purpose purpose() const { return purpose_; }
+  RefreshStep refresh_step() const { return settings_.refresh.step; }
   std::uint16_t address() const { return address_; }
   /// Why it failed, or which requests the node refused; empty when all went well.
   const std::string& problem() const { return problem_; }

@@ -5,6 +5,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
@@ -34,7 +35,8 @@ void NodeConversations::on_key_used(const DeviceKeyUsed& used, TimePoint now) {
 
 bool NodeConversations::needs_configuration(const Node& node) const {
   if (nodes_.is_guest()) return false;
-  const bool is_behind = node.state == NodeState::provisioned || is_outdated(node);
+  const bool is_behind =
+      node.state == NodeState::provisioned || refresh_.is_due(node) || is_outdated(node);
   return is_behind && !is_talking_with(node) && !admission_.is_joining(node.uuid);
 }
 
@@ -80,18 +82,29 @@ void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
   if (begin_changes()) return;
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
-    const ConfigurationSettings settings{
-        nodes_.database()->keys.app_key, destination(), ttl_of(node), settings_.groups,
-        settings_.relayed_to(),          node.wishes};
+    const NodeDatabase& database = *nodes_.database();
+    const ConfigurationSettings settings{.app_key = database.keys.app_key,
+                                         .destination = destination(),
+                                         .ttl = ttl_of(node),
+                                         .groups = settings_.groups,
+                                         .relay_group = settings_.relayed_to(),
+                                         .wishes = node.wishes,
+                                         .refresh = database.refresh.value_or(RefreshState{})};
     conversations_.try_emplace(node.address, node, purpose, settings, radio_);
   };
   if (const Node* node = ordered_node()) begin(*node, *ordered_purpose());
   while (conversations_.size() < max_conversations) {
     const Node* node = next_node(now);
     if (node == nullptr) return;
-    begin(*node, is_only_moved(*node) ? NodeConfiguration::Purpose::move
-                                      : NodeConfiguration::Purpose::configure);
+    begin(*node, purpose_for(*node));
   }
+}
+
+/// The keys come first: a node that has missed a step may not understand the rest.
+NodeConfiguration::Purpose NodeConversations::purpose_for(const Node& node) const {
+  if (refresh_.is_due(node)) return NodeConfiguration::Purpose::refresh;
+  return is_only_moved(node) ? NodeConfiguration::Purpose::move
+                             : NodeConfiguration::Purpose::configure;
 }
 
 std::optional<NodeConfiguration::Purpose> NodeConversations::ordered_purpose() const {
@@ -110,15 +123,16 @@ const Node* NodeConversations::ordered_node() const {
   return order_.is(OpenOrder::Kind::config) && is_outdated(*node) ? nullptr : node;
 }
 
-/// Nodes that were heard come first, then those that wait longest: a node that is switched off
-/// holds up nobody.
+/// Nodes that miss a step of the key refresh come first, then those that were heard, then those
+/// that wait longest: a node that is switched off holds up nobody.
 const Node* NodeConversations::next_node(TimePoint now) {
   const Node* next = nullptr;
-  std::pair<bool, TimePoint> next_turn;
+  std::tuple<bool, bool, TimePoint> next_turn;
   for (const Node& node : nodes_.database()->nodes) {
     const NodeHistory& history = nodes_.history(node.uuid);
     if (!needs_configuration(node) || history.retry_at > now) continue;
-    const std::pair turn{!history.heard_at && !history.joined_at, history.retry_at};
+    const std::tuple turn{!refresh_.is_due(node), !history.heard_at && !history.joined_at,
+                          history.retry_at};
     if (next == nullptr || turn < next_turn) {
       next = &node;
       next_turn = turn;
@@ -170,6 +184,7 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
   switch (conversation.purpose()) {
     case NodeConfiguration::Purpose::reset:
       return on_reset(*node, is_done, conversation.problem(), now);
+    case NodeConfiguration::Purpose::refresh: return on_refreshed(*node, conversation, now);
     case NodeConfiguration::Purpose::ping:
     case NodeConfiguration::Purpose::inquire: return on_asked(*node, conversation);
     case NodeConfiguration::Purpose::configure:
@@ -187,6 +202,31 @@ void NodeConversations::on_asked(const Node& node, const NodeConfiguration& conv
   if (conversation.state() == NodeConfiguration::State::failed)
     return order_.refuse(fmt::format("{}: {}", id, conversation.problem()));
   order_.answer(node_config_json(id, node, conversation));
+}
+
+void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& conversation,
+                                     TimePoint now) {
+  if (conversation.state() == NodeConfiguration::State::succeeded)
+    return refresh_.on_taken(node.uuid, conversation.refresh_step());
+  const std::string id = nodes_.id_of(node.address);
+  notify(Severity::warning,
+         id + " is behind with the mesh's new keys: " + put_off(node, conversation.problem(), now),
+         id);
+}
+
+/// Returns the words for it.
+std::string NodeConversations::put_off(const Node& node, const std::string& problem,
+                                       TimePoint now) {
+  NodeHistory& history = nodes_.history(node.uuid);
+  const Duration pause = pause_after(++history.failures);
+  history.retry_at = now + pause;
+  history.problem = problem;
+  return fmt::format("{}; the next attempt is in {} s", problem,
+                     std::chrono::duration_cast<std::chrono::seconds>(pause).count());
+}
+
+void NodeConversations::drop(std::uint16_t address) {
+  if (conversations_.erase(address) == 1) radio_.forget_device_key(address);
 }
 
 void NodeConversations::on_configured(const Node& known) {
@@ -236,10 +276,8 @@ bool NodeConversations::may_be_unheard(const Node& node) const {
 
 void NodeConversations::on_not_configured(const Node& node, const std::string& problem,
                                           TimePoint now) {
+  const std::string words = put_off(node, problem, now);
   NodeHistory& history = nodes_.history(node.uuid);
-  const Duration pause = pause_after(++history.failures);
-  history.retry_at = now + pause;
-  history.problem = problem;
   if (!history.has_restarted_radio && history.joined_at && !history.heard_at &&
       may_be_unheard(node))
     history.has_restarted_radio = wants_restart_ = true;
@@ -248,9 +286,9 @@ void NodeConversations::on_not_configured(const Node& node, const std::string& p
   const bool has_old = node.state == NodeState::configured;
   notify(
       Severity::warning,
-      fmt::format("{} {}: {}; the next attempt is in {} s", id,
+      fmt::format("{} {}: {}", id,
                   has_old ? "still has its old configuration" : "is in the mesh but not configured",
-                  problem, std::chrono::duration_cast<std::chrono::seconds>(pause).count()),
+                  words),
       id);
   if (!has_old && order_.is(OpenOrder::Kind::provision, node.uuid))
     order_.answer(nodes_.json(node));
@@ -271,7 +309,9 @@ void NodeConversations::on_reset(const Node& node, bool is_done, const std::stri
                       id, problem));
     return;
   }
-  const std::string json = nodes_.json(node);
+  std::string json = nodes_.json(node);
+  const bool was_reset = is_done && node.state != NodeState::reserved;
+  json.insert(json.size() - 1, fmt::format(R"(,"was_reset":{})", was_reset));
   admission_.candidates().erase(node.uuid);
   nodes_.remove(node.uuid);
   notify(Severity::notice, fmt::format("{} was removed from the mesh", id), id);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Configures nodes and resets those that an operator removes: who is next, a few conversations at
-// once, and what came of each. Part of Provisioner.
+// Configures nodes, takes them through a key refresh, and resets those that an operator removes:
+// who is next, a few conversations at once, and what came of each. Part of Provisioner.
 #pragma once
 
 #include <map>
@@ -8,6 +8,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/key_refresh.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 
 namespace slamgw::ble {
@@ -18,9 +19,9 @@ class NodeConversations : private ProvisionerPart {
   /// robots.
   static constexpr std::size_t max_conversations = 3;
 
-  /// `admission` outlives it.
-  NodeConversations(const ProvisionerPart& shared, Admission& admission)
-      : ProvisionerPart(shared), admission_(admission) {}
+  /// Both outlive it.
+  NodeConversations(const ProvisionerPart& shared, Admission& admission, KeyRefresh& refresh)
+      : ProvisionerPart(shared), admission_(admission), refresh_(refresh) {}
 
   /// True when the message was an answer to a conversation, and not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
@@ -34,6 +35,8 @@ class NodeConversations : private ProvisionerPart {
   std::optional<TimePoint> deadline() const;
 
   bool is_idle() const { return conversations_.empty(); }
+  /// Ends the conversation with a node that was left behind.
+  void drop(std::uint16_t address);
   bool is_talking_with(const Node& node) const { return conversations_.contains(node.address); }
 
   /// The radio's replay list may know the address of a node that has joined, or be full, and only
@@ -46,6 +49,7 @@ class NodeConversations : private ProvisionerPart {
 
  private:
   bool needs_configuration(const Node& node) const;
+  NodeConfiguration::Purpose purpose_for(const Node& node) const;
   bool is_outdated(const Node& node) const;
   bool is_only_moved(const Node& node) const;
   bool has_right_groups(const AppliedSettings& applied) const;
@@ -61,11 +65,14 @@ class NodeConversations : private ProvisionerPart {
   std::optional<TimePoint> next_begin() const;
   void end(const NodeConfiguration& conversation, TimePoint now);
   void on_asked(const Node& node, const NodeConfiguration& conversation);
+  void on_refreshed(const Node& node, const NodeConfiguration& conversation, TimePoint now);
   void on_configured(const Node& known);
+  std::string put_off(const Node& node, const std::string& problem, TimePoint now);
   void on_not_configured(const Node& node, const std::string& problem, TimePoint now);
   std::string changes_from(const Node& before) const;
 
   Admission& admission_;
+  KeyRefresh& refresh_;
   std::map<std::uint16_t, NodeConfiguration> conversations_;  ///< by address
   bool wants_restart_ = false;
 };

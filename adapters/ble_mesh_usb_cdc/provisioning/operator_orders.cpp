@@ -17,6 +17,12 @@ using Kind = OpenOrder::Kind;
 
 constexpr Duration short_order_time_limit = std::chrono::seconds{20};
 constexpr std::uint64_t no_events = ~std::uint64_t{0};
+constexpr const char* is_refreshing =
+    "the mesh's keys are being refreshed; see `ble refresh-keys --status`";
+
+std::string unknown_robot(const std::string& robot) {
+  return fmt::format("no robot of this mesh is called {}; see `ble nodes`", robot);
+}
 
 }  // namespace
 
@@ -34,6 +40,12 @@ void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint
                  [&](const PermitJoinOrder& wanted) { answer(permit_join(wanted, now)); },
                  [&](const JoinEventsOrder& wanted) {
                    answer({admission_.permit().json(wanted.after, now), {}});
+                 },
+                 [&](const RefreshKeysOrder& wanted) {
+                   if (!wanted.is_question) return begin(wanted);
+                   std::string problem = problem_with_mesh();
+                   if (!problem.empty()) return answer({{}, std::move(problem)});
+                   answer({refresh_.json(), {}});
                  },
                  begin,
              },
@@ -143,13 +155,9 @@ std::string OperatorOrders::scan_json(TimePoint now) const {
 /// Null when the order was refused.
 const Node* OperatorOrders::node_called(const std::string& robot) {
   std::string problem = problem_with_mesh();
-  if (problem.empty()) {
-    for (const Node& node : nodes_.database()->nodes)
-      if (nodes_.id_of(node.address) == robot) return &node;
-    problem = fmt::format("no robot of this mesh is called {}; see `ble nodes`", robot);
-  }
-  order_.refuse(problem);
-  return nullptr;
+  const Node* node = problem.empty() ? find_robot(robot) : nullptr;
+  if (node == nullptr) order_.refuse(problem.empty() ? unknown_robot(robot) : problem);
+  return node;
 }
 
 void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
@@ -161,8 +169,15 @@ void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
   order_->is_forced = wanted.is_forced;
   if (admission_.is_chosen(node->uuid)) return order_.refuse("it is joining right now");
   if (node->state == NodeState::reserved || (!link_.is_up && wanted.is_forced))
-    return conversations_.on_reset(*node, true, {}, now);
+    return conversations_.on_reset(*node, node->state == NodeState::reserved, {}, now);
   if (!link_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot anyway");
+}
+
+const Node* OperatorOrders::find_robot(const std::string& robot) const {
+  const auto& nodes = nodes_.database()->nodes;
+  const auto node = std::ranges::find_if(
+      nodes, [&](const Node& each) { return nodes_.id_of(each.address) == robot; });
+  return node == nodes.end() ? nullptr : &*node;
 }
 
 /// Null when the order was refused.
@@ -208,6 +223,7 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
 // --- The mesh ------------------------------------------------------------------------------------
 
 void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
+  if (refresh_.is_on()) return order_.refuse(is_refreshing);
   auto imported = decode_imported_mesh(wanted.text);
   if (!imported.has_value())
     return order_.refuse("the file can't be imported: " + imported.error().why);
@@ -226,6 +242,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
 /// The address is on disk before the other gateway gets it: no robot and no third gateway will.
 void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
+  if (refresh_.is_on()) return order_.refuse(is_refreshing);
   const NodeDatabase& database = *nodes_.database();
   if (wanted.address != 0) {
     if (std::ranges::find(database.gateways, wanted.address) == database.gateways.end())
@@ -247,6 +264,7 @@ void OperatorOrders::answer_export(std::uint16_t address) {
 
 void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   const bool is_import = order_.is(Kind::import_mesh);
+  if (order_.is(Kind::refresh_keys)) return on_refresh_stored(problem);
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
     if (is_import) nodes_.begin(std::move(order_->before));
@@ -291,6 +309,68 @@ void OperatorOrders::on_radio_cleared(const std::string& problem) {
   order_.refuse("the serial board was not cleared: " + problem);
 }
 
+// --- The mesh's keys -----------------------------------------------------------------------------
+
+void OperatorOrders::take(const RefreshKeysOrder& wanted, TimePoint now) {
+  if (std::string problem = problem_with_refresh(wanted); !problem.empty())
+    return order_.refuse(problem);
+  order_->kind = Kind::refresh_keys;
+  order_->due = now + short_order_time_limit;
+  leave_behind(wanted);
+  if (!refresh_.is_on()) return refresh_.begin();
+  if (nodes_.is_saved()) order_.answer(refresh_.json());
+}
+
+std::string OperatorOrders::problem_with_refresh(const RefreshKeysOrder& wanted) const {
+  if (std::string problem = problem_with_mesh(); !problem.empty()) return problem;
+  if (nodes_.is_shared())
+    return "other gateways have radios in this mesh and would keep the old keys: stop "
+           "slam-gateway, "
+           "take their addresses out of \"gateways\" in mesh.json, refresh the keys, then let them "
+           "join again with `ble export`";
+  for (const std::string& robot : wanted.left_behind) {
+    const Node* node = find_robot(robot);
+    if (node == nullptr) return unknown_robot(robot);
+    if (node->refreshed != RefreshStep::none)
+      return fmt::format(
+          "{} has the new keys already: when this refresh has ended, begin another "
+          "one without it",
+          robot);
+  }
+  return {};
+}
+
+/// Whom a new key was sent may have it, even without an answer.
+void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
+  std::vector<Uuid> left;
+  for (const Node& node : nodes_.database()->nodes) {
+    const bool is_named = std::ranges::find(wanted.left_behind, nodes_.id_of(node.address)) !=
+                          wanted.left_behind.end();
+    const bool is_silent =
+        wanted.leaves_silent && node.refreshed == RefreshStep::none && refresh_.has_failed(node);
+    if (is_named || is_silent) left.push_back(node.uuid);
+  }
+  for (const Uuid& uuid : left) {
+    const std::uint16_t address = nodes_.find(uuid)->address;
+    const std::string id = nodes_.id_of(address);
+    conversations_.drop(address);
+    admission_.candidates().erase(uuid);
+    nodes_.remove(uuid);
+    notify(Severity::notice,
+           id + " is left behind with the mesh's old keys, and no robot of this mesh any more" +
+               (refresh_.is_on() ? "; it may have heard the new keys: if strangers may have it, "
+                                   "refresh the keys again after this"
+                                 : ""),
+           id);
+  }
+}
+
+void OperatorOrders::on_refresh_stored(const std::string& problem) {
+  if (!problem.empty())
+    return order_.refuse(problem + "; the keys are refreshed when it can be stored");
+  if (refresh_.is_on() && nodes_.is_saved()) order_.answer(refresh_.json());
+}
+
 // --- Orders that end by themselves ---------------------------------------------------------------
 
 void OperatorOrders::on_link_down() {
@@ -315,6 +395,7 @@ void OperatorOrders::on_deadline(TimePoint now) {
     case Kind::config:
     case Kind::import_mesh:
     case Kind::export_mesh:
+    case Kind::refresh_keys:
     case Kind::reset_board: break;
   }
   order_.refuse("it takes longer and continues without you; see `ble nodes`");

@@ -19,10 +19,11 @@ class OperatorOrders : private ProvisionerPart {
 
   /// All of them outlive it. `gateway`: `gateway.id`.
   OperatorOrders(const ProvisionerPart& shared, Admission& admission,
-                 NodeConversations& conversations, std::string gateway)
+                 NodeConversations& conversations, KeyRefresh& refresh, std::string gateway)
       : ProvisionerPart(shared),
         admission_(admission),
         conversations_(conversations),
+        refresh_(refresh),
         gateway_(std::move(gateway)) {}
 
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
@@ -41,6 +42,11 @@ class OperatorOrders : private ProvisionerPart {
   void take(const ImportOrder& wanted, TimePoint now);
   void take(const ExportOrder& wanted, TimePoint now);
   void take(const ResetBoardOrder&, TimePoint now);
+  void take(const RefreshKeysOrder& wanted, TimePoint now);
+  std::string problem_with_refresh(const RefreshKeysOrder& wanted) const;
+  void leave_behind(const RefreshKeysOrder& wanted);
+  void on_refresh_stored(const std::string& problem);
+  const Node* find_robot(const std::string& robot) const;
   OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
   std::string problem_with_permit(const PermitJoinOrder& wanted) const;
   std::string problem_with_mesh() const;
@@ -55,6 +61,7 @@ class OperatorOrders : private ProvisionerPart {
 
   Admission& admission_;
   NodeConversations& conversations_;
+  KeyRefresh& refresh_;
   const std::string gateway_;
 };
 

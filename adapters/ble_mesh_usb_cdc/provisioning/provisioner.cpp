@@ -18,14 +18,16 @@ Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState
       shared_(settings, radio, link, nodes_, order_, actions_),
       lives_(shared_),
       admission_(shared_),
-      conversations_(shared_, admission_),
-      orders_(shared_, admission_, conversations_, std::move(gateway)) {}
+      refresh_(shared_),
+      conversations_(shared_, admission_, refresh_),
+      orders_(shared_, admission_, conversations_, refresh_, std::move(gateway)) {}
 
 // --- Inputs --------------------------------------------------------------------------------------
 
 void Provisioner::on_link_up(const LinkIsUp& up, TimePoint now) {
   is_restarting_ = false;
   lives_.on_link_up(up);
+  refresh_.on_link_up();
   advance(now);
 }
 
@@ -67,10 +69,15 @@ void Provisioner::on_iv_index(std::uint32_t iv_index, TimePoint now) {
   advance(now);
 }
 
-void Provisioner::on_new_mesh(const MeshKeys& keys) {
+bool Provisioner::on_keys(const MeshKeys& keys, TimePoint now) {
+  if (refresh_.on_keys(keys)) {
+    advance(now);
+    return true;
+  }
   NodeDatabase fresh;
   fresh.keys = keys;
   nodes_.begin(std::move(fresh));
+  return false;
 }
 
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
@@ -94,6 +101,7 @@ void Provisioner::advance(TimePoint now) {
   orders_.on_deadline(now);
   if (admission_.permit().on_time(now))
     shared_.notify(Severity::notice, "new robots may not join any more");
+  refresh_.advance(!admission_.is_idle(), now);
   if (link_.is_up && nodes_.database()) {
     admission_.advance(now);
     conversations_.continue_all(now);

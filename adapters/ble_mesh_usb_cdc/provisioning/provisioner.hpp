@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes robots into the mesh, configures them, and does what operators order. Its parts do the
-// work: NodeTable (what is known), Admission (who joins next), NodeConversations (who is configured
-// or reset), OperatorOrders. This class gives them their turns and has the database written. Called
-// by BleMesh.
+// work: NodeTable (what is known), Admission (who joins next), KeyRefresh (the step of a key
+// refresh), NodeConversations (who is configured or reset), OperatorOrders. This class gives them
+// their turns and has the database written. Called by BleMesh.
 #pragma once
 
 #include <optional>
@@ -33,8 +33,9 @@ class Provisioner {
   /// A message came from this unicast address.
   void on_heard(std::uint16_t address, TimePoint now) { nodes_.on_heard(address, now); }
   void on_iv_index(std::uint32_t iv_index, TimePoint now);
-  /// A new mesh was made, and its keys are on disk.
-  void on_new_mesh(const MeshKeys& keys);
+  /// New keys are there. True when they are for a key refresh; else a new mesh was made, and they
+  /// are on disk.
+  bool on_keys(const MeshKeys& keys, TimePoint now);
   void on_stored(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// `robots` of the configuration was read again.
@@ -42,6 +43,7 @@ class Provisioner {
 
   const NodeTable& nodes() const { return nodes_; }
   const SourceLives& lives() const { return lives_; }
+  const KeyRefresh& refresh() const { return refresh_; }
   /// True once after nodes, or their names, have changed.
   bool take_change() { return nodes_.take_change(); }
   std::optional<TimePoint> deadline() const;
@@ -59,6 +61,7 @@ class Provisioner {
   ProvisionerPart shared_;
   SourceLives lives_;
   Admission admission_;
+  KeyRefresh refresh_;
   NodeConversations conversations_;
   OperatorOrders orders_;
   bool is_scanning_ = false;

@@ -24,6 +24,7 @@ class OpenOrder {
     import_mesh,
     export_mesh,
     reset_board,
+    refresh_keys,
   };
   struct Order {
     std::uint64_t id = 0;
