@@ -46,7 +46,7 @@ struct ConfigurationSettings {
   std::optional<std::uint16_t> relay_group = {};  ///< of the updates that are relayed to robots
   NodeWishes wishes = {};
   bool had_relay_group = false;  ///< the robot may hear in one
-  RefreshState refresh = {};  ///< to `refresh` the node: the step, and the new keys
+  RefreshState refresh = {};     ///< to `refresh` the node: the step, and the new keys
 };
 
 /// What a node has said in an inquiry.
