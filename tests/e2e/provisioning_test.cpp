@@ -89,7 +89,7 @@ TEST(NewRobots, AnswerPingsAndTakeAConfigurationOfTheirOwn) {
 TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
   Mosquitto broker;
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/ghost", "%p");
-  json settings = configuration(broker);
+  json settings = configuration(broker, /*is_automatic=*/false);  // nobody gets its address
   settings["robots"] = {{{"id", "ghost"}, {"ble_address", "0x0300"}}};
   GatewayProcess gateway(settings);
   SimulatorProcess simulator(new_robots(gateway, 1));
