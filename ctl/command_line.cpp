@@ -173,6 +173,18 @@ std::optional<std::uint64_t> parse_count(std::string_view text) {
   return value;
 }
 
+std::optional<std::uint16_t> parse_group(std::string_view text) {
+  constexpr int hexadecimal = 16;
+  constexpr std::uint16_t first = 0xc000;
+  constexpr std::uint16_t last = 0xfeff;
+  if (!text.starts_with("0x")) return std::nullopt;
+  std::uint16_t group = 0;
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data() + 2, end, group, hexadecimal);
+  const bool is_group = error == std::errc{} && stop == end && group >= first && group <= last;
+  return is_group ? std::optional(group) : std::nullopt;
+}
+
 void add_ble_config(CLI::App& ble, Arguments& a) {
   const nlohmann::json none(nlohmann::json::value_t::discarded);
   CLI::App* config = ble.add_subcommand("config", "How a robot's node is configured; change it");
@@ -194,6 +206,18 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
              if (!sends || !ms || !Transmissions::is_valid(*sends, *ms)) return none;
              return nlohmann::json{{"sends", *sends}, {"interval_ms", *ms}};
            });
+  for (const char* const key : {"subscribe", "unsubscribe"})
+    config->add_option_function<std::string>(
+        fmt::format("--{}", key),
+        [&a, key](const std::string& word) {
+          const auto group = parse_group(word);
+          if (!group)
+            throw CLI::ValidationError(fmt::format("--{}", key),
+                                       "'" + word + "' is none of 0xc000-0xfeff");
+          a.order.request[key] = *group;
+        },
+        std::string(key) == "subscribe" ? "Hear this group, 0xc000-0xfeff, beside ble_mesh.groups"
+                                        : "Hear it no longer");
   config->callback(ask(a, "ble config", Answer::config, order_patience));
 }
 

@@ -77,6 +77,17 @@ std::optional<Transmissions> read_transmissions(const json& value) {
   return Transmissions{static_cast<std::uint8_t>(sends), static_cast<std::uint16_t>(interval_ms)};
 }
 
+/// False when it is there and no group address.
+bool read_group(const json& request, const char* key, std::optional<std::uint16_t>& group) {
+  constexpr std::uint64_t first = 0xc000;
+  constexpr std::uint64_t last = 0xfeff;
+  if (!request.contains(key)) return true;
+  const std::uint64_t number = number_of(request, key);
+  if (number < first || number > last) return false;
+  group = static_cast<std::uint16_t>(number);
+  return true;
+}
+
 Result<Request, std::string> parse_node_config(const json& request) {
   const auto robot = text_of(request, "robot");
   if (!robot) return std::string("ble config needs the text robot");
@@ -87,6 +98,9 @@ Result<Request, std::string> parse_node_config(const json& request) {
     return std::string("relay is true, false or null");
   if (!read_wish(request, "transmit", order.transmit, read_transmissions))
     return std::string("transmit is null or has sends (1 to 8) and interval_ms (10, 20 ... 320)");
+  if (!read_group(request, "subscribe", order.subscribe) ||
+      !read_group(request, "unsubscribe", order.unsubscribe))
+    return std::string("subscribe and unsubscribe are groups, 49152 to 65279 (0xc000-0xfeff)");
   return Request(std::move(order));
 }
 

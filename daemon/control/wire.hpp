@@ -14,7 +14,8 @@
 //             {"command": "ble remove", "robot": "...", "force": optional}
 //             {"command": "ble config", "robot": "...", "ttl": optional number,
 //              "relay": optional true or false, "transmit": optional {"sends", "interval_ms"};
-//              null for one of them: as all robots have it}
+//              null for one of them: as all robots have it; "subscribe" and "unsubscribe":
+//              optional number of a group}
 //             {"command": "ble refresh-keys", "left_behind": optional [...], "silent": optional,
 //              "status": optional}
 //             {"command": "ble import", "text": "..."}

@@ -63,8 +63,10 @@ struct NodeConfigOrder {
   Wish<std::uint8_t> ttl = {};
   Wish<bool> relay = {};
   Wish<Transmissions> transmit = {};
+  std::optional<std::uint16_t> subscribe = {};    ///< to this group, beside those of all robots
+  std::optional<std::uint16_t> unsubscribe = {};  ///< from one of these
 
-  bool is_change() const { return ttl || relay || transmit; }
+  bool is_change() const { return ttl || relay || transmit || subscribe || unsubscribe; }
 };
 /// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
 /// unicast address that it gets, and its mesh database as text. The one answer that holds keys.

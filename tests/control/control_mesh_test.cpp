@@ -91,6 +91,8 @@ TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
                                                         {"--ttl", "-1"},
                                                         {"--ttl", "x"},
                                                         {"--relay", "maybe"},
+                                                        {"--subscribe", "0xbfff"},
+                                                        {"--subscribe", "c001"},
                                                         {"--transmit", "3"},
                                                         {"--transmit", "9x20"},
                                                         {"--transmit", "3x25"}}) {

@@ -117,6 +117,7 @@ OrderedJson wishes_json(const NodeWishes& wishes) {
     json["transmit"] = wishes.transmit->sends;
     json["transmit_interval_ms"] = wishes.transmit->interval_ms;
   }
+  for (const std::uint16_t group : wishes.groups) json["groups"].push_back(address_text(group));
   return json;
 }
 
@@ -219,6 +220,9 @@ bool read_wishes(const Json& node, NodeWishes& wishes) {
     wishes.ttl = static_cast<std::uint8_t>(*ttl);
   if (const auto relay = found->find("relay"); relay != found->end() && relay->is_boolean())
     wishes.relay = relay->get<bool>();
+  const auto groups = read_groups(*found, "groups");
+  if (!groups || groups->size() > NodeWishes::max_groups) return false;
+  wishes.groups = *groups;
   const auto sends = read_count(*found, "transmit", max_ttl);
   const auto interval_ms = read_count(*found, "transmit_interval_ms", max_interval_ms);
   if (sends && interval_ms && Transmissions::is_valid(*sends, *interval_ms))

@@ -44,7 +44,7 @@ bool NodeConversations::needs_configuration(const Node& node) const {
 bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.applied) return false;
   return node.applied->is_changing || node.ttl != ttl_of(node) ||
-         node.applied->destination != destination() || !has_right_groups(*node.applied);
+         node.applied->destination != destination() || !has_right_groups(node);
 }
 
 /// Only its publications have to move to the address of the radio's present life. Until they have,
@@ -56,12 +56,19 @@ bool NodeConversations::is_only_moved(const Node& node) const {
   };
   return node.state == NodeState::configured && node.applied && !node.applied->is_changing &&
          node.ttl == ttl_of(node) && is_own(node.applied->destination) && is_own(destination()) &&
-         has_right_groups(*node.applied);
+         has_right_groups(node);
 }
 
-bool NodeConversations::has_right_groups(const AppliedSettings& applied) const {
-  return std::ranges::is_permutation(applied.groups, settings_.groups) &&
-         applied.relay_group == settings_.relayed_to();
+std::vector<std::uint16_t> NodeConversations::groups_of(const Node& node) const {
+  std::vector<std::uint16_t> groups = settings_.groups;
+  for (const std::uint16_t group : node.wishes.groups)
+    if (std::ranges::find(groups, group) == groups.end()) groups.push_back(group);
+  return groups;
+}
+
+bool NodeConversations::has_right_groups(const Node& node) const {
+  return std::ranges::is_permutation(node.applied->groups, groups_of(node)) &&
+         node.applied->relay_group == settings_.relayed_to();
 }
 
 /// Marks the nodes whose configuration will be changed. True when there are some: the disk must
@@ -86,7 +93,7 @@ void NodeConversations::begin_due(TimePoint now) {
     const ConfigurationSettings settings{.app_key = database.keys.app_key,
                                          .destination = destination(),
                                          .ttl = ttl_of(node),
-                                         .groups = settings_.groups,
+                                         .groups = groups_of(node),
                                          .relay_group = settings_.relayed_to(),
                                          .wishes = node.wishes,
                                          .refresh = database.refresh.value_or(RefreshState{})};
@@ -234,7 +241,7 @@ void NodeConversations::on_configured(const Node& known) {
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = ttl_of(node);
-  node.applied = AppliedSettings{destination(), settings_.groups, false, settings_.relayed_to()};
+  node.applied = AppliedSettings{destination(), groups_of(node), false, settings_.relayed_to()};
   NodeHistory& history = nodes_.history(node.uuid);
   history.failures = 0;
   history.problem.clear();
@@ -253,10 +260,11 @@ std::string NodeConversations::changes_from(const Node& before) const {
   if (before.applied->destination != destination())
     changes.push_back(fmt::format("it publishes to 0x{:04x}", destination()));
   if (before.ttl != ttl_of(before)) changes.push_back(fmt::format("its TTL is {}", ttl_of(before)));
-  if (!std::ranges::is_permutation(before.applied->groups, settings_.groups))
-    changes.push_back(settings_.groups.empty() ? "it has no groups"
-                                               : fmt::format("its groups are 0x{:04x}",
-                                                             fmt::join(settings_.groups, ", 0x")));
+  const std::vector<std::uint16_t> groups = groups_of(before);
+  if (!std::ranges::is_permutation(before.applied->groups, groups))
+    changes.push_back(groups.empty()
+                          ? "it has no groups"
+                          : fmt::format("its groups are 0x{:04x}", fmt::join(groups, ", 0x")));
   if (before.applied->relay_group != settings_.relayed_to())
     changes.push_back(settings_.relayed_to() ? fmt::format("it hears relayed updates in 0x{:04x}",
                                                            *settings_.relayed_to())

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/key_refresh.hpp"
@@ -52,7 +53,8 @@ class NodeConversations : private ProvisionerPart {
   NodeConfiguration::Purpose purpose_for(const Node& node) const;
   bool is_outdated(const Node& node) const;
   bool is_only_moved(const Node& node) const;
-  bool has_right_groups(const AppliedSettings& applied) const;
+  bool has_right_groups(const Node& node) const;
+  std::vector<std::uint16_t> groups_of(const Node& node) const;
   /// With which TTL the robot publishes.
   std::uint8_t ttl_of(const Node& node) const { return node.wishes.ttl.value_or(settings_.ttl); }
   /// What robots publish to.

@@ -47,6 +47,8 @@ struct NodeWishes {
   std::optional<std::uint8_t> ttl = {};  ///< of what it publishes, and its default
   std::optional<bool> relay = {};
   std::optional<Transmissions> transmit = {};  ///< of each packet that is its own
+  std::vector<std::uint16_t> groups = {};      ///< to hear beside those of all; at most max_groups
+  static constexpr std::size_t max_groups = 8;
   bool operator==(const NodeWishes&) const = default;
 };
 

@@ -97,6 +97,8 @@ OrderedJson wanted_json(const NodeWishes& wishes) {
   if (wishes.ttl) wanted["ttl"] = *wishes.ttl;
   if (wishes.relay) wanted["relay"] = *wishes.relay ? "on" : "off";
   if (wishes.transmit) wanted["transmit"] = transmissions_json(*wishes.transmit);
+  for (const std::uint16_t group : wishes.groups)
+    wanted["subscribed_to"].push_back(address_words(group));
   return wanted;
 }
 

@@ -213,6 +213,19 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
   if (wanted.ttl) wishes.ttl = *wanted.ttl;
   if (wanted.relay) wishes.relay = *wanted.relay;
   if (wanted.transmit) wishes.transmit = *wanted.transmit;
+  const auto is_of_all = [&](std::uint16_t group) {
+    return std::ranges::find(settings_.groups, group) != settings_.groups.end();
+  };
+  if (wanted.unsubscribe && is_of_all(*wanted.unsubscribe))
+    return order_.refuse("all robots hear this group: take it out of ble_mesh.groups");
+  if (wanted.unsubscribe) std::erase(wishes.groups, *wanted.unsubscribe);
+  if (wanted.subscribe && !is_of_all(*wanted.subscribe)) {
+    std::erase(wishes.groups, *wanted.subscribe);
+    wishes.groups.push_back(*wanted.subscribe);
+  }
+  if (wishes.groups.size() > NodeWishes::max_groups)
+    return order_.refuse(
+        fmt::format("a robot may have {} groups of its own", std::size_t{NodeWishes::max_groups}));
   Node& changed = *nodes_.change().find(node->uuid);
   changed.wishes = wishes;
   changed.applied->is_changing = true;

@@ -210,6 +210,40 @@ TEST(Orders, ConfigKeepsWhatIsWantedAndGivesItToTheNode) {
   EXPECT_EQ(rig.stored.back().nodes[0].wishes.relay, false);
 }
 
+TEST(Orders, ConfigGivesARobotGroupsOfItsOwn) {
+  JoinedRig rig;
+  const auto hears = [&](std::uint16_t group) {
+    return std::ranges::any_of(rig.device().subscriptions,
+                               [&](const auto& list) { return list.second.contains(group); });
+  };
+  NodeConfigOrder order{"ble-0100"};
+  order.subscribe = 0xc0aa;
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_TRUE(hears(0xc0aa)) << rig.answer();
+  EXPECT_EQ(rig.answer()["wanted"]["subscribed_to"], nlohmann::json::array({"0xc0aa"}));
+  const auto stored = decode_node_database(encode_node_database(rig.stored.back()));
+  ASSERT_TRUE(stored.has_value());
+  EXPECT_EQ(stored->nodes[0].wishes.groups, (std::vector<std::uint16_t>{0xc0aa}));
+  rig.pass(60s);
+  EXPECT_TRUE(hears(0xc0aa)) << "it stays";
+  order.subscribe.reset();
+  order.unsubscribe = 0xc0aa;
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_FALSE(hears(0xc0aa)) << rig.answer();
+  order.unsubscribe = Settings{}.groups.at(0);
+  rig.order(order);
+  EXPECT_NE(text_of(rig.answer()).find("ble_mesh.groups"), std::string::npos) << rig.answer();
+  order.unsubscribe.reset();
+  for (std::uint16_t group = 0xd000; group <= 0xd000 + NodeWishes::max_groups; ++group) {
+    order.subscribe = group;
+    rig.order(order);
+    rig.pass(20s);
+  }
+  EXPECT_NE(text_of(rig.answer()).find("may have 8 groups"), std::string::npos) << rig.answer();
+}
+
 TEST(Orders, ConfigSaysWhatTheNodeDoesNotTake) {
   JoinedRig rig;
   rig.device().relay = hex("02 00");
