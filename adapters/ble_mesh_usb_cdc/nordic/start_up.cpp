@@ -21,7 +21,7 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
 }  // namespace
 
 StartUp::StartUp(BoardSettings settings, std::optional<RadioKeys> keys)
-    : settings_(std::move(settings)), keys_(std::move(keys)) {
+    : settings_(std::move(settings)), keys_(keys) {
   board_.source = settings_.address;
 }
 
