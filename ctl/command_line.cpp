@@ -158,9 +158,10 @@ void add_wish(CLI::App& config, Arguments& a, const char* option, const char* ke
               std::function<nlohmann::json(const std::string&)> read) {
   config.add_option_function<std::string>(
       option,
-      [&a, option, key, read = std::move(read)](const std::string& word) {
+      [&a, option, key, what, read = std::move(read)](const std::string& word) {
         const nlohmann::json value = word == "default" ? nlohmann::json() : read(word);
-        if (value.is_discarded()) throw CLI::ValidationError(option, "'" + word + "' is none");
+        if (value.is_discarded())
+          throw CLI::ValidationError(option, "'" + word + "' is not allowed; " + what);
         a.order.request[key] = value;
       },
       what);
@@ -199,7 +200,8 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
              return word == "on" || word == "off" ? nlohmann::json(word == "on") : none;
            });
   add_wish(*config, a, "--transmit", "transmit",
-           "How it sends each packet, TIMESxMS: 3x20, or default", [none](const std::string& word) {
+           "How it sends each packet, TIMESxMS: 1-8 times, 10, 20 ... 320 ms, as 3x20, or default",
+           [none](const std::string& word) {
              const std::size_t by = word.find('x');
              const auto sends = parse_count(std::string_view(word).substr(0, by));
              const auto ms = by == word.npos ? std::nullopt : parse_count(word.substr(by + 1));

@@ -15,6 +15,7 @@
 #include <iterator>
 #include <limits>
 #include <set>
+#include <sstream>
 #include <thread>
 #include <utility>
 
@@ -253,6 +254,14 @@ int ping(Connection& connection, const Order& order) {
   }
 }
 
+/// What hides or deceives in names is escaped; several problems are a line each.
+std::string printable_lines(const std::string& text) {
+  std::istringstream lines(text);
+  std::string out;
+  for (std::string line; std::getline(lines, line);) out += slamgw::escape_unprintable(line) + '\n';
+  return out;
+}
+
 int run(Order order) {
   if (order.answer == Answer::mesh) return export_mesh(order);
   if (order.answer != Answer::record && !order.file.empty())
@@ -299,6 +308,10 @@ int doctor(const Installation& installation, const HostTask& task) {
 
 int check(const HostTask& task) {
   const std::chrono::minutes time(task.minutes);
+  {
+    Connection connection(task.socket);
+    warn_of_unheard(connection, {{"robot", task.robot}});
+  }
   std::cerr << fmt::format("watching {} for {} min\n", task.robot, task.minutes);
   const auto findings = judge_robot(watch_robot(task.robot, time, task.socket));
   std::cout << (task.json ? slamgw::control::to_line(to_json(findings)) : to_text(findings));
@@ -429,7 +442,7 @@ int main(int argc, char** argv) {
     return run(std::get<Order>(parsed));
   } catch (const std::exception& error) {
     std::cout << std::flush;
-    std::cerr << "slam-gatewayctl: " << error.what() << '\n';
+    std::cerr << "slam-gatewayctl: " << printable_lines(error.what());
     return exit_failed;
   }
 }

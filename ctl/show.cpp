@@ -189,12 +189,15 @@ std::string shown_state(const json& robot) {
   return is_true(robot, "deaf") ? "deaf" : text_at(robot, "state");
 }
 
+/// Its `last_seen` is 1970 when it was not heard since the daemon started.
+bool was_seen(const json& robot) { return !string_at(robot, "last_seen").starts_with("1970-"); }
+
 Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
   return {text_at(robot, "id"),
           text_at(robot, "mesh"),
           text_at(robot, "address"),
           shown_state(robot),
-          show_age(text_at(robot, "last_seen"), now),
+          was_seen(robot) ? show_age(text_at(robot, "last_seen"), now) : "-",
           fmt::format("{}", count_at(robot, "messages")),
           fmt::format("{}", count_at(robot, "commands")),
           fmt::format("{}", count_at(robot, "repeats")),
@@ -655,15 +658,17 @@ std::string topology(const json& topology, const Screen& screen) {
   if (rows.empty()) return "no robot is in the mesh yet\n";
   const std::size_t id = std::max<std::size_t>(widest(rows, "robot", 5), 5);
   std::string out = fmt::format("{} ADDRESS RELAYS  DBM SEEN STATE\n", pad("ROBOT", id));
+  bool has_relayed = false;
   for (const json& row : rows) {
     const std::string state = text_at(row, "state");
     const bool is_relayed = count_at(row, "hops") > 0;
+    has_relayed = has_relayed || is_relayed;
     out += fmt::format("{} {} {:>6} {:>4}{}{:>4} {}\n", pad(cut_end(text_at(row, "robot"), id), id),
                        pad(text_at(row, "address"), 7), number_or_dash(row, "hops", 1),
                        number_or_dash(row, "rssi_dbm", 1), is_relayed ? "*" : " ",
                        show_age(text_at(row, "last_seen"), screen.now), screen.paint(state, state));
   }
-  return out + "* of the last relay, not of the robot\n";
+  return out + (has_relayed ? "* of the last relay, not of the robot\n" : "");
 }
 
 std::string removed(const json& node) {

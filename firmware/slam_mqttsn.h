@@ -126,7 +126,8 @@ struct slam_sn_client {
   uint8_t asking;  // type of the request about the connection that waits for its answer; 0: none
   uint8_t asked_topic;
   uint8_t tries;
-  bool resumes;  // the next CONNECT continues the session
+  uint8_t connacks;  // that may still come: one for each CONNECT that was sent
+  bool resumes;      // the next CONNECT continues the session
   uint16_t asked_id;
   uint16_t sleep_s;
   uint32_t ask_at;   // when to send it, or send it again
@@ -577,9 +578,12 @@ static inline bool slam_sn_on_connack_(struct slam_sn_client* client, uint8_t co
   if (code != SLAM_SN_ACCEPTED) return false;
   if (client->asking == SLAM_SN_CONNECT_) {
     client->state = SLAM_SN_ACTIVE;
-  } else if (client->state != SLAM_SN_ACTIVE || client->asking == SLAM_SN_DISCONNECT_) {
+    client->connacks = client->tries;
+  } else if (client->state != SLAM_SN_ACTIVE || client->asking == SLAM_SN_DISCONNECT_ ||
+             client->connacks == 0) {
     return false;
   }
+  if (client->connacks > 0) --client->connacks;
   slam_sn_unsettle_all_(client);
   slam_sn_answered_(client, now);
   client->publish_at = now;

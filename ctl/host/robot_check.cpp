@@ -46,7 +46,10 @@ class Judge {
       rejected_ += text_at(event, "why").empty() ? 0 : 1;
       largest_ = std::max(largest_, count_at(event, "bytes"));
       if (text_at(event, "type") == "update") update_times_.push_back(seconds_of(event));
-      meshes_.insert(text_at(event, "mesh"));
+      const json same{event.value("message_id", json()), event.value("payload", json())};
+      const bool is_repeat = count_at(event, "message_id") > 0 && same == last_;
+      if (is_repeat && !is_true(event, "dup")) ++passed_repeats_;
+      last_ = same;
     } else if (kind == "repeat") {
       ++repeats_;
       const bool is_thread = text_at(event, "mesh") == "thread";
@@ -77,7 +80,7 @@ class Judge {
   void judge_messages() {
     if (arrived_ == 0)
       return add("messages", Health::problem, fmt::format("none in {} s", robot_.watched.count()),
-                 "slam-gatewayctl doctor ROBOT says why it is silent");
+                 "slam-gatewayctl doctor says of a robot why it is silent");
     add("messages", Health::well,
         fmt::format("{} in {} s, {} of them again", arrived_ + repeats_, robot_.watched.count(),
                     repeats_));
@@ -102,6 +105,18 @@ class Judge {
       add("DUP", Health::warning,
           fmt::format("{} of {} repeats do not set the DUP flag", unmarked_, repeats_),
           "set DUP in each repeat of a PUBLISH (MQTT-SN 1.2 section 5.2.3)");
+    if (passed_repeats_ > 0)
+      add("DUP", Health::problem,
+          fmt::format("{} messages came again with the same message id and content, without DUP, "
+                      "and went up again",
+                      passed_repeats_),
+          "set DUP in each repeat of a PUBLISH, and wait longer before it");
+    if (is_lossy() && repeats_ <= arrived_)
+      add("losses", Health::warning,
+          fmt::format("{} of {} messages had to be repeated: the radio loses some of them, or of "
+                      "their acknowledgements",
+                      repeats_, arrived_),
+          "slam-gatewayctl ping -c 10, and ble topology on BLE: move it, or add a relay");
     if (arrived_ < enough_messages || repeats_ <= arrived_) return;
     add("repeats", Health::problem,
         fmt::format("{} copies for {} messages: it does not hear the acknowledgements, or waits "
@@ -110,6 +125,9 @@ class Judge {
         "is it deaf (slam-gatewayctl robots)? else wait longer before the first repeat, and twice "
         "as long before each next one");
   }
+
+  /// One of ten was repeated.
+  bool is_lossy() const { return arrived_ >= enough_messages && 10 * repeats_ > arrived_; }
 
   void judge_payloads() {
     if (strays_ > 0)
@@ -143,7 +161,7 @@ class Judge {
     std::vector<double> gaps;
     for (std::size_t i = 1; i < update_times_.size(); ++i)
       gaps.push_back(update_times_[i] - update_times_[i - 1]);
-    if (gaps.size() < enough_messages) return;
+    if (gaps.size() < enough_messages || is_lossy()) return;  // repeats make gaps, too
     std::ranges::sort(gaps);
     const double median = gaps[gaps.size() / 2];
     const auto is_off = [&](double gap) { return gap < median / 2 || gap > 2 * median; };
@@ -206,7 +224,8 @@ class Judge {
   std::size_t commands_ = 0;
   std::size_t unanswered_ = 0;
   std::uint64_t largest_ = 0;
-  std::set<std::string> meshes_;
+  std::size_t passed_repeats_ = 0;
+  json last_;  ///< message id and payload of the last message
   std::set<std::string> unanswered_topics_;
   std::map<std::string, std::size_t> reasons_;
   std::vector<double> update_times_;
@@ -229,7 +248,6 @@ WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
                          const std::string& socket) {
   using Clock = std::chrono::steady_clock;
   WatchedRobot watched;
-  Connection questions(socket);
   Connection events(socket);
   events.ask({{"command", "watch"}, {"robot", robot}}, answer_patience);
   const auto start = Clock::now();
@@ -240,6 +258,7 @@ WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
       watched.events.push_back(std::move(*event));
   }
   watched.watched = std::chrono::round<std::chrono::seconds>(Clock::now() - start);
+  Connection questions(socket);  // now: one that is idle for a minute is closed
   const json clients =
       asked(questions, {{"command", "mqttsn clients"}, {"robot", robot}}, answer_patience);
   if (clients.is_array() && !clients.empty()) watched.client = clients.front();

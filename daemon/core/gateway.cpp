@@ -143,7 +143,8 @@ void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& n
 }
 
 void Gateway::handle(SignOfLife sign, const Now& now) {
-  presence_.on_heard(sign.robot, directory_.registry.on_sign_of_life(sign.robot, now), now.mono);
+  presence_.on_heard(sign.robot, directory_.registry.on_sign_of_life(sign.robot, sign.mesh, now),
+                     now.mono);
 }
 
 void Gateway::handle(LinkChange change, const Now&) {

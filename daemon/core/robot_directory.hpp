@@ -45,15 +45,22 @@ struct RobotDirectory {
   bool is_known(const std::string& robot) const {
     return registry.find(robot) != nullptr || places.is_shown(robot);
   }
+  /// A robot that is heard on one mesh may be gone from the other long before its keep-alive time
+  /// runs out there.
+  static constexpr std::chrono::seconds silent_after{5};
+  bool is_silent(const std::string& robot, Mesh mesh, TimePoint now) const {
+    const Robot* known = registry.find(robot);
+    return known != nullptr && now - known->on_mesh[mesh].last_heard > silent_after;
+  }
   /// A robot with addresses on several meshes gets a command once: where it can be reached, and of
   /// two such meshes over the better one. Nothing when no mesh knows the robot.
   std::optional<Mesh> carrier_for(const std::string& robot, TimePoint now) const {
     std::optional<Mesh> carrier;
-    std::tuple<Presence, bool, double> best;
+    std::tuple<Presence, bool, bool, double> best;
     for (const Mesh mesh : all_meshes) {
       const auto presence = presence_on(mesh, robot);
       if (!presence) continue;
-      const std::tuple rank{*presence, names.preferred(robot) != mesh,
+      const std::tuple rank{*presence, is_silent(robot, mesh, now), names.preferred(robot) != mesh,
                             choice.expected(robot, mesh, now).count()};
       if (carrier && rank >= best) continue;
       carrier = mesh;

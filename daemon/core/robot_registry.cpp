@@ -61,7 +61,8 @@ bool RobotRegistry::forget(const std::string& robot) {
   return true;
 }
 
-void Robot::on_heard(const Now& now) {
+void Robot::on_heard(Mesh mesh, const Now& now) {
+  on_mesh[mesh].last_heard = now.mono;
   if (first_heard == TimePoint{}) first_heard = now.mono;
   last_heard = now.mono;
   last_seen = now.wall;
@@ -75,12 +76,12 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   const bool is_same_state =
       there.presence == change.presence &&
       (there.is_deaf != change.is_deaf || there.is_contested != change.is_contested);
-  there = {true,           change.presence,
-           change.address, is_same_state ? there.since : now.wall,
-           change.is_deaf, change.is_contested};
+  there = {
+      true,           change.presence,     change.address,  is_same_state ? there.since : now.wall,
+      change.is_deaf, change.is_contested, there.last_heard};
   robot->last_mesh = change.mesh;
   ++counts_[static_cast<std::size_t>(robot->presence().presence)];
-  if (change.presence != Presence::offline) robot->on_heard(now);
+  if (change.presence != Presence::offline) robot->on_heard(change.mesh, now);
   return robot;
 }
 
@@ -89,15 +90,15 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   if (!robot) return nullptr;
   if (report.is_will) return robot;
   robot->numbers.on_up(report.payload.size(), now.mono);
-  robot->on_heard(now);
+  robot->on_heard(report.mesh, now);
   robot->last_mesh = report.mesh;
   robot->radio = report.radio;
   return robot;
 }
 
-Robot* RobotRegistry::on_sign_of_life(const std::string& robot, const Now& now) {
+Robot* RobotRegistry::on_sign_of_life(const std::string& robot, Mesh mesh, const Now& now) {
   Robot* known = find(robot);
-  if (known) known->on_heard(now);
+  if (known) known->on_heard(mesh, now);
   return known;
 }
 

@@ -26,6 +26,7 @@ struct MeshPresence {
   WallTime since{};
   bool is_deaf = false;  ///< it does not hear the gateway; not a state, and `since` not its time
   bool is_contested = false;  ///< another client uses its id there
+  TimePoint last_heard{};     ///< there
 };
 
 struct Robot {
@@ -42,7 +43,7 @@ struct Robot {
   bool is_session_contested = false;  ///< another client takes its session at the broker
   LogThrottle rejected_throttle;
 
-  void on_heard(const Now& now);
+  void on_heard(Mesh mesh, const Now& now);
   /// The mesh that speaks for it: one where it is online, else asleep, else the last one.
   Mesh mesh() const;
   const MeshPresence& presence() const { return on_mesh[mesh()]; }
@@ -73,7 +74,7 @@ class RobotRegistry {
   /// Robots that had to make room since the last call.
   std::vector<std::string> take_evicted() { return std::exchange(evicted_, {}); }
   /// These are of robots that are known already; null otherwise.
-  Robot* on_sign_of_life(const std::string& robot, const Now& now);
+  Robot* on_sign_of_life(const std::string& robot, Mesh mesh, const Now& now);
   Robot* find(const std::string& robot);
   const Robot* find(const std::string& robot) const;
   /// Empty when it was never there.

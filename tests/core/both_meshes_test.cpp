@@ -128,6 +128,18 @@ TEST_F(BothMeshes, AreCommandedOverThePreferredOne) {
   EXPECT_EQ(carrier(), Mesh::ble);
 }
 
+TEST_F(BothMeshes, AreNotCommandedWhereTheyHaveFallenSilent) {
+  name(Mesh::thread);
+  says(Mesh::thread, "01000200", 1);
+  says(Mesh::ble, "01000300", 2);
+  EXPECT_EQ(carrier(), Mesh::thread);
+  wait(RobotDirectory::silent_after + 1ms);
+  says(Mesh::ble, "01000400", 3);
+  EXPECT_EQ(carrier(), Mesh::ble) << "its session on Thread is still open";
+  wait(RobotDirectory::silent_after + 1ms);
+  EXPECT_EQ(carrier(), Mesh::thread) << "it is silent on both";
+}
+
 TEST_F(BothMeshes, AreCommandedOverTheOneThatAnswersFaster) {
   EXPECT_EQ(carrier(), Mesh::ble) << "nothing is known yet";
   ends(Mesh::ble, CommandResult::delivered, 300ms);

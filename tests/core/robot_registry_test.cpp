@@ -54,8 +54,8 @@ TEST(RobotRegistry, AWillIsNoSignOfLife) {
   registry.on_report(will, late);
   registry.on_presence({Mesh::thread, "a", Presence::offline, ""}, late);
   EXPECT_EQ(registry.find("a")->last_seen, early.wall);
-  registry.on_sign_of_life("a", late);
-  registry.on_sign_of_life("unknown", late);
+  registry.on_sign_of_life("a", Mesh::thread, late);
+  registry.on_sign_of_life("unknown", Mesh::thread, late);
   EXPECT_EQ(registry.find("a")->last_seen, late.wall);
   EXPECT_FALSE(registry.find("unknown"));
   EXPECT_EQ(registry.find("a")->numbers.up(), 1u);

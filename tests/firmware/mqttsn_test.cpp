@@ -338,10 +338,24 @@ TEST(SnClient, DoesNotGiveUpAGatewayThatAnswersOtherThings) {
 /// The gateway may have begun the session once more, without what was registered.
 TEST(SnClient, ASecondConnackBeginsTheSetupAgain) {
   SnRobot robot;
-  robot.get_ready();
+  robot.start();
+  EXPECT_EQ(robot.pass(SLAM_SN_RETRY_MS).size(), 2U) << "CONNECT goes again";
+  robot.hear("03 05 00");
+  robot.sent();
+  robot.hear("07 0b 00 05 00 01 00");
   robot.hear("03 05 00");
   EXPECT_FALSE(slam_sn_is_ready(&robot.client));
   EXPECT_EQ(robot.sent().size(), 1U);
+  robot.hear("03 05 00");
+  EXPECT_TRUE(robot.sent().empty()) << "there is a CONNACK for each CONNECT";
+}
+
+TEST(SnClient, AConnackThatNothingAskedForIsIgnored) {
+  SnRobot robot;
+  robot.get_ready();
+  for (int i = 0; i < 100; ++i) robot.hear("03 05 00");
+  EXPECT_TRUE(slam_sn_is_ready(&robot.client));
+  EXPECT_TRUE(robot.sent().empty());
 }
 
 TEST(SnClient, SleepsAndAsksForWhatWaits) {

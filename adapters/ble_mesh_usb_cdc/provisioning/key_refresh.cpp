@@ -97,11 +97,12 @@ void KeyRefresh::begin_step(RefreshStep step) {
     history.problem.clear();
     history.retry_at = TimePoint::min();
   }
-  notify(Severity::notice,
-         step == RefreshStep::distributing ? "the mesh's keys are refreshed: robots get new ones"
-         : step == RefreshStep::switching ? "all robots have the mesh's new keys and switch to them"
-                                          : "the gateway switches to the mesh's new keys, and "
-                                            "robots forget the old ones");
+  notify(Severity::notice, step == RefreshStep::distributing
+                               ? "a refresh of the mesh's keys begins: robots get new ones"
+                           : step == RefreshStep::switching
+                               ? "all robots have the mesh's new keys and switch to them"
+                               : "the gateway switches to the mesh's new keys, and "
+                                 "robots forget the old ones");
 }
 
 void KeyRefresh::end() {

@@ -29,6 +29,11 @@ std::string unknown_robot(const std::string& robot) {
 void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint now) {
   const auto answer = [&](OrderAnswer what) { actions_.push(OrderEnded{id, std::move(what)}); };
   const auto begin = [&](const auto& wanted) {
+    using Wanted = std::decay_t<decltype(wanted)>;
+    constexpr bool may_wait =
+        std::is_same_v<Wanted, PingOrder> || std::is_same_v<Wanted, NodeConfigOrder>;
+    if (order_ && may_wait && waiting_.size() < max_waiting)
+      return void(waiting_.emplace_back(id, order));
     if (order_) return answer({{}, "another command for this mesh is still under way"});
     order_.open({.id = id});
     take(wanted, now);
@@ -50,6 +55,14 @@ void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint
                  begin,
              },
              order);
+}
+
+void OperatorOrders::begin_waiting(TimePoint now) {
+  while (!order_ && !waiting_.empty()) {
+    const Waiting next = std::move(waiting_.front());
+    waiting_.pop_front();
+    on_order(next.first, next.second, now);
+  }
 }
 
 std::string OperatorOrders::problem_with_mesh() const {
@@ -403,7 +416,9 @@ void OperatorOrders::on_deadline(TimePoint now) {
       if (is_under_way) break;
       return order_.refuse("it was not heard: is it switched on, in reach, and in no mesh?");
     }
-    case Kind::ping: return order_.refuse("the gateway is busy with this robot; try again later");
+    case Kind::ping:
+      return order_.refuse(
+          "the gateway is configuring this robot, which does not answer; try again later");
     case Kind::remove:
     case Kind::config:
     case Kind::import_mesh:

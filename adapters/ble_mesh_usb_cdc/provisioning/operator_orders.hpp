@@ -4,8 +4,10 @@
 // Part of Provisioner.
 #pragma once
 
+#include <deque>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_conversations.hpp"
 
@@ -32,8 +34,14 @@ class OperatorOrders : private ProvisionerPart {
   /// Called after the ledger; `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   void on_deadline(TimePoint now);
+  /// Begins the next order that waits in line, when none is under way.
+  void begin_waiting(TimePoint now);
 
  private:
+  /// Pings and questions wait in line for a while, for each takes some seconds.
+  static constexpr std::size_t max_waiting = 16;
+  using Waiting = std::pair<std::uint64_t, BleOrder>;
+
   void take(const ScanOrder&, TimePoint now);
   void take(const ProvisionOrder& wanted, TimePoint now);
   void take(const RemoveOrder& wanted, TimePoint now);
@@ -63,6 +71,7 @@ class OperatorOrders : private ProvisionerPart {
   NodeConversations& conversations_;
   KeyRefresh& refresh_;
   const std::string gateway_;
+  std::deque<Waiting> waiting_;
 };
 
 }  // namespace slamgw::ble

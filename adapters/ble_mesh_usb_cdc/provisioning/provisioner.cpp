@@ -99,12 +99,14 @@ void Provisioner::on_order(std::uint64_t id, const BleOrder& order, TimePoint no
 
 void Provisioner::advance(TimePoint now) {
   orders_.on_deadline(now);
+  orders_.begin_waiting(now);
   if (admission_.permit().on_time(now))
     shared_.notify(Severity::notice, "new robots may not join any more");
   refresh_.advance(!admission_.is_idle(), now);
   if (link_.is_up && nodes_.database()) {
     admission_.advance(now);
     conversations_.continue_all(now);
+    orders_.begin_waiting(now);
     admission_.choose_next(
         [this](const Node& node) { return conversations_.is_talking_with(node); }, now);
     conversations_.begin_due(now);

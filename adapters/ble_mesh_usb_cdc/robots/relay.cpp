@@ -32,13 +32,13 @@ void Relay::on_robot_message(const BrokerMessage& message, TimePoint now) {
   // configures the robots, or they would hear everything twice.
   if (message.retain || nodes_.is_guest()) return;
   const auto topic = topics_.parse_robot_topic(message.topic);
+  if (topic && !is_for_others(topic->robot)) return;
   const bool is_update =
       topic && topic->type == relayed_type && parse_update(message.payload).has_value();
   if (!is_update || !link_.is_up) {
     ++counters_.dropped;
     return;
   }
-  if (!is_for_others(topic->robot)) return;
   keep_last(relayed_number_of(topic->robot), message.payload);
   send_due(now);
 }

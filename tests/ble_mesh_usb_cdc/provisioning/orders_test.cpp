@@ -147,6 +147,30 @@ TEST(Orders, PingTellsHowLongTheAnswerTookAndItsWay) {
   EXPECT_TRUE(rig.board.devices.device_keys.empty());
 }
 
+TEST(Orders, PingsWaitInLine) {
+  JoinedRig rig;
+  rig.order(ScanOrder{});
+  for (int i = 0; i < 3; ++i) rig.order(PingOrder{"ble-0100"});
+  EXPECT_TRUE(rig.answers.empty());
+  rig.order(ScanOrder{});
+  ASSERT_EQ(rig.answers.size(), 1U);
+  EXPECT_NE(rig.answers[0].error.find("still under way"), std::string::npos);
+  rig.pass(15s);
+  ASSERT_EQ(rig.answers.size(), 5U) << "the scan and the pings";
+  EXPECT_EQ(rig.answer()["answered"], true) << rig.answer();
+}
+
+TEST(Orders, PingsInLineAreBounded) {
+  JoinedRig rig;
+  rig.order(ScanOrder{});
+  for (int i = 0; i < 17; ++i) rig.order(PingOrder{"ble-0100"});
+  ASSERT_EQ(rig.answers.size(), 1U);
+  EXPECT_NE(rig.answers[0].error.find("still under way"), std::string::npos);
+  rig.board.devices.devices[0].deaf_to = {"80"};
+  rig.pass(200s);
+  EXPECT_EQ(rig.answers.size(), 18U) << "each has an answer";
+}
+
 TEST(Orders, PingOfASilentRobotEndsSoon) {
   JoinedRig rig;
   rig.device().deaf_to = {"800c"};

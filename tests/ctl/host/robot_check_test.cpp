@@ -71,6 +71,28 @@ TEST(RobotCheck, NamesEndlessRepeats) {
   EXPECT_EQ(health_of(robot, "repeats"), Health::problem);
 }
 
+TEST(RobotCheck, NamesRepeatsWithoutDupThatWentUp) {
+  WatchedRobot robot;
+  for (int i = 0; i < 20; ++i)
+    for (int copy = 0; copy < 3; ++copy)
+      robot.events.push_back(
+          arrived(3 * i + copy, {{"message_id", 100 + i}, {"payload", "01"}, {"dup", false}}));
+  EXPECT_EQ(health_of(robot, "DUP"), Health::problem);
+  robot.events.clear();
+  for (int i = 0; i < 20; ++i)
+    robot.events.push_back(arrived(i, {{"message_id", 100 + i}, {"payload", "01"}}));
+  EXPECT_EQ(health_of(robot, "DUP"), Health::unknown);
+}
+
+TEST(RobotCheck, BlamesTheRadioForRepeats) {
+  WatchedRobot robot;
+  for (int i = 0; i < 40; ++i) robot.events.push_back(arrived(i + (i % 3 == 0 ? 0.9 : 0)));
+  for (int i = 0; i < 10; ++i)
+    robot.events.push_back({{"event", "repeat"}, {"mesh", "thread"}, {"dup", true}});
+  EXPECT_EQ(health_of(robot, "losses"), Health::warning);
+  EXPECT_EQ(health_of(robot, "pace"), Health::unknown);
+}
+
 TEST(RobotCheck, NamesMessagesThatAskForNoAcknowledgement) {
   WatchedRobot robot;
   for (int i = 0; i < 20; ++i) robot.events.push_back(arrived(i, {{"qos", 0}}));
