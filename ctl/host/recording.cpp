@@ -26,18 +26,6 @@ namespace {
 using nlohmann::json;
 using std::chrono::microseconds;
 
-/// `2026-11-21T06:31:07.042137Z`, with any number of digits for the fraction, or none.
-std::optional<microseconds> parse_time(const std::string& text) {
-  std::tm time{};
-  const char* rest = strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &time);
-  if (rest == nullptr) return std::nullopt;
-  microseconds parsed = std::chrono::seconds(timegm(&time));
-  microseconds unit{100000};
-  if (*rest == '.')
-    for (++rest; *rest >= '0' && *rest <= '9'; ++rest, unit /= 10) parsed += unit * (*rest - '0');
-  return std::string_view(rest) == "Z" ? std::optional(parsed) : std::nullopt;
-}
-
 std::optional<BrokerMessage> message_of(const json& event) {
   const auto payload = from_hex(text_at(event, "payload"));
   const std::string topic = string_at(event, "topic");
@@ -146,6 +134,17 @@ class Replay final : private UpstreamListener {
 
 }  // namespace
 
+std::optional<microseconds> parse_event_time(const std::string& text) {
+  std::tm time{};
+  const char* rest = strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &time);
+  if (rest == nullptr) return std::nullopt;
+  microseconds parsed = std::chrono::seconds(timegm(&time));
+  microseconds unit{100000};
+  if (*rest == '.')
+    for (++rest; *rest >= '0' && *rest <= '9'; ++rest, unit /= 10) parsed += unit * (*rest - '0');
+  return std::string_view(rest) == "Z" ? std::optional(parsed) : std::nullopt;
+}
+
 bool is_recorded(const json& event) {
   const std::string kind = text_at(event, "event");
   return kind == "arrived" || kind == "command" || kind == "lost";
@@ -158,7 +157,7 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     ++number;
     if (line.empty()) continue;
     const json event = json::parse(line, nullptr, false);
-    const auto at = event.is_object() ? parse_time(text_at(event, "at")) : std::nullopt;
+    const auto at = event.is_object() ? parse_event_time(text_at(event, "at")) : std::nullopt;
     // One with a reason was not published as it came: no server has seen it on its topic.
     const bool is_message =
         event.is_object() && text_at(event, "event") == "arrived" && text_at(event, "why").empty();

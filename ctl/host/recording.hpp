@@ -6,6 +6,7 @@
 #include <chrono>
 #include <istream>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,10 @@ struct RecordedMessage {
   std::chrono::microseconds after{0};
   BrokerMessage message;
 };
+
+/// The `at` of a watch event, `2026-11-21T06:31:07.042137Z` with any number of digits for the
+/// fraction, or none: since 1970.
+std::optional<std::chrono::microseconds> parse_event_time(const std::string& text);
 
 /// Whether a watch event belongs into a recording: a message of a robot or to one, or how many
 /// events were lost.

@@ -8,8 +8,8 @@
 #include <optional>
 #include <set>
 
+#include "ctl/host/recording.hpp"
 #include "ctl/show.hpp"
-#include "daemon/core/time.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -65,12 +65,8 @@ class Judge {
   }
 
   static double seconds_of(const json& event) {
-    std::tm fields{};
-    const std::string at = text_at(event, "at");
-    const char* rest = strptime(at.c_str(), "%Y-%m-%dT%H:%M:%S", &fields);
-    if (rest == nullptr) return 0;
-    const double fraction = *rest == '.' ? std::strtod(rest, nullptr) : 0;
-    return static_cast<double>(timegm(&fields)) + fraction;
+    const auto at = parse_event_time(string_at(event, "at"));
+    return std::chrono::duration<double>(at.value_or(std::chrono::microseconds{0})).count();
   }
 
   void add(const char* step, Health health, std::string detail, std::string remedy = {}) {

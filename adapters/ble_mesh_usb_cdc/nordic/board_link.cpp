@@ -122,7 +122,7 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
 }
 
 BoardLink::BoardLink(BoardSettings settings, std::optional<RadioKeys> keys, std::uint64_t seed)
-    : settings_(std::move(settings)), keys_(std::move(keys)), resync_(seed) {}
+    : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
 
 void BoardLink::on_port_open(TimePoint now) {
   health_.on_port_open();

@@ -58,7 +58,7 @@ class BoardRadio final : public Radio {
   /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
   BoardRadio(BoardSettings settings, std::optional<RadioKeys> keys, RandomSource random,
              std::uint64_t seed)
-      : link_(std::move(settings), std::move(keys), seed), random_(std::move(random)) {}
+      : link_(std::move(settings), keys, seed), random_(std::move(random)) {}
 
   void on_port_open(TimePoint now) { link_.on_port_open(now); }
   void on_port_closed(const std::string& why, TimePoint now) { link_.on_port_closed(why, now); }

@@ -59,8 +59,8 @@ void KeyRefresh::on_taken(const Uuid& uuid, RefreshStep step) {
 
 // --- The steps -----------------------------------------------------------------------------------
 
-/// The radio is told when the disk has the step. It hears both keys before a node sends under the
-/// new one, and sends under the new one when all nodes hear that.
+/// The radio changes its keys when the disk has the step. So the radio hears both keys before a
+/// node sends under the new one. It sends under the new one when all nodes hear the new one.
 void KeyRefresh::advance(bool may_join, TimePoint now) {
   if (!is_on() || !nodes_.is_saved()) return;
   const bool is_told = std::exchange(told_, step()) == step();
@@ -75,8 +75,9 @@ void KeyRefresh::advance(bool may_join, TimePoint now) {
   }
 }
 
-/// A robot that has the new keys and does not answer holds nobody up: it hears the new key, under
-/// which it is asked to finish. All others must have them before they can be used.
+/// The first step waits for each robot: without the new keys it would hear nobody afterwards. The
+/// second step waits for one attempt, because a silent robot hears the new key already. The last
+/// step ends when all have answered.
 bool KeyRefresh::is_step_done(bool may_join) const {
   if (step() == RefreshStep::switching)
     return std::ranges::none_of(nodes_.database()->nodes, [&](const Node& node) {

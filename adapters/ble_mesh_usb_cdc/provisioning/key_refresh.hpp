@@ -26,7 +26,7 @@ class KeyRefresh : private ProvisionerPart {
   /// The node has not taken the step that is under way. One that is not configured yet comes to it.
   bool is_due(const Node& node) const;
   void on_taken(const Uuid& uuid, RefreshStep step);
-  /// It was asked to, in vain, since this step began.
+  /// An attempt to have the node take this step has failed.
   bool has_failed(const Node& node) const;
 
   void on_link_up() { has_switched_ = told_ == RefreshStep::finishing; }

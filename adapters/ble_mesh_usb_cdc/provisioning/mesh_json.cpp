@@ -107,8 +107,6 @@ constexpr std::uint32_t format_version = 2;
 constexpr std::uint32_t max_ttl = 127;
 constexpr std::uint32_t max_interval_ms = 320;
 
-std::string address_text(std::uint16_t address) { return fmt::format("0x{:04x}", address); }
-
 OrderedJson wishes_json(const NodeWishes& wishes) {
   OrderedJson json = OrderedJson::object();
   if (wishes.ttl) json["ttl"] = *wishes.ttl;

@@ -161,7 +161,7 @@ ConfigurationStep state_step(std::string what, Bytes request, Opcode answer, Byt
           .expected = std::move(expected)};
 }
 
-/// What an operator wants of this node beside what all have.
+/// Sets the values that an operator has chosen for this node alone.
 void add_wishes(std::vector<ConfigurationStep>& steps, const NodeWishes& wishes) {
   if (wishes.ttl)
     steps.push_back(state_step("the default TTL", encode_default_ttl_set(*wishes.ttl),

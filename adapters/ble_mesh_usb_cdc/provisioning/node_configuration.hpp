@@ -49,7 +49,7 @@ struct ConfigurationSettings {
   RefreshState refresh = {};     ///< to `refresh` the node: the step, and the new keys
 };
 
-/// What a node has said in an inquiry.
+/// A node's answer to one question of a ping or an inquiry.
 struct NodeAnswer {
   Opcode opcode = 0;
   std::optional<ModelElement> about;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <charconv>
 #include <system_error>
@@ -19,6 +21,8 @@ std::optional<Uuid> parse_uuid(std::string_view text) {
   }
   return uuid;
 }
+
+std::string address_text(std::uint16_t address) { return fmt::format("0x{:04x}", address); }
 
 std::string_view to_string(NodeState state) {
   switch (state) {

@@ -26,6 +26,9 @@ inline constexpr std::uint16_t max_sources = 32;
 /// 32 hex digits, hyphens allowed.
 std::optional<Uuid> parse_uuid(std::string_view text);
 
+/// `0x0100`, as in files and answers.
+std::string address_text(std::uint16_t address);
+
 /// How far a robot has come on its way into the mesh.
 enum class NodeState : std::uint8_t {
   reserved,     ///< has an address; whether it took it is not known

@@ -36,8 +36,6 @@ std::string name_of(const ModelId& model) {
   return name.empty() ? to_string(model) : name;
 }
 
-std::string address_words(std::uint16_t address) { return fmt::format("0x{:04x}", address); }
-
 OrderedJson transmissions_json(const Transmissions& transmissions) {
   return {{"sends", transmissions.sends}, {"interval_ms", transmissions.interval_ms}};
 }
@@ -54,11 +52,11 @@ OrderedJson relay_json(ByteView params) {
 
 OrderedJson& row_of(OrderedJson& models, const ModelElement& about) {
   const auto is_row = [&](const OrderedJson& row) {
-    return row["element"] == address_words(about.element) && row["model"] == to_string(about.model);
+    return row["element"] == address_text(about.element) && row["model"] == to_string(about.model);
   };
   const auto found = std::ranges::find_if(models, is_row);
   if (found != models.end()) return *found;
-  models.push_back({{"element", address_words(about.element)},
+  models.push_back({{"element", address_text(about.element)},
                     {"model", to_string(about.model)},
                     {"name", name_of(about.model)}});
   return models.back();
@@ -70,12 +68,12 @@ void add_model_answer(OrderedJson& models, const NodeAnswer& answer) {
   if (answer.opcode == model_publication_status) {
     const auto publication = decode_publication(answer.params);
     if (!publication) return;
-    row["publishes_to"] = address_words(publication->address);
+    row["publishes_to"] = address_text(publication->address);
     row["publish_ttl"] = publication->ttl;
   } else {
     row["subscribed_to"] = OrderedJson::array();
     for (const auto group : decode_subscription_list(answer.params, answer.about->model))
-      row["subscribed_to"].push_back(address_words(group));
+      row["subscribed_to"].push_back(address_text(group));
   }
 }
 
@@ -98,7 +96,7 @@ OrderedJson wanted_json(const NodeWishes& wishes) {
   if (wishes.relay) wanted["relay"] = *wishes.relay ? "on" : "off";
   if (wishes.transmit) wanted["transmit"] = transmissions_json(*wishes.transmit);
   for (const std::uint16_t group : wishes.groups)
-    wanted["subscribed_to"].push_back(address_words(group));
+    wanted["subscribed_to"].push_back(address_text(group));
   return wanted;
 }
 
@@ -125,7 +123,7 @@ std::string ping_json(const std::string& robot, const NodeConfiguration& ping) {
 std::string node_config_json(const std::string& robot, const Node& node,
                              const NodeConfiguration& inquiry) {
   OrderedJson json{
-      {"robot", robot}, {"uuid", to_hex(node.uuid)}, {"address", address_words(node.address)}};
+      {"robot", robot}, {"uuid", to_hex(node.uuid)}, {"address", address_text(node.address)}};
   OrderedJson models = OrderedJson::array();
   for (const NodeAnswer& answer : inquiry.answers()) add_answer(json, models, answer);
   json["models"] = std::move(models);

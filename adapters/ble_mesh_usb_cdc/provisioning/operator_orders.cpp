@@ -351,8 +351,8 @@ std::string OperatorOrders::problem_with_refresh(const RefreshKeysOrder& wanted)
   if (std::string problem = problem_with_mesh(); !problem.empty()) return problem;
   if (nodes_.is_shared())
     return "other gateways have radios in this mesh and would keep the old keys: stop "
-           "slam-gateway, "
-           "take their addresses out of \"gateways\" in mesh.json, refresh the keys, then let them "
+           "slam-gateway, take their addresses out of \"gateways\" in mesh.json, refresh the keys, "
+           "then let them "
            "join again with `ble export`";
   for (const std::string& robot : wanted.left_behind) {
     const Node* node = find_robot(robot);
