@@ -18,6 +18,7 @@
 #include "ctl/show.hpp"
 #include "daemon/control/wire.hpp"
 #include "daemon/core/topic_scheme.hpp"
+#include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
 #include "daemon/mqtt/upstream.hpp"
 
 namespace slamgw::ctl {
@@ -51,8 +52,6 @@ void check_gaps(const std::vector<RecordedMessage>& messages, const std::string&
 
 /// Under way to the broker at once; more wait here, and what comes late is published at once.
 constexpr std::uint64_t max_under_way = 16;
-/// No last will: a replay that breaks off needs none.
-const LastWill no_will{};
 
 class Replay final : private UpstreamListener {
  public:
@@ -61,7 +60,7 @@ class Replay final : private UpstreamListener {
         speed_(speed),
         untried_(broker.others.size()),
         timer_(io_),
-        upstream_(io_, std::move(broker), no_will, *this) {}
+        upstream_(io_, std::move(broker), {make_mosquitto_link}, *this) {}
 
   Replayed run() {
     const auto until_stopped = boost::asio::make_work_guard(io_);  // links work elsewhere
@@ -93,7 +92,7 @@ class Replay final : private UpstreamListener {
   }
   void on_silence(bool) override {}
   void on_subscribe_result(const std::string&, bool) override {}
-  void on_message(BrokerMessage) override {}
+  void on_message(BrokerMessage, const UserProperties&) override {}
 
   TimePoint due(const RecordedMessage& message) const {
     const std::chrono::duration<double, std::micro> after = message.after;

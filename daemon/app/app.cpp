@@ -14,6 +14,7 @@
 #include "daemon/config/io/load.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/core/utf8.hpp"
+#include "daemon/mqtt/configured_link.hpp"
 #include "daemon/observability/audit_notice.hpp"
 #include "daemon/observability/log.hpp"
 
@@ -102,7 +103,8 @@ App::App(Config config, std::string config_file)
              }),
       session_store_(io_, config_.store.directory, DiskSessionStore::mqttsn_sessions(),
                      [this](Notice notice) { perform(notice); }),
-      upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
+      upstream_(io_, config_.broker,
+                {make_configured_link, {scheme_.state_topic(), R"({"state":"offline"})"}}, *this),
       meshes_(io_, config_, scheme_, session_store_, descriptors_, *this),
       fleet_(io_, config_, scheme_, gateway_, gateway_driver_, meshes_, upstream_,
              [this](BrokerMessage message) { submit(std::move(message), no_receipt); }),
@@ -478,7 +480,8 @@ void App::on_subscribe_result(const std::string& filter, bool is_granted) {
   gateway_driver_->on_subscribe_result(filter, is_granted, read_clocks());
 }
 
-void App::on_message(BrokerMessage message) {
+void App::on_message(BrokerMessage message, const UserProperties& said) {
+  message.sender = sender_of(said);
   if (!meshes_.takes(message) && !fleet_.takes(message))
     gateway_driver_->on_broker_message(std::move(message), read_clocks());
 }

@@ -95,7 +95,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, bool is_granted) override;
-  void on_message(BrokerMessage message) override;
+  void on_message(BrokerMessage message, const UserProperties& said) override;
 
   nlohmann::json status() override;
   nlohmann::json robots(const std::optional<std::string>& robot) override;

@@ -6,14 +6,18 @@
 // behind it; when to connect, where and with which version is Upstream's business.
 #pragma once
 
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <string>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
 #include "daemon/mqtt/settings.hpp"
+#include "daemon/mqtt/user_properties.hpp"
 #include "daemon/mqtt/version_choice.hpp"
 
 namespace slamgw {
@@ -42,7 +46,8 @@ struct LinkOptions {
   std::chrono::seconds timeout = connect_timeout;
   unsigned attempt = 0;  ///< a host may have several addresses: each attempt tries the next
   /// Takes the broker's messages, as UpstreamListener says; called like MqttLinkListener.
-  std::function<void(BrokerMessage)> on_message;
+  std::function<void(BrokerMessage, const UserProperties&)> on_message;
+  std::uint32_t max_inbound_octets = max_inbound_packet_octets;
 };
 
 /// Why a connection could not be made. `code`: a CONNACK code of the version in use, or 0 when none
@@ -91,5 +96,10 @@ class MqttLink {
   /// The broker's messages for which there was no room on the way to the loop.
   virtual std::uint64_t inbound_dropped() const = 0;
 };
+
+/// Makes a link, whose connect() comes next. `lane` is for what blocks.
+using MakeLink = std::function<std::shared_ptr<MqttLink>(
+    boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,
+    MqttLinkListener& listener)>;
 
 }  // namespace slamgw

@@ -9,8 +9,6 @@
 
 #include "daemon/mqtt/connect_failure.hpp"
 #include "daemon/mqtt/connection_probe.hpp"
-#include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
-#include "daemon/mqtt/paho/paho_link.hpp"
 #include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {
@@ -41,29 +39,28 @@ std::string client_id_at(std::size_t place, std::string id) {
 }
 
 /// Names the rejected user and where to fix it.
-std::string explain_credentials(const BrokerSettings& settings) {
+std::string explain_credentials(const BrokerSettings& settings, const ConnectionTraits& traits) {
   if (!settings.credentials)
-    return " (no user name was sent): give one in broker.credentials_file, for the packaged "
-           "service "
-           "in /etc/slam-gateway/credentials.json, and restart";
+    return fmt::format(" (no user name was sent): give one in {}, and restart",
+                       traits.where_credentials_are);
   const std::string& user = settings.credentials->username;
   if (settings.credentials_file)
     return fmt::format(
         " (user '{}' from {}): correct that file, or the broker's password for the user", user,
         *settings.credentials_file);
   return fmt::format(
-      " (user '{}' from the systemd credential `broker`): correct /etc/slam-gateway/"
-      "credentials.json and restart, or correct the broker's password for the user",
-      user);
+      " (user '{}' from the systemd credential `broker`): correct {} and restart, or correct the "
+      "broker's password for the user",
+      user, traits.credentials_file);
 }
 
 }  // namespace
 
-Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
+Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, ConnectionTraits traits,
                    UpstreamListener& listener)
     : io_(io),
       settings_(std::move(settings)),
-      will_(std::move(will)),
+      traits_(std::move(traits)),
       listener_(listener),
       reconnect_timer_(io),
       stall_timer_(io),
@@ -81,7 +78,7 @@ void Upstream::start() { connect(); }
 void Upstream::make_places() {
   places_.clear();
   for (BrokerAddress& address : settings_.addresses())
-    places_.push_back(Place{std::move(address), {}, will_});
+    places_.push_back(Place{std::move(address), {}, traits_.will});
   at_ = 0;
   tried_ = 0;
 }
@@ -125,20 +122,12 @@ void Upstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
   const auto timeout = places_.size() > 1 ? connect_timeout_of_many : connect_timeout;
-  link_ = make_link({broker(), version(), place().will, timeout, place().attempt++,
-                     std::bind_front(&UpstreamListener::on_message, &listener_)});
+  link_ = traits_.make_link(
+      io_, lane_,
+      {broker(), version(), place().will, timeout, place().attempt++,
+       std::bind_front(&UpstreamListener::on_message, &listener_), traits_.max_inbound_octets},
+      *this);
   link_->connect();
-}
-
-std::shared_ptr<MqttLink> Upstream::make_link(LinkOptions options) {
-  MqttLinkListener& listener = *this;
-  switch (options.broker.client) {
-    case MqttClient::paho:
-      return std::make_shared<PahoLink>(io_, lane_, std::move(options), listener);
-    case MqttClient::mosquitto:
-      return std::make_shared<MosquittoLink>(io_, lane_, std::move(options), listener);
-  }
-  return nullptr;
 }
 
 void Upstream::connect_in(Duration wait) {
@@ -251,7 +240,7 @@ void Upstream::on_connect_failed(ConnectFailure failure) {
     return;
   }
   if (failure.is_not_authorised) {
-    failure.text += explain_credentials(settings_);
+    failure.text += explain_credentials(settings_, traits_);
   }
   go_on(failure.text, Duration::zero());
 }

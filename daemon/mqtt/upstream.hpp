@@ -22,9 +22,20 @@
 
 namespace slamgw {
 
+/// What a program's connections are like, whatever its configuration says.
+struct ConnectionTraits {
+  MakeLink make_link;
+  LastWill will{};
+  std::uint32_t max_inbound_octets = max_inbound_packet_octets;
+  /// Of the packaged service.
+  std::string credentials_file = "/etc/slam-gateway/credentials.json";
+  std::string where_credentials_are =
+      "broker.credentials_file, for the packaged service in /etc/slam-gateway/credentials.json";
+};
+
 class Upstream final : private MqttLinkListener {
  public:
-  Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
+  Upstream(boost::asio::io_context& io, BrokerSettings settings, ConnectionTraits traits,
            UpstreamListener& listener);
   ~Upstream() override;
 
@@ -68,7 +79,6 @@ class Upstream final : private MqttLinkListener {
   const Place& place() const { return places_[at_]; }
   void make_places();
   void connect();
-  std::shared_ptr<MqttLink> make_link(LinkOptions options);
   void connect_in(Duration wait);
   void go_on(const std::string& why, Duration least);
   void drop_link(bool is_orderly);
@@ -93,7 +103,7 @@ class Upstream final : private MqttLinkListener {
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};  ///< for whatever of a link may block
   BrokerSettings settings_;
-  const LastWill will_;
+  const ConnectionTraits traits_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer stall_timer_;

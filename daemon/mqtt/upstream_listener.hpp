@@ -8,6 +8,7 @@
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
+#include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {
 
@@ -31,7 +32,7 @@ class UpstreamListener {
   /// than the broker's limit. (What merely failed is reported by on_link_down.)
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool is_granted) = 0;
-  virtual void on_message(BrokerMessage message) = 0;
+  virtual void on_message(BrokerMessage message, const UserProperties& said) = 0;
 };
 
 }  // namespace slamgw

@@ -12,6 +12,7 @@
 #include <tuple>
 #include <vector>
 
+#include "daemon/mqtt/configured_link.hpp"
 #include "daemon/mqtt/upstream.hpp"
 #include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
@@ -41,7 +42,10 @@ struct RecordingListener final : UpstreamListener {
   void on_subscribe_result(const std::string& filter, bool is_granted) override {
     subscribed[filter] = is_granted;
   }
-  void on_message(BrokerMessage message) override { messages.push_back(std::move(message)); }
+  void on_message(BrokerMessage message, const UserProperties& said) override {
+    message.sender = sender_of(said);
+    messages.push_back(std::move(message));
+  }
 
   int ups = 0;
   int silences = 0;
@@ -104,8 +108,9 @@ class WithEachClientAndVersion
 
 struct Link {
   explicit Link(const BrokerSettings& settings, Upstream::ReadCredentials read = {}) {
-    upstream = std::make_unique<Upstream>(io, settings,
-                                          LastWill{"gw/state", R"({"state":"offline"})"}, listener);
+    upstream = std::make_unique<Upstream>(
+        io, settings,
+        ConnectionTraits{make_configured_link, {"gw/state", R"({"state":"offline"})"}}, listener);
     upstream->read_credentials_with(std::move(read));
     upstream->start();
   }

@@ -34,7 +34,8 @@ class DeliveryRig : private UpstreamListener {
         store_(
             io, store_settings(),
             [this](StoreEvent event) { driver_->on_store_event(std::move(event), read_clocks()); }),
-        upstream_(io, std::move(settings), LastWill{"gw/state", "offline"}, *this) {
+        upstream_(io, std::move(settings),
+                  ConnectionTraits{make_configured_link, {"gw/state", "offline"}}, *this) {
     store_.start();
     upstream_.start();
   }
@@ -117,7 +118,7 @@ class DeliveryRig : private UpstreamListener {
     driver_->on_publish_refused(sequence, refusal, read_clocks());
   }
   void on_subscribe_result(const std::string&, bool) override {}
-  void on_message(BrokerMessage) override {}
+  void on_message(BrokerMessage, const UserProperties&) override {}
 
   MachineDriver<Outbox> driver_;
   DiskStore store_;

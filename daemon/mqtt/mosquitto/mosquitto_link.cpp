@@ -140,7 +140,7 @@ int MosquittoLink::start_client(const std::string& address) {
     // later connect, and then refuses the port.
     mosquitto_property* properties = nullptr;
     mosquitto_property_add_int32(&properties, MQTT_PROP_MAXIMUM_PACKET_SIZE,
-                                 max_inbound_packet_octets);
+                                 options_.max_inbound_octets);
     mosquitto_connect_bind_v5(client, address.c_str(), no_port, keep_alive, nullptr, properties);
     mosquitto_property_free_all(&properties);
   }
@@ -174,8 +174,8 @@ void MosquittoLink::set_callbacks() {
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         link_of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
-                     static_cast<Qos>(message->qos), message->retain, std::nullopt, Waited{},
-                     sender_of(properties)}});
+                     static_cast<Qos>(message->qos), message->retain},
+                    user_properties_of(properties)});
       });
   // Until the connection is up: the library makes a text of each packet for it.
   mosquitto_log_callback_set(client, [](mosquitto*, void* object, int level, const char* text) {
@@ -443,7 +443,9 @@ void MosquittoLink::handle(const Subscribed& subscribed) {
   listener_.on_subscribe_result(filter, subscribed.granted);
 }
 
-void MosquittoLink::handle(Arrived& arrived) { options_.on_message(std::move(arrived.message)); }
+void MosquittoLink::handle(Arrived& arrived) {
+  options_.on_message(std::move(arrived.message), arrived.said);
+}
 
 void MosquittoLink::handle(const NotSendable& not_sendable) {
   listener_.on_publish_refused(
@@ -496,6 +498,12 @@ void MosquittoLink::disconnect_and_wait() {
          recv(goodbye_socket_, ignored, sizeof ignored, 0) > 0) {
   }
   ::close(goodbye_socket_);
+}
+
+std::shared_ptr<MqttLink> make_mosquitto_link(boost::asio::io_context& io,
+                                              boost::asio::thread_pool& lane, LinkOptions options,
+                                              MqttLinkListener& listener) {
+  return std::make_shared<MosquittoLink>(io, lane, std::move(options), listener);
 }
 
 }  // namespace slamgw

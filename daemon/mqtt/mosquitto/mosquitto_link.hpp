@@ -67,6 +67,7 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   };
   struct Arrived {
     BrokerMessage message;
+    UserProperties said;
   };
   struct NotSendable {
     std::uint64_t sequence;
@@ -138,5 +139,10 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   int goodbye_socket_ = -1;  ///< lane only
   Client client_;            ///< goes before what it uses
 };
+
+/// As MakeLink says.
+std::shared_ptr<MqttLink> make_mosquitto_link(boost::asio::io_context& io,
+                                              boost::asio::thread_pool& lane, LinkOptions options,
+                                              MqttLinkListener& listener);
 
 }  // namespace slamgw

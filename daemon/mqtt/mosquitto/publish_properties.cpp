@@ -3,17 +3,23 @@
 
 #include <mqtt_protocol.h>
 
-#include "daemon/mqtt/mosquitto/read_user_properties.hpp"
-#include "daemon/mqtt/user_properties.hpp"
+#include <cstdlib>
 
 namespace slamgw {
 
 const mosquitto_property* PublishProperties::of(const BrokerMessage& message) {
-  if (version_ != MqttVersion::v5 || !message.provenance) return nullptr;
+  if (version_ != MqttVersion::v5) return nullptr;
+  if (message.sender) {
+    provenance_in_list_.reset();
+    clear();
+    add(sender_property, *message.sender);
+    return list_;
+  }
+  if (!message.provenance) return nullptr;
   const WallTime to_the_ms =
       std::chrono::floor<std::chrono::milliseconds>(message.provenance->received_at);
   const Provenance said{message.provenance->mesh, to_the_ms};
-  if (list_ && provenance_in_list_->mesh == said.mesh &&
+  if (provenance_in_list_ && provenance_in_list_->mesh == said.mesh &&
       provenance_in_list_->received_at == said.received_at)
     return list_;
   provenance_in_list_ = said;
@@ -52,12 +58,18 @@ std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish) {
   return ids;
 }
 
-Sender sender_of(const mosquitto_property* publish) {
-  Sender sender;
-  read_user_properties(publish, [&](std::string_view name, std::string_view value) {
-    if (!sender && name == sender_property) sender = sender_at_broker(value);
-  });
-  return sender;
+UserProperties user_properties_of(const mosquitto_property* publish) {
+  UserProperties said;
+  char* name = nullptr;
+  char* value = nullptr;
+  const mosquitto_property* at = publish;
+  while ((at = mosquitto_property_read_string_pair(at, MQTT_PROP_USER_PROPERTY, &name, &value,
+                                                   !said.empty())) != nullptr) {
+    said.emplace_back(name, value);
+    std::free(name);
+    std::free(value);
+  }
+  return said;
 }
 
 }  // namespace slamgw

@@ -11,6 +11,7 @@
 
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
+#include "daemon/mqtt/user_properties.hpp"
 #include "daemon/mqtt/version_choice.hpp"
 
 namespace slamgw {
@@ -40,7 +41,7 @@ class PublishProperties {
 BrokerLimits limits_of(const mosquitto_property* connack);
 /// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
 std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish);
-/// What the user property `sender` says.
-Sender sender_of(const mosquitto_property* publish);
+/// Empty with MQTT 3.1.1.
+UserProperties user_properties_of(const mosquitto_property* publish);
 
 }  // namespace slamgw

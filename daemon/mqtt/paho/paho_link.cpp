@@ -422,10 +422,11 @@ void PahoLink::message_arrived(mqtt::const_message_ptr message) {
   }
   ++inbound_waiting_;
   inbound_octets_ += octets;
-  post_to_loop([this, octets, arrived = from_paho(*message)](MqttLinkListener&) {
+  post_to_loop([this, octets, arrived = from_paho(*message),
+                said = user_properties_of(*message)](MqttLinkListener&) {
     --inbound_waiting_;
     inbound_octets_ -= octets;
-    options_.on_message(arrived);
+    options_.on_message(arrived, said);
   });
 }
 

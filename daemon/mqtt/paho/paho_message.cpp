@@ -72,20 +72,19 @@ void PublishForm::write_time(mqtt::message& form, WallTime time) {
 }
 
 BrokerMessage from_paho(const mqtt::message& message) {
-  const mqtt::properties& said = message.get_properties();
+  return {message.get_topic(), to_bytes(message.get_payload()), static_cast<Qos>(message.get_qos()),
+          message.is_retained()};
+}
+
+UserProperties user_properties_of(const mqtt::message& message) {
   constexpr auto user = mqtt::property::USER_PROPERTY;
-  Sender sender;
-  for (std::size_t i = 0; !sender && i < said.count(user); ++i) {
-    const auto [name, value] = mqtt::get<mqtt::string_pair>(said, user, i);
-    if (name == sender_property) sender = sender_at_broker(value);
+  const mqtt::properties& all = message.get_properties();
+  UserProperties said;
+  for (std::size_t i = 0; i < all.count(user); ++i) {
+    auto [name, value] = mqtt::get<mqtt::string_pair>(all, user, i);
+    said.emplace_back(std::move(name), std::move(value));
   }
-  return {message.get_topic(),
-          to_bytes(message.get_payload()),
-          static_cast<Qos>(message.get_qos()),
-          message.is_retained(),
-          std::nullopt,
-          Waited{},
-          std::move(sender)};
+  return said;
 }
 
 BrokerLimits limits_of(const mqtt::token& token, MqttVersion version) {

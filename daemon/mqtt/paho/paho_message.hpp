@@ -14,6 +14,7 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
 #include "daemon/mqtt/settings.hpp"
+#include "daemon/mqtt/user_properties.hpp"
 #include "daemon/mqtt/version_choice.hpp"
 
 namespace slamgw {
@@ -39,6 +40,7 @@ class PublishForm {
 };
 
 BrokerMessage from_paho(const mqtt::message& message);
+UserProperties user_properties_of(const mqtt::message& message);
 /// Of a CONNACK.
 BrokerLimits limits_of(const mqtt::token& token, MqttVersion version);
 

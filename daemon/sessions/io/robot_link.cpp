@@ -182,7 +182,7 @@ void RobotLink::set_callbacks() {
         of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
                      static_cast<Qos>(message->qos), message->retain, std::nullopt, Waited{},
-                     sender_of(properties)},
+                     sender_of(user_properties_of(properties))},
                     subscriptions_of(properties)});
       });
 }

@@ -78,7 +78,7 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, Tokens token
       link_(io, config.broker, filters(config.topics.prefix),
             {[this](const BrokerMessage& message) { on_message(message); },
              [this](bool is_up, const std::string& why) { on_broker(is_up, why); },
-             [this](int id, const std::string& why) { on_refused(id, why); },
+             [this](std::uint64_t command, const std::string& why) { on_refused(command, why); },
              [this](const std::string& filter, const std::string& why) {
                on_unreadable(filter, why);
              }}) {}
@@ -105,10 +105,10 @@ void PageHub::report_taken_share(const Client& client) {
 }
 
 std::string PageHub::publish(const CommandRequest& command) {
-  const auto id = link_.publish(command);
-  if (!id) return refusal(command.topic, "the broker is away: " + why_);
+  const auto number = link_.publish(command);
+  if (!number) return refusal(command.topic, "the broker is away: " + why_);
   ++own_.commands;
-  sent_.emplace_back(*id, command.topic);
+  sent_.emplace_back(*number, command.topic);
   if (sent_.size() > max_sent) sent_.pop_front();
   log_event(Severity::info,
             fmt::format("{} sent a command on {} over the page", command.sender, command.topic));
@@ -178,9 +178,9 @@ void PageHub::send_broker_state() {
   for (PageConnection* page : pages_) page->send_state("$web/broker", text);
 }
 
-void PageHub::on_refused(int message_id, const std::string& why) {
+void PageHub::on_refused(std::uint64_t command, const std::string& why) {
   const auto sent = std::find_if(sent_.begin(), sent_.end(),
-                                 [&](const auto& entry) { return entry.first == message_id; });
+                                 [&](const auto& entry) { return entry.first == command; });
   if (sent == sent_.end()) return;
   log_event(Severity::warning, fmt::format("the broker refused {}: {}", sent->second, why));
   const SharedText text = share(refusal(sent->second, "the broker refused it: " + why));
@@ -219,7 +219,7 @@ std::shared_ptr<void> PageHub::begin_scrape() {
 void PageHub::make_metrics(std::function<void(std::string)> done) {
   own_.pages = pages_.size();
   own_.wrong_tokens = guesses_.total();
-  own_.messages_dropped = dropped_by_gone_ + link_.overruns();
+  own_.messages_dropped = dropped_by_gone_;
   for (const PageConnection* page : pages_) own_.messages_dropped += page->dropped();
   own_.cpu_seconds = cpu_seconds();
   own_.resident_bytes = resident_bytes();

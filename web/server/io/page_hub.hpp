@@ -62,7 +62,7 @@ class PageHub {
  private:
   void on_message(const BrokerMessage& message);
   void on_broker(bool is_up, const std::string& why);
-  void on_refused(int message_id, const std::string& why);
+  void on_refused(std::uint64_t command, const std::string& why);
   void on_unreadable(const std::string& filter, const std::string& why);
   void send_broker_state();
   /// Whether pages get it: false where there is no room, or when it withdraws what was not known.
@@ -86,7 +86,7 @@ class PageHub {
   TokenGuesses guesses_;
   ClientCounts taken_shares_;  ///< what was refused because its client has its share
   std::set<PageConnection*> pages_;
-  std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
+  std::deque<std::pair<std::uint64_t, std::string>> sent_;  ///< topics of the newest commands
   std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);
   boost::asio::io_context& io_;
   BrokerLink link_;
