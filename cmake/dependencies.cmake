@@ -49,6 +49,7 @@ macro(slamgw_need_module target module package)
 endmacro()
 
 slamgw_need_module(MOSQUITTO libmosquitto libmosquitto-dev)
+slamgw_need_module(QRENCODE libqrencode libqrencode-dev)
 slamgw_need_module(SERIALPORT libserialport libserialport-dev)
 slamgw_need_module(SYSTEMD libsystemd libsystemd-dev)
 if(BUILD_TESTING)

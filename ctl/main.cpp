@@ -339,7 +339,8 @@ std::string change_bans_and_reload(const Installation& installation, const HostT
 /// A new key is shown whatever the daemon says.
 int manage_keys(const Installation& installation, const HostTask& task) {
   const auto answer = slamgw::ctl::change_keys(installation, task);
-  std::cout << (task.json ? slamgw::control::to_line(answer) : slamgw::ctl::text_of_keys(answer));
+  std::cout << (task.json ? slamgw::control::to_line(answer)
+                          : slamgw::ctl::text_of_keys(answer, isatty(STDOUT_FILENO) == 1));
   if (task.kind != HostTask::Kind::key_list) std::cerr << reload(task);
   return 0;
 }

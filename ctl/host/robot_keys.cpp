@@ -14,6 +14,7 @@
 #include <nlohmann/json.hpp>
 
 #include "ctl/connection.hpp"
+#include "ctl/host/qr_code.hpp"
 #include "daemon/config/io/service_rights.hpp"
 #include "daemon/config/io/system_files.hpp"
 #include "daemon/config/key_file.hpp"
@@ -138,7 +139,7 @@ nlohmann::ordered_json change_keys(const Installation& installation, const HostT
   return answer;
 }
 
-std::string text_of_keys(const nlohmann::ordered_json& answer) {
+std::string text_of_keys(const nlohmann::ordered_json& answer, bool shows_codes) {
   if (answer.contains("robots")) {
     std::string text;
     for (const std::string name : answer["robots"]) text += name + "\n";
@@ -146,10 +147,11 @@ std::string text_of_keys(const nlohmann::ordered_json& answer) {
   }
   const std::string identity = answer["identity"];
   if (!answer.contains("key")) return fmt::format("{} has no key any more\n", identity);
+  const std::string key = answer["key"];
   return fmt::format(
-      "PSK identity: {}\nPSK (hex):    {}\nWrite both into the robot; the key is not shown "
+      "PSK identity: {}\nPSK (hex):    {}\n{}Write both into the robot; the key is not shown "
       "again.\n",
-      identity, answer["key"].get<std::string>());
+      identity, key, shows_codes ? qr_code(identity + "\n" + key) : "");
 }
 
 }  // namespace slamgw::ctl

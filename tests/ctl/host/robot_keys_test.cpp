@@ -2,6 +2,8 @@
 // The file of robots' keys is made, changed and read; no change is lost and no key shows twice.
 #include "ctl/host/robot_keys.hpp"
 
+#include "ctl/host/qr_code.hpp"
+
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
@@ -42,6 +44,16 @@ class RobotKeysFile : public testing::Test {
 
   test::TempDir directory_;
 };
+
+TEST_F(RobotKeysFile, ShowsAKeyAsACodeOnATerminalOnly) {
+  const auto answer = change(Kind::key_add, "tank");
+  const std::string finder = "    █▀▀▀▀▀█ ";  // ISO/IEC 18004: the upper corner, in the quiet zone
+  EXPECT_NE(text_of_keys(answer, true).find(finder), std::string::npos);
+  EXPECT_EQ(text_of_keys(answer).find("█"), std::string::npos);
+  EXPECT_NE(text_of_keys(answer, true).find(qr_code("tank-client\n" + std::string(answer["key"]))),
+            std::string::npos);
+  EXPECT_EQ(qr_code(std::string(4000, 'x')), "") << "no code holds it";
+}
 
 TEST_F(RobotKeysFile, GetsAFreshKeyForEachRobot) {
   std::set<std::string> keys;
