@@ -17,7 +17,7 @@ namespace slamgw {
 namespace {
 
 using Row = std::map<std::string, Robot>::value_type;
-constexpr std::size_t usual_row_octets = 160;
+constexpr std::size_t usual_row_octets = 224;
 
 /// All of them, or those that were heard last.
 std::vector<const Row*> choose(const std::map<std::string, Robot>& robots) {
@@ -44,6 +44,21 @@ std::string or_null(const std::optional<Number>& number) {
   return number ? fmt::to_string(*number) : "null";
 }
 
+/// By mesh, of those that the robot was on.
+void append_meshes(const Robot& robot, fmt::memory_buffer& text) {
+  text.append(std::string_view(R"(,"meshes":{)"));
+  const std::size_t begin = text.size();
+  for (const Mesh mesh : all_meshes) {
+    const MeshPresence& there = robot.on_mesh[mesh];
+    if (!there.was_used()) continue;
+    if (text.size() > begin) text.push_back(',');
+    fmt::format_to(std::back_inserter(text),
+                   FMT_COMPILE(R"("{}":{{"up":{},"down":{},"repeats":{}}})"), to_string(mesh),
+                   there.up, there.down, there.repeats);
+  }
+  text.append(std::string_view("}}"));
+}
+
 void append(const Row& row, TimePoint now, fmt::memory_buffer& text) {
   const auto& [id, robot] = row;
   std::optional<std::int64_t> p50, p99;
@@ -57,10 +72,11 @@ void append(const Row& row, TimePoint now, fmt::memory_buffer& text) {
   fmt::format_to(
       std::back_inserter(text),
       FMT_COMPILE(R"({}:{{"up":{},"down":{},"repeats":{},"rate_hz":{}.{:02},"latency_p50_us":{},)"
-                  R"("latency_p99_us":{},"rssi_dbm":{},"last_heard":"{}"}})"),
+                  R"("latency_p99_us":{},"rssi_dbm":{},"last_heard":"{}","mesh":"{}")"),
       quoted(id), robot.numbers.up(), robot.numbers.down(), robot.numbers.repeats(),
       hundredths / 100, hundredths % 100, or_null(p50), or_null(p99), or_null(rssi_dbm),
-      to_iso8601(robot.last_seen));
+      to_iso8601(robot.last_seen), to_string(robot.mesh()));
+  append_meshes(robot, text);
 }
 
 }  // namespace

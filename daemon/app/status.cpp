@@ -67,12 +67,22 @@ json to_json(const MeshPlaces& places) {
           {"most_unproven", to_json(places.most_unproven)}};
 }
 
+json to_json(const LatencyHistogram& latency) {
+  json buckets = json::array();
+  for (std::size_t i = 0; i < LatencyHistogram::bounds_us.size(); ++i)
+    buckets.push_back({{"le_us", LatencyHistogram::bounds_us[i]}, {"count", latency.at_most()[i]}});
+  return {{"count", latency.count()},
+          {"sum_us", latency.sum().count()},
+          {"buckets", std::move(buckets)}};
+}
+
 json to_json(const Status::MeshLink& mesh) {
   const char* state = mesh.is_up ? "up" : "down";
   json out{{"enabled", mesh.is_enabled},
            {"state", mesh.is_enabled ? state : "disabled"},
            {"detail", mesh.detail},
            {"counters", to_json(mesh.counters)}};
+  if (mesh.is_enabled) out["latency"] = to_json(mesh.latency);
   if (mesh.places) out["places"] = to_json(*mesh.places);
   return out;
 }

@@ -42,6 +42,7 @@ struct Status {
     std::string detail;
     Counters counters;
     std::optional<MeshPlaces> places{};
+    LatencyHistogram latency{};  ///< of acknowledged messages
   };
   struct Robots {
     std::uint64_t online = 0;

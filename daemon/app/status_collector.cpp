@@ -94,9 +94,12 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
   for (const Mesh mesh : all_meshes) {
     const MeshAdapter* adapter = meshes_.find(mesh);
     const Gateway::LinkState& link = gateway_.mesh_link(mesh);
-    links[mesh] = {adapter != nullptr, link.is_up, link.detail,
+    links[mesh] = {adapter != nullptr,
+                   link.is_up,
+                   link.detail,
                    adapter ? adapter->counters() : Counters{},
-                   adapter ? adapter->places() : std::nullopt};
+                   adapter ? adapter->places() : std::nullopt,
+                   gateway_.latencies(mesh)};
   }
   return links;
 }

@@ -131,8 +131,10 @@ CommandId Commands::deliver(RobotMessage message, const Now& now) {
   Command command{
       ledger_.next_id(), message.robot, type,       directory_.carrier_for(message.robot, now.mono),
       what.retain,       what.waited,   what.sender};
-  if (Robot* known = directory_.registry.find(message.robot))
+  if (Robot* known = directory_.registry.find(message.robot)) {
     known->numbers.on_down(what.payload.size());
+    if (command.carrier) ++known->on_mesh[*command.carrier].down;
+  }
   actions_.push(TrafficEvent{.direction = Direction::down,
                              .mesh = command.carrier,
                              .robot = message.robot,

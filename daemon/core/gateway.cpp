@@ -162,7 +162,10 @@ void Gateway::handle(LinkChange change, const Now&) {
 void Gateway::handle(MeshStep step, const Now&) {
   Robot* robot =
       step.kind == MeshStep::Kind::repeat ? directory_.registry.find(step.robot) : nullptr;
-  if (robot) robot->numbers.on_repeat();
+  if (robot) {
+    robot->numbers.on_repeat();
+    ++robot->on_mesh[step.mesh].repeats;
+  }
   actions_.push(std::move(step));
 }
 
@@ -170,11 +173,10 @@ void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoi
   if (const auto copy = copies_.on_receipt(receipt, outcome))
     actions_.push(FireReceipt{*copy, outcome});
   const auto open = open_receipts_.take(receipt);
-  Robot* robot =
-      open && outcome == ReceiptOutcome::safe ? directory_.registry.find(open->robot) : nullptr;
-  if (!robot) return;
-  robot->numbers.on_safe(std::chrono::duration_cast<std::chrono::microseconds>(now - open->since),
-                         now);
+  if (!open || outcome != ReceiptOutcome::safe) return;
+  const auto latency = std::chrono::duration_cast<std::chrono::microseconds>(now - open->since);
+  latencies_[receipt.mesh].add(latency);
+  if (Robot* robot = directory_.registry.find(open->robot)) robot->numbers.on_safe(latency, now);
 }
 
 void Gateway::subscribe_own(const std::string& filter) {

@@ -57,7 +57,7 @@ class Gateway {
   void unsubscribe_own(const std::string& filter);
   /// Commands for all names: this gateway refuses those for names that no robot has.
   void hear_all_commands(bool does_hear);
-  /// The receipt of a Report has fired; updates the robot's numbers.
+  /// The receipt of a Report has fired; updates the numbers of the robot and of its mesh.
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
   /// The ids in `robots` of the configuration: these robots are never evicted. A robot that has
   /// left the configuration and is offline is forgotten.
@@ -94,6 +94,8 @@ class Gateway {
     std::string detail;
   };
   const LinkState& mesh_link(Mesh mesh) const { return mesh_links_[mesh]; }
+  /// From a message's arrival until it was with the broker or on disk.
+  const LatencyHistogram& latencies(Mesh mesh) const { return latencies_[mesh]; }
 
  private:
   void handle(Report report, const Now& now);
@@ -132,6 +134,7 @@ class Gateway {
   OpenReceipts open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;
+  PerMesh<LatencyHistogram> latencies_;
 };
 
 }  // namespace slamgw

@@ -61,6 +61,13 @@ std::optional<LatencyWindow::Percentiles> LatencyWindow::percentiles(TimePoint n
   return Percentiles{std::chrono::microseconds(*rank(50)), std::chrono::microseconds(*rank(99))};
 }
 
+void LatencyHistogram::add(std::chrono::microseconds latency) {
+  for (std::size_t i = 0; i < bounds_us.size(); ++i)
+    at_most_[i] += latency.count() <= bounds_us[i] ? 1 : 0;
+  ++count_;
+  sum_ += latency;
+}
+
 void RobotNumbers::on_up(std::size_t bytes, TimePoint now) {
   if (up_ > 0) note_interval(now - last_up_);
   last_up_ = now;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Counts one robot's messages and commands, and how long its messages take to be safe. Bounded: a
-// few counters, and at most 2 KiB of latencies. Pure; part of the registry.
+// few counters, and at most 2 KiB of latencies. Pure; part of the registry. LatencyHistogram does
+// the latter for a whole mesh; part of the gateway.
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <optional>
@@ -51,6 +53,26 @@ class LatencyWindow {
 
   std::vector<Sample> samples_;  // a ring once it is full
   std::size_t next_ = 0;
+};
+
+/// Counts latencies since the daemon started, so that gateways' counts can be added up.
+class LatencyHistogram {
+ public:
+  /// Upper bounds in microseconds: from a broker on this host to the QoS 0 limit of 10 s.
+  static constexpr std::array<std::uint32_t, 14> bounds_us{
+      500,     1'000,   2'500,   5'000,     10'000,    25'000,    50'000,
+      100'000, 250'000, 500'000, 1'000'000, 2'500'000, 5'000'000, 10'000'000};
+
+  void add(std::chrono::microseconds latency);
+  /// By bound: latencies of at most that.
+  const std::array<std::uint64_t, bounds_us.size()>& at_most() const { return at_most_; }
+  std::uint64_t count() const { return count_; }
+  std::chrono::microseconds sum() const { return sum_; }
+
+ private:
+  std::array<std::uint64_t, bounds_us.size()> at_most_{};
+  std::uint64_t count_ = 0;
+  std::chrono::microseconds sum_{0};
 };
 
 class RobotNumbers {

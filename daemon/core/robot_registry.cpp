@@ -76,9 +76,12 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   const bool is_same_state =
       there.presence == change.presence &&
       (there.is_deaf != change.is_deaf || there.is_contested != change.is_contested);
-  there = {
-      true,           change.presence,     change.address,  is_same_state ? there.since : now.wall,
-      change.is_deaf, change.is_contested, there.last_heard};
+  there.is_known = true;
+  there.presence = change.presence;
+  there.address = change.address;
+  if (!is_same_state) there.since = now.wall;
+  there.is_deaf = change.is_deaf;
+  there.is_contested = change.is_contested;
   robot->last_mesh = change.mesh;
   ++counts_[static_cast<std::size_t>(robot->presence().presence)];
   if (change.presence != Presence::offline) robot->on_heard(change.mesh, now);
@@ -91,6 +94,7 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   if (report.is_will) return robot;
   robot->numbers.on_up(report.payload.size(), now.mono);
   robot->on_heard(report.mesh, now);
+  ++robot->on_mesh[report.mesh].up;
   robot->last_mesh = report.mesh;
   robot->radio = report.radio;
   return robot;

@@ -27,6 +27,11 @@ struct MeshPresence {
   bool is_deaf = false;  ///< it does not hear the gateway; not a state, and `since` not its time
   bool is_contested = false;  ///< another client uses its id there
   TimePoint last_heard{};     ///< there
+  std::uint64_t up = 0;       ///< its messages there
+  std::uint64_t down = 0;     ///< commands to it there
+  std::uint64_t repeats = 0;  ///< its messages there that came again and did not go up again
+
+  bool was_used() const { return is_known || up + down + repeats > 0; }
 };
 
 struct Robot {

@@ -21,12 +21,19 @@ TEST(NumbersText, IsWhatTheDocumentationSays) {
   std::map<std::string, Robot> robots;
   Robot& robot = robots["r"];
   robot.last_seen = WallTime{1'700'000'000s};
+  robot.last_mesh = Mesh::ble;
+  robot.on_mesh[Mesh::ble].up = 6;
+  robot.on_mesh[Mesh::thread].up = 1;
+  robot.on_mesh[Mesh::thread].down = 2;
+  robot.on_mesh[Mesh::thread].repeats = 1;
   for (int i = 0; i < 7; ++i) robot.numbers.on_up(9, now);
   for (int i = 0; i < 2; ++i) robot.numbers.on_down(4);
   robot.numbers.on_repeat();
   EXPECT_EQ(read(robots), json::parse(R"({"robots": {"r": {"up": 7, "down": 2,
       "repeats": 1, "rate_hz": 1.4, "latency_p50_us": null, "latency_p99_us": null,
-      "rssi_dbm": null, "last_heard": "2023-11-14T22:13:20Z"}}})"));
+      "rssi_dbm": null, "last_heard": "2023-11-14T22:13:20Z", "mesh": "ble",
+      "meshes": {"ble": {"up": 6, "down": 0, "repeats": 0},
+                 "thread": {"up": 1, "down": 2, "repeats": 1}}}}})"));
   for (int i = 0; i < 98; ++i) robot.numbers.on_safe(1500us, now);
   for (int i = 0; i < 2; ++i) robot.numbers.on_safe(9ms, now);
   robot.radio = RadioFacts{-61, 2, 3};

@@ -45,8 +45,23 @@ TEST(StatusJson, SaysOfEachLinkHowItIs) {
                                            "missing_rights": [],
                                            "refused": {"topics": 0, "list": []}})"));
   EXPECT_EQ(out["meshes"]["ble"]["state"], "disabled");
-  EXPECT_EQ(out["meshes"]["thread"], json::parse(R"({"enabled": true, "state": "up",
+  json thread = out["meshes"]["thread"];
+  thread.erase("latency");
+  EXPECT_EQ(thread, json::parse(R"({"enabled": true, "state": "up",
                                 "detail": "UDP [::]:47193", "counters": {"received": 7}})"));
+}
+
+TEST(StatusJson, CountsLatenciesByBound) {
+  Status status;
+  EXPECT_FALSE(to_json(status)["meshes"]["ble"].contains("latency")) << "it is disabled";
+  status.meshes[Mesh::ble].is_enabled = true;
+  status.meshes[Mesh::ble].latency.add(700us);
+  const json latency = to_json(status)["meshes"]["ble"]["latency"];
+  EXPECT_EQ(latency["count"], 1);
+  EXPECT_EQ(latency["sum_us"], 700);
+  ASSERT_EQ(latency["buckets"].size(), LatencyHistogram::bounds_us.size());
+  EXPECT_EQ(latency["buckets"][0], (json{{"le_us", 500}, {"count", 0}}));
+  EXPECT_EQ(latency["buckets"][1], (json{{"le_us", 1000}, {"count", 1}}));
 }
 
 TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {

@@ -107,6 +107,23 @@ TEST_F(GatewayNumbers, CountWhatARobotSaysAndIsTold) {
   EXPECT_EQ(numbers.bytes_down(), 2u);
   EXPECT_EQ(numbers.repeats(), 1u);
   EXPECT_EQ(numbers.latency(now.mono)->p99, 3ms) << "of the one that became safe";
+  const MeshPresence& there = gateway.registry().find("r")->on_mesh[Mesh::thread];
+  EXPECT_EQ(there.up, 2u);
+  EXPECT_EQ(there.down, 1u);
+  EXPECT_EQ(there.repeats, 1u);
+  EXPECT_EQ(gateway.latencies(Mesh::thread).count(), 1u);
+  EXPECT_EQ(gateway.latencies(Mesh::thread).sum(), 3ms);
+  EXPECT_EQ(gateway.latencies(Mesh::ble).count(), 0u);
+}
+
+TEST(LatencyHistogram, CountsWhatIsAtMostEachBound) {
+  LatencyHistogram latencies;
+  for (const auto latency : {500us, 501us, 1000us, 11'000'000us}) latencies.add(latency);
+  EXPECT_EQ(latencies.at_most()[0], 1u) << "500 us";
+  EXPECT_EQ(latencies.at_most()[1], 3u) << "1 ms";
+  EXPECT_EQ(latencies.at_most().back(), 3u) << "10 s";
+  EXPECT_EQ(latencies.count(), 4u);
+  EXPECT_EQ(latencies.sum(), 11'002'001us);
 }
 
 TEST_F(GatewayNumbers, LastSeenOfThePresenceFollowsARobotThatIsHeard) {

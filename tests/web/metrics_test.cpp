@@ -16,13 +16,19 @@ class WebMetrics : public testing::Test {
   Topics topics{"ntnu-slam"};
   LastKnown known;
   OutcomeCounts outcomes;
+  LastHeard heard;
 
   void hear(const std::string& rest, const std::string& payload) {
     const std::string topic = "ntnu-slam/gateway/" + rest;
     known.keep(topic, std::make_shared<const std::string>(
                           *to_page({topic, payload, 0, false, {}, {}, {}}, topics.kind_of(topic))));
   }
-  std::string text() const { return metrics_text({.version = "0.1.0"}, topics, known, outcomes); }
+  void hear_robot(const std::string& topic, const std::string& gateway, const std::string& at) {
+    heard.add(topics, {"ntnu-slam/robot/" + topic, "", 1'795'269'500'000, false, {}, gateway, at});
+  }
+  std::string text() const {
+    return metrics_text({.version = "0.1.0"}, topics, known, outcomes, heard);
+  }
   bool has(const std::string& line) const {
     return text().find("\n" + line + "\n") != std::string::npos;
   }
@@ -33,7 +39,10 @@ TEST_F(WebMetrics, TellTheGatewaysStats) {
   hear("g/stats",
        R"({"uptime_s":12,"messages":{"up":7,"down":2},"store":{"depth":3,"bytes":99},
            "broker":{"state":"up"},"robots":{"online":4,"contested":2},
-           "meshes":{"ble":{"state":"down"},"thread":{"state":"up"},"x":{"state":"disabled"}}})");
+           "meshes":{"ble":{"state":"down","latency":{"count":9,"sum_us":1500,"buckets":1}},
+                     "thread":{"state":"up","latency":{"count":5,"sum_us":2500,"buckets":[
+                         {"le_us":500,"count":2},{"le_us":2500,"count":4}]}},
+                     "x":{"state":"disabled"}}})");
   EXPECT_TRUE(has(R"(slamgw_gateway_up{gateway="g"} 1)")) << text();
   EXPECT_TRUE(has(R"(slamgw_gateway_uptime_seconds{gateway="g"} 12)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_messages_total{gateway="g",direction="up"} 7)"));
@@ -43,21 +52,65 @@ TEST_F(WebMetrics, TellTheGatewaysStats) {
   EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="thread"} 1)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_robots_contested{gateway="g"} 2)"));
   EXPECT_EQ(text().find("mesh=\"x\""), std::string::npos);
+  EXPECT_NE(text().find(R"(
+# TYPE slamgw_latency_seconds histogram
+slamgw_latency_seconds_bucket{gateway="g",mesh="thread",le="0.0005"} 2
+slamgw_latency_seconds_bucket{gateway="g",mesh="thread",le="0.0025"} 4
+slamgw_latency_seconds_bucket{gateway="g",mesh="thread",le="+Inf"} 5
+slamgw_latency_seconds_sum{gateway="g",mesh="thread"} 0.0025
+slamgw_latency_seconds_count{gateway="g",mesh="thread"} 5
+)"),
+            std::string::npos)
+      << "and none of the BLE mesh, whose buckets are nonsense: " << text();
 }
 
 TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
   hear("g/numbers",
        R"({"robots":{"r":{"up":70,"down":2,"repeats":1,"rate_hz":5.1,"latency_p50_us":1500,
-           "latency_p99_us":9000,"rssi_dbm":-70,"last_heard":"2026-11-21T13:57:43.500Z"}}})");
+           "latency_p99_us":9000,"rssi_dbm":-70,"last_heard":"2026-11-21T13:57:43.500Z","mesh":"ble",
+           "meshes":{"ble":{"up":60,"down":2,"repeats":1},"thread":{"up":10}}}}})");
   hear("g/robots/r", R"({"state":"online","mesh":"ble"})");
-  EXPECT_TRUE(has(R"(slamgw_robot_messages_total{gateway="g",robot="r",direction="up"} 70)"));
-  EXPECT_TRUE(has(R"(slamgw_robot_latency_seconds{gateway="g",robot="r",quantile="0.5"} 0.0015)"));
-  EXPECT_TRUE(has("# TYPE slamgw_robot_latency_seconds summary"));
-  EXPECT_TRUE(has(R"(slamgw_robot_rssi_dbm{gateway="g",robot="r"} -70)"));
   EXPECT_TRUE(
-      has(R"(slamgw_robot_last_heard_timestamp_seconds{gateway="g",robot="r"} 1795269463.5)"))
-      << text();
+      has(R"(slamgw_robot_messages_total{gateway="g",robot="r",mesh="ble",direction="up"} 60)"));
+  EXPECT_TRUE(
+      has(R"(slamgw_robot_messages_total{gateway="g",robot="r",mesh="thread",direction="up"} 10)"));
+  EXPECT_TRUE(has(R"(slamgw_robot_repeats_total{gateway="g",robot="r",mesh="ble"} 1)"));
+  EXPECT_TRUE(has(
+      R"(slamgw_robot_latency_seconds{gateway="g",robot="r",mesh="ble",quantile="0.5"} 0.0015)"));
+  EXPECT_TRUE(has("# TYPE slamgw_robot_latency_seconds summary"));
+  EXPECT_TRUE(has(R"(slamgw_robot_rssi_dbm{gateway="g",robot="r",mesh="ble"} -70)"));
+  const std::string last_heard =
+      R"(slamgw_robot_last_heard_timestamp_seconds{gateway="g",robot="r",mesh="ble"} )";
+  EXPECT_TRUE(has(last_heard + "1795269463.5")) << text();
   EXPECT_TRUE(has(R"(slamgw_robot_online{gateway="g",robot="r",mesh="ble"} 1)"));
+}
+
+TEST_F(WebMetrics, TellWhenARobotWasHeardByItsMessages) {
+  hear("g/numbers",
+       R"({"robots":{"r":{"last_heard":"2026-11-21T13:57:43.500Z","mesh":"thread"}}})");
+  const auto is_heard_at = [&](const char* time) {
+    return has(
+        R"(slamgw_robot_last_heard_timestamp_seconds{gateway="g",robot="r",mesh="thread"} )" +
+        std::string(time));
+  };
+  hear_robot("r/update", "g", "2026-11-21T13:57:49.250Z");
+  EXPECT_TRUE(is_heard_at("1795269469.25")) << text();
+  hear_robot("r/update", "g", "2026-11-21T13:57:40Z");
+  EXPECT_TRUE(is_heard_at("1795269463.5")) << "an old one that came out of the store";
+  hear_robot("r/update", "", "");
+  EXPECT_TRUE(is_heard_at("1795269500")) << "when this program got it";
+  hear_robot("r/update", "another", "2026-11-21T13:57:49.250Z");
+  EXPECT_TRUE(is_heard_at("1795269463.5"));
+  hear_robot("r/will", "g", "2026-11-21T13:57:49.250Z");
+  hear("g/robots/r", R"({"state":"offline","mesh":"thread"})");
+  EXPECT_TRUE(is_heard_at("1795269463.5")) << "a last will is no sign of life";
+}
+
+TEST_F(WebMetrics, BoundTheRobotsWhoseMessagesAreTimed) {
+  for (std::size_t i = 0; i <= LastHeard::max_robots; ++i)
+    hear_robot("r" + std::to_string(i) + "/update", "g", "2026-11-21T13:57:49Z");
+  EXPECT_TRUE(heard.at("r0", "g"));
+  EXPECT_FALSE(heard.at("r" + std::to_string(LastHeard::max_robots), "g"));
 }
 
 TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {
@@ -71,14 +124,18 @@ TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {
 
 TEST_F(WebMetrics, EscapeWhatRobotsAreCalled) {
   hear("g/numbers", R"({"robots":{"a\"b\\c\nd":{"up":1}}})");
-  EXPECT_TRUE(
-      has(R"(slamgw_robot_messages_total{gateway="g",robot="a\"b\\c\nd",direction="up"} 1)"));
+  EXPECT_TRUE(has(
+      R"(slamgw_robot_messages_total{gateway="g",robot="a\"b\\c\nd",mesh="",direction="up"} 1)"));
 }
 
 TEST_F(WebMetrics, TakeNonsenseForNothing) {
   for (const char* payload : {"", "x", "[]", "1", R"({"robots":[1]})", R"({"robots":{"r":5}})",
                               R"({"robots":{"r":{"up":"many","last_heard":7}}})",
-                              R"({"messages":[],"meshes":4,"broker":null})"}) {
+                              R"({"messages":[],"meshes":4,"broker":null})",
+                              R"({"meshes":{"ble":{"latency":5},"thread":[]}})",
+                              R"({"meshes":{"ble":{"latency":{"count":1,"sum_us":2,
+                                  "buckets":[5,{"le_us":"x","count":1}]}}}})",
+                              R"({"robots":{"r":{"meshes":{"ble":[1],"x":{"up":"y"}}}}})"}) {
     hear("g/state", payload);
     hear("g/stats", payload);
     hear("g/numbers", payload);

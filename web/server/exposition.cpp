@@ -26,28 +26,51 @@ std::string_view type_of(std::string_view name, const Labels& labels) {
   return !labels.empty() && labels.back().first == "quantile" ? "summary" : "gauge";
 }
 
+void append_labels(std::string& out, const Labels& labels) {
+  if (labels.empty()) return;
+  out += '{';
+  for (const auto& [label, text] : labels) append_label(out, label, text);
+  out += '}';
+}
+
 }  // namespace
 
 void Exposition::add(std::string_view name, std::string_view help, const Labels& labels,
                      double value) {
+  add_to(name, help, type_of(name, labels), {{"", labels, value}});
+}
+
+void Exposition::add_histogram(std::string_view name, std::string_view help, const Labels& labels,
+                               const Histogram& histogram) {
+  std::vector<Sample> samples;
+  const auto add_bucket = [&](std::string bound, double count) {
+    Labels bounded = labels;
+    bounded.emplace_back("le", std::move(bound));
+    samples.push_back({"_bucket", std::move(bounded), count});
+  };
+  for (const auto& [bound, count] : histogram.at_most) add_bucket(fmt::to_string(bound), count);
+  add_bucket("+Inf", histogram.count);
+  samples.push_back({"_sum", labels, histogram.sum});
+  samples.push_back({"_count", labels, histogram.count});
+  add_to(name, help, "histogram", samples);
+}
+
+void Exposition::add_to(std::string_view name, std::string_view help, std::string_view type,
+                        const std::vector<Sample>& samples) {
   if (bytes_ > max_bytes) {
-    ++left_out_;
+    left_out_ += samples.size();
     return;
   }
   auto family = families_.find(name);
-  if (family == families_.end()) {
-    Family fresh{std::string(help), std::string(type_of(name, labels)), {}};
-    family = families_.emplace(name, std::move(fresh)).first;
-  }
+  if (family == families_.end())
+    family = families_.emplace(name, Family{std::string(help), std::string(type), {}}).first;
   std::string& out = family->second.samples;
   const std::size_t before = out.size();
-  out += name;
-  if (!labels.empty()) {
-    out += '{';
-    for (const auto& [label, text] : labels) append_label(out, label, text);
-    out += '}';
+  for (const auto& [ending, labels, value] : samples) {
+    out.append(name).append(ending);
+    append_labels(out, labels);
+    fmt::format_to(std::back_inserter(out), " {}\n", value);
   }
-  fmt::format_to(std::back_inserter(out), " {}\n", value);
   bytes_ += out.size() - before;
 }
 

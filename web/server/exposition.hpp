@@ -14,6 +14,12 @@ namespace slamgw::web {
 
 using Labels = std::vector<std::pair<std::string_view, std::string>>;
 
+struct Histogram {
+  std::vector<std::pair<double, double>> at_most;  ///< bounds, rising, and their cumulative counts
+  double count = 0;
+  double sum = 0;
+};
+
 class Exposition {
  public:
   /// Enough for twenty thousand robots. Their names come from the broker, hence the bound.
@@ -23,6 +29,9 @@ class Exposition {
   /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges. What
   /// does not fit is left out and counted.
   void add(std::string_view name, std::string_view help, const Labels& labels, double value);
+  /// `_bucket` with `le` behind the labels, `_sum` and `_count`.
+  void add_histogram(std::string_view name, std::string_view help, const Labels& labels,
+                     const Histogram& histogram);
   std::uint64_t left_out() const { return left_out_; }
   std::string text() const;
 
@@ -32,6 +41,14 @@ class Exposition {
     std::string type;
     std::string samples;
   };
+  struct Sample {
+    std::string_view ending;  ///< of the name
+    Labels labels;
+    double value = 0;
+  };
+  void add_to(std::string_view name, std::string_view help, std::string_view type,
+              const std::vector<Sample>& samples);
+
   std::map<std::string, Family, std::less<>> families_;
   std::size_t bytes_ = 0;
   std::uint64_t left_out_ = 0;

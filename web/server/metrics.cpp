@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/metrics.hpp"
 
+#include <algorithm>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -73,6 +74,22 @@ void add_own(Exposition& out, const OwnNumbers& own) {
           count(own.resident_bytes));
 }
 
+/// "latency" of a mesh in `stats`.
+std::optional<Histogram> histogram_of(const json& latency) {
+  const json* buckets = find(latency, {"buckets"});
+  const auto count = number(latency, {"count"});
+  const auto sum_us = number(latency, {"sum_us"});
+  if (buckets == nullptr || !buckets->is_array() || !count || !sum_us) return std::nullopt;
+  Histogram histogram{{}, *count, *sum_us / 1e6};
+  for (const json& bucket : *buckets) {
+    const auto bound_us = number(bucket, {"le_us"});
+    const auto at_most = number(bucket, {"count"});
+    if (!bound_us || !at_most) return std::nullopt;
+    histogram.at_most.emplace_back(*bound_us / 1e6, *at_most);
+  }
+  return histogram;
+}
+
 void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
   const Labels labels{{"gateway", gateway}};
   add_rows(
@@ -134,6 +151,13 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
     if (state != "disabled")
       out.add("slamgw_gateway_mesh_up", "Whether the gateway's link to this mesh works.",
               {{"gateway", gateway}, {"mesh", mesh}}, state == "up" ? 1 : 0);
+    const json* latency = find(value, {"latency"});
+    if (const auto histogram = latency ? histogram_of(*latency) : std::nullopt)
+      out.add_histogram(
+          "slamgw_latency_seconds",
+          "From a message's arrival at the gateway until it was with the broker or on "
+          "disk, of messages that are acknowledged.",
+          {{"gateway", gateway}, {"mesh", mesh}}, *histogram);
   }
 }
 
@@ -152,38 +176,57 @@ std::optional<double> unix_time(const std::string& iso8601) {
   return days * 86400.0 + hour * 3600 + minute * 60 + second;
 }
 
-void add_robot(Exposition& out, const Labels& labels, const json& numbers) {
+/// Of each mesh that the robot was on. A gateway of an older version has only the sums.
+void add_counts(Exposition& out, const Labels& robot, const std::string& mesh, const json& counts) {
+  Labels labels = robot;
+  labels.emplace_back("mesh", mesh);
+  add_rows(out, counts,
+           {{{"repeats"}, "slamgw_robot_repeats_total", "Messages that the robot sent again."}},
+           labels);
+  labels.emplace_back("direction", "");
   for (const char* direction : {"up", "down"}) {
-    Labels both = labels;
-    both.push_back({"direction", direction});
-    if (const auto value = number(numbers, {direction}))
-      out.add("slamgw_robot_messages_total", "Messages from a robot (up) and to it (down).", both,
+    labels.back().second = direction;
+    if (const auto value = number(counts, {direction}))
+      out.add("slamgw_robot_messages_total", "Messages from a robot (up) and to it (down).", labels,
               *value);
   }
-  add_rows(out, numbers,
-           {{{"repeats"}, "slamgw_robot_repeats_total", "Messages that the robot sent again."},
-            {{"rate_hz"}, "slamgw_robot_rate_hertz", "Messages a second."},
-            {{"rssi_dbm"}, "slamgw_robot_rssi_dbm", "Strength of the robot's signal."}},
-           labels);
-  for (const auto& [quantile, key] :
-       {std::pair{"0.5", "latency_p50_us"}, std::pair{"0.99", "latency_p99_us"}}) {
-    Labels both = labels;
-    both.push_back({"quantile", quantile});
-    if (const auto value = number(numbers, {key}))
-      out.add("slamgw_robot_latency_seconds",
-              "From a message's arrival at the gateway to its acknowledgement, of the last minute.",
-              both, *value * 1e-6);
-  }
-  if (const auto heard = unix_time(text(numbers, {"last_heard"})))
-    out.add("slamgw_robot_last_heard_timestamp_seconds", "When the robot was heard last.", labels,
-            *heard);
 }
 
-void add_robots(Exposition& out, const std::string& gateway, const json& numbers) {
-  const json* robots = find(numbers, {"robots"});
-  if (robots == nullptr || !robots->is_object()) return;
-  for (const auto& [robot, values] : robots->items())
-    add_robot(out, {{"gateway", gateway}, {"robot", robot}}, values);
+void add_quantiles(Exposition& out, Labels labels, const json& numbers) {
+  labels.emplace_back("quantile", "");
+  for (const auto& [quantile, key] :
+       {std::pair{"0.5", "latency_p50_us"}, std::pair{"0.99", "latency_p99_us"}}) {
+    labels.back().second = quantile;
+    if (const auto value = number(numbers, {key}))
+      out.add("slamgw_robot_latency_seconds",
+              "From a message's arrival at the gateway to its acknowledgement, of the last minute. "
+              "To add up several robots: slamgw_latency_seconds.",
+              labels, *value * 1e-6);
+  }
+}
+
+void add_robot(Exposition& out, const Labels& robot, const json& numbers,
+               std::optional<double> heard) {
+  Labels labels = robot;
+  const std::string mesh = text(numbers, {"mesh"});
+  labels.emplace_back("mesh", mesh);
+  const json* meshes = find(numbers, {"meshes"});
+  if (meshes != nullptr && meshes->is_object()) {
+    for (const auto& [name, counts] : meshes->items()) add_counts(out, robot, name, counts);
+  } else {
+    add_counts(out, robot, mesh, numbers);
+  }
+  add_rows(out, numbers,
+           {{{"rate_hz"}, "slamgw_robot_rate_hertz", "Messages a second."},
+            {{"rssi_dbm"}, "slamgw_robot_rssi_dbm", "Strength of the robot's signal."}},
+           labels);
+  add_quantiles(out, labels, numbers);
+  if (const auto told = unix_time(text(numbers, {"last_heard"})); told || heard)
+    out.add(
+        "slamgw_robot_last_heard_timestamp_seconds",
+        "When the robot was heard last: its last message here, or a later sign of life that its "
+        "gateway reports every 10 s.",
+        labels, std::max(told.value_or(0), heard.value_or(0)));
 }
 
 json payload_of(const SharedText& message) {
@@ -196,7 +239,8 @@ json payload_of(const SharedText& message) {
 /// Reads each document once.
 class Gateways {
  public:
-  Gateways(const Topics& topics, const LastKnown& known) : topics_(topics), known_(known) {}
+  Gateways(const Topics& topics, const LastKnown& known, const LastHeard& heard)
+      : topics_(topics), known_(known), heard_(heard) {}
 
   void add_to(Exposition& out) {
     for (const auto& [topic, message] : known_.topics()) {
@@ -207,31 +251,51 @@ class Gateways {
       out.add("slamgw_gateway_up", "Whether the gateway is there.",
               {{"gateway", std::string(name)}}, is_up ? 1 : 0);
     }
-    for (const auto& [topic, message] : known_.topics()) add_topic(out, topic, message);
+    for (const auto& [topic, message] : known_.topics()) add_presence(out, topic, message);
+    for (const auto& [topic, message] : known_.topics()) add_document(out, topic, message);
   }
 
  private:
   static bool is_online(const json& state) { return text(state, {"state"}) == "online"; }
 
-  void add_topic(Exposition& out, std::string_view topic, const SharedText& message) const {
+  void add_presence(Exposition& out, std::string_view topic, const SharedText& message) {
     constexpr std::string_view robots = "robots/";
-    const auto [name, rest] = topics_.gateway_topic(topic);
-    if (rest == "state" || gone_.contains(name)) return;
-    const std::string gateway(name);
-    if (rest == "stats") add_stats(out, gateway, payload_of(message));
-    if (rest == "numbers") add_robots(out, gateway, payload_of(message));
-    if (!rest.starts_with(robots)) return;
+    const auto [gateway, rest] = topics_.gateway_topic(topic);
+    if (!rest.starts_with(robots) || gone_.contains(gateway)) return;
+    const std::string_view robot = rest.substr(robots.size());
     const json presence = payload_of(message);
+    if (text(presence, {"state"}) == "offline") offline_.emplace(gateway, robot);
     out.add("slamgw_robot_online", "Whether the robot is there (1), or asleep or gone (0).",
-            {{"gateway", gateway},
-             {"robot", std::string(rest.substr(robots.size()))},
+            {{"gateway", std::string(gateway)},
+             {"robot", std::string(robot)},
              {"mesh", text(presence, {"mesh"})}},
             is_online(presence) ? 1 : 0);
   }
 
+  void add_document(Exposition& out, std::string_view topic, const SharedText& message) const {
+    const auto [name, rest] = topics_.gateway_topic(topic);
+    if (gone_.contains(name)) return;
+    const std::string gateway(name);
+    if (rest == "stats") add_stats(out, gateway, payload_of(message));
+    if (rest == "numbers") add_robots(out, gateway, payload_of(message));
+  }
+
+  void add_robots(Exposition& out, const std::string& gateway, const json& numbers) const {
+    const json* robots = find(numbers, {"robots"});
+    if (robots == nullptr || !robots->is_object()) return;
+    for (const auto& [robot, values] : robots->items()) {
+      // What came last of a robot that is offline is its last will.
+      const bool is_offline = offline_.contains({gateway, robot});
+      add_robot(out, {{"gateway", gateway}, {"robot", robot}}, values,
+                is_offline ? std::nullopt : heard_.at(robot, gateway));
+    }
+  }
+
   const Topics& topics_;
   const LastKnown& known_;
-  std::set<std::string_view> gone_;  ///< views of the topics
+  const LastHeard& heard_;
+  std::set<std::string_view> gone_;                                  ///< views of the topics
+  std::set<std::pair<std::string_view, std::string_view>> offline_;  ///< the same: gateway, robot
 };
 
 }  // namespace
@@ -243,10 +307,32 @@ void OutcomeCounts::add(std::string_view gateway, std::string_view payload) {
   ++counts_[key];
 }
 
+void LastHeard::add(const Topics& topics, const BrokerMessage& message) {
+  constexpr std::string_view branch = "/robot/";
+  if (message.is_retained || topics.kind_of(message.topic) != TopicKind::robot) return;
+  std::string_view robot = std::string_view(message.topic).substr(topics.prefix().size());
+  robot = robot.substr(branch.size(), robot.find('/', branch.size()) - branch.size());
+  auto found = robots_.find(robot);
+  if (found == robots_.end()) {
+    if (robots_.size() >= max_robots) return;
+    found = robots_.emplace(robot, Heard{}).first;
+  }
+  found->second = {message.gateway, message.received_at, message.at_ms};
+}
+
+std::optional<double> LastHeard::at(std::string_view robot, std::string_view gateway) const {
+  const auto found = robots_.find(robot);
+  if (found == robots_.end()) return std::nullopt;
+  const Heard& heard = found->second;
+  if (!heard.gateway.empty() && heard.gateway != gateway) return std::nullopt;
+  if (const auto received = unix_time(heard.received_at)) return received;
+  return static_cast<double>(heard.at_ms) / 1000;
+}
+
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
-                         const OutcomeCounts& outcomes) {
+                         const OutcomeCounts& outcomes, const LastHeard& heard) {
   Exposition gateways;
-  Gateways(topics, known).add_to(gateways);
+  Gateways(topics, known, heard).add_to(gateways);
   Exposition out;
   add_own(out, own);
   out.add("slamgw_web_left_out_samples", "Samples left out here because there are too many.", {},

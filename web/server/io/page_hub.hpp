@@ -80,6 +80,7 @@ class PageHub {
   std::map<std::string, std::string> unreadable_;  ///< filters that the broker refuses: why
   LastKnown known_;
   OutcomeCounts outcomes_;
+  LastHeard heard_;
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
   Places places_{max_pages};
