@@ -61,7 +61,7 @@ EXPERIMENTS = [
                    "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "ble-one-obstacle", "8.3", "Acknowledged, at most one obstacle", (BLE,), "intervals",
-        "mostly 200 ms, some at 400 and 600 ms; 8-10 % lost as read off those bins", {"loss_estimate": [0.08, 0.10]},
+        "mostly 200 ms, some at 400 and 600 ms; 8-10 % lost as read off those bins", {"two_or_three_periods": [0.08, 0.10]},
         "count, bins", "shares by the nearest multiple of the period",
         simulated="one SET outstanding, cancelled by the next update; 5 % lost each way",
         simulator=("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1",
@@ -75,7 +75,7 @@ EXPERIMENTS = [
                    "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "ble-unreliable", "8.5", "Unacknowledged messages", (BLE,), "intervals",
-        "some at 400 and 600 ms; about 5 % lost", {"loss_estimate": 0.05},
+        "some at 400 and 600 ms; about 5 % lost as read off those bins", {"two_or_three_periods": 0.05},
         "period (200 ms is implied), payload, count", "shares by the nearest multiple of the period",
         simulated="one obstacle; 5 % lost",
         simulator=("--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1", "--hop-loss", "0.05",

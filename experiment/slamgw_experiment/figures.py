@@ -47,24 +47,25 @@ def draw(directory, result, events):
         whole_in = figure.get_figheight()
         grid = figure.add_gridspec(len(panels), 1, left=0.1, right=0.97, top=1 - (0.62 if len(panels) > 1 or heights[0] > 1 else 0.45) / whole_in,
                                    bottom=(caption_in + 0.45) / whole_in, hspace=0.38, height_ratios=heights)
-        figure.text(0.02, 1 - 0.1 / whole_in, _title(result), fontsize=11, fontweight="bold", va="top")
+        figure.text(0.02, 1 - 0.1 / whole_in, title(result), fontsize=11, fontweight="bold", va="top")
         if result["simulated"]:
-            _mark_as_simulated(figure, whole_in)
+            mark_as_simulated(figure, whole_in)
         for row, panel in enumerate(panels):
             axes = figure.add_subplot(grid[row])
             panel(axes, result, events) if has_data else _nothing(axes)
         figure.text(0.02, 0.06 / whole_in, text, fontsize=7.8, va="bottom", linespacing=1.35)
-        _save_svg(figure, os.path.join(directory, "figure.svg"), result["simulated"])
-        figure.savefig(os.path.join(directory, "figure.png"), dpi=150, metadata={"Software": None})
-        plt.close(figure)
+        save(figure, directory, result["simulated"])
 
 
-def _save_svg(figure, path, is_simulated):
-    """Text becomes outlines, so that the file needs no font; a comment keeps the mark for programs."""
+def save(figure, directory, is_simulated):
+    """Text becomes outlines in the SVG, so that it needs no font; a comment keeps the mark for programs."""
+    path = os.path.join(directory, "figure.svg")
     figure.savefig(path, metadata={"Date": None})
     if is_simulated:
         with open(path, "a", encoding="utf-8") as file:
             file.write("<!-- SIMULATED -->\n")
+    figure.savefig(os.path.join(directory, "figure.png"), dpi=150, metadata={"Software": None})
+    plt.close(figure)
 
 
 def _kind(result):
@@ -73,11 +74,13 @@ def _kind(result):
     return experiment.kind if experiment else "intervals"
 
 
-def _title(result):
-    return f"{result['title']} · {MESH_NAMES.get(result['mesh'], result['mesh'])}"
+def title(result):
+    """With the number that the figure has in the thesis."""
+    number = result["thesis"]["where"].removeprefix("figure ")
+    return f"{number[:1].upper()}{number[1:]}  {result['title']} · {MESH_NAMES.get(result['mesh'], result['mesh'])}"
 
 
-def _mark_as_simulated(figure, whole_in):
+def mark_as_simulated(figure, whole_in):
     figure.text(0.98, 1 - 0.12 / whole_in, "SIMULATED", ha="right", va="top", fontsize=8, fontweight="bold", color="white",
                 bbox={"boxstyle": "round,pad=0.3", "facecolor": THESIS, "edgecolor": "none"})
 
@@ -88,7 +91,49 @@ def _nothing(axes):
     axes.set_yticks([])
 
 
+# Words for numbers with their 95 % intervals
+
+def percent(share):
+    """"8.4 % (6.9 to 10.3 %)" of a share of measure.py; empty where there is none."""
+    if not share or share["share"] is None:
+        return ""
+    low, high = share["share_95_percent"]
+    return f"{share['share']:.1%} ({100 * low:.1f} to {high:.1%})".replace("%", " %")
+
+
+def with_interval(value, interval, unit="ms"):
+    between = f" ({interval[0]:.1f} to {interval[1]:.1f})" if interval else ""
+    return f"{value:.1f} {unit}{between}"
+
+
+def _mean_and_tail(values):
+    """The mean, and the farthest percentile for which there are enough values."""
+    mean = f"mean {with_interval(float(values.mean()), measure.bootstrap(numpy.mean, values))}"
+    for far in (99, 90):
+        if measure.has_percentile(len(values), far):
+            return f"{mean}, {far} % within {numpy.percentile(values, far):.1f} ms"
+    return f"{mean}, all within {values.max():.1f} ms"
+
+
 # Panels
+
+def _histogram(axes, series, end, bins, colours, labels=None):
+    """What lies beyond `end` stands apart, behind the axis's end, and is not added to a bin."""
+    for index, values in enumerate(series):
+        axes.hist(values[values <= end], bins=bins, color=colours[index % len(colours)], alpha=0.75 if len(series) > 1 else 1,
+                  label=labels[index] if labels else None)
+    beyond = numpy.concatenate(list(series))
+    beyond = beyond[beyond > end]
+    width = end * 0.05
+    axes.set_xlim(0, end + (4 * width if len(beyond) else width / 2))
+    if not len(beyond):
+        return
+    axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= end])
+    axes.bar(end + 2 * width, len(beyond), width=width, color="white", edgecolor=THESIS, hatch="////", linewidth=0.8)
+    axes.axvline(end + width / 2, color=GREY, linewidth=0.8, linestyle=":")
+    axes.annotate(f"{len(beyond)} beyond,\nup to {beyond.max():.0f} ms", (end + 2 * width, len(beyond)), xytext=(0, 3),
+                  textcoords="offset points", ha="center", fontsize=7.5, color=THESIS)
+
 
 def _intervals(axes, result, events):
     period = result["conditions"]["period_ms"]
@@ -102,9 +147,10 @@ def _intervals(axes, result, events):
     end = max(5 * period, numpy.percentile(gaps, 99.9) + 2 * bin_ms, 1.05 * thesis_ms)
     bin_ms = max(bin_ms, end / MOST_BINS)
     # Bins are centred on multiples of their width, so that none ends at a multiple of the period.
-    heights, edges, _ = axes.hist(numpy.minimum(gaps, end), bins=numpy.arange(-bin_ms / 2, end + bin_ms, bin_ms), color=COLOURS.get(result["mesh"], GREY))
+    edges = numpy.arange(-bin_ms / 2, end + bin_ms, bin_ms)
+    heights, _ = numpy.histogram(gaps[gaps <= end], bins=edges)
+    _histogram(axes, [gaps], end, edges, [COLOURS.get(result["mesh"], GREY)])
     _count_logarithmically(axes)
-    axes.set_xlim(0, end + bin_ms)
     if not wide:
         axes.set_xticks(numpy.arange(0, end + period, period))
     if not wide and result["mesh"] == "ble":  # on Thread a gap is a delay
@@ -119,12 +165,13 @@ def _tell_shares(axes, shares, period, heights, edges):
     """Beside the tallest bin near each multiple of the period."""
     middles = (edges[:-1] + edges[1:]) / 2
     for shown, share in shares.items():
-        if shown == "longer" or share == 0:
+        if shown == "longer" or share["found"] == 0:
             continue
         near = numpy.flatnonzero(numpy.abs(middles - float(shown)) <= period / 2)
         if len(near):
             tallest = near[numpy.argmax(heights[near])]
-            axes.annotate(f"{share:.1%}", (edges[tallest + 1], heights[tallest]), xytext=(4, 1), textcoords="offset points", fontsize=8)
+            axes.annotate(percent(share).replace(" (", "\n("), (edges[tallest + 1], heights[tallest]), xytext=(3, 1),
+                          textcoords="offset points", fontsize=6.8, linespacing=1.1)
 
 
 def _count_whole(axes):
@@ -178,17 +225,12 @@ def _latency(axes, result, events):
     bin_ms = 1 if end < 150 else 5 if end < 750 else 50 if end < 50 * MOST_BINS else float(f"{end / MOST_BINS:.1g}")
     bins = numpy.arange(0, end + 2 * bin_ms, bin_ms)
     colours = [COLOURS.get(result["mesh"], GREY), SECOND, "#7b3294", "#636363"]
-    for index, (name, ones) in enumerate(series.items()):
-        mean = float(ones.mean())
-        axes.hist(numpy.minimum(ones, end), bins=bins, color=colours[index % 4], alpha=0.75,
-                  label=f"{name}: mean {mean:.1f} ms, 99 % within {numpy.percentile(ones, 99):.1f} ms")
-        axes.axvline(mean, ymax=0.82, color=colours[index % 4], linewidth=1.2, linestyle=(0, (4, 2)))
-    beyond = int(numpy.sum(whole > end))
-    axes.set_xlim(0, end + bin_ms)
+    _histogram(axes, list(series.values()), end, bins, colours, [f"{name}: {_mean_and_tail(ones)}" for name, ones in series.items()])
+    for index, ones in enumerate(series.values()):
+        axes.axvline(float(ones.mean()), ymax=0.82, color=colours[index % 4], linewidth=1.2, linestyle=(0, (4, 2)))
     axes.set_ylim(0, axes.get_ylim()[1] * (1.12 + 0.08 * len(series)))
-    axes.legend(loc="upper right", fontsize=8)
-    later = f"; the last one holds {beyond} later" if beyond else ""
-    axes.set_xlabel(f"{what} / ms, in bins of {bin_ms:g} ms{later}")
+    axes.legend(loc="upper right", fontsize=7.5)
+    axes.set_xlabel(f"{what} / ms, in bins of {bin_ms:g} ms" + _compressed(result))
     _count_whole(axes)
 
 
@@ -229,11 +271,12 @@ def _hop_first(axes, result, events):
     if not len(first):
         return _nothing(axes)
     end = numpy.percentile(first, 99.5) * 1.1 + 1
-    axes.hist(numpy.minimum(first, end), bins=60, color=COLOURS["thread"])
-    axes.axvline(first.mean(), color=SECOND, linewidth=1.2, label=f"mean {first.mean():.1f} ms")
+    _histogram(axes, [first], end, numpy.linspace(0, end, 61), [COLOURS["thread"]])
+    axes.axvline(first.mean(), color=SECOND, linewidth=1.2, label=_mean_and_tail(first))
+    axes.set_ylim(0, axes.get_ylim()[1] * 1.18)
     axes.legend(loc="upper right", fontsize=8)
     axes.set_title("8.11  without those that the client repeated")
-    axes.set_xlabel(f"{what} / ms")
+    axes.set_xlabel(f"{what} / ms" + _compressed(result))
     _count_whole(axes)
 
 
@@ -276,8 +319,8 @@ def _probe_delay(axes, result, events):
     if not len(delays):
         return _nothing(axes)
     end = float(numpy.percentile(delays, 99.5)) * 1.1 + 1
-    axes.hist(numpy.minimum(delays, end), bins=60, color=COLOURS.get(result["mesh"], GREY))
-    axes.set_xlabel("later than the fastest probe / ms")
+    _histogram(axes, [delays], end, numpy.linspace(0, end, 61), [COLOURS.get(result["mesh"], GREY)])
+    axes.set_xlabel("later than the fastest probe / ms" + _compressed(result))
     _count_whole(axes)
 
 
@@ -316,7 +359,7 @@ def _compressed(result):
 def caption(result):
     """The thesis's result beside the measured one, and what must be known to read the figure."""
     sentences = [f"Thesis, {result['thesis']['where']}: {result['thesis']['result']}.",
-                 f"Here: {_here(result)}."]
+                 f"Here: {_here(result)}. In brackets: 95 % intervals, which take messages as independent of each other."]
     if result["simulated"]:
         how = result["conditions"].get("simulated_as", "")
         sentences.append(f"Simulated robots and radio, seed {result['conditions'].get('seed')}{f': {how}' if how else ''}.")
@@ -336,23 +379,38 @@ def _here(result):
     counts, loss = measured["counts"], measured["loss"]
     parts = [f"{counts['arrived']} arrived"]
     if loss["exact"]:
-        sent = counts.get("measured", loss["exact"]["sent"])
-        refused = counts.get("refused", 0)
-        if refused:
-            parts.append(f"{refused} of {sent} never left the robot")
-        parts.append(f"{loss['exact']['lost']} of {loss['exact']['sent']} sent were lost "
-                     f"({loss['exact']['share'] or 0:.1%}, exact)")
+        parts.append(_lost(result))
     if loss["estimate"] and _kind(result) == "intervals" and measured["interval_ms"]:
-        if measured["interval_ms"]["p50"] > 7 * result["conditions"]["period_ms"]:
-            parts.append(f"{measured['interval_ms']['mean']:.0f} ms apart on average, {measured['interval_ms']['p50']:.0f} ms at the median")
-        else:
-            parts.append(f"{loss['estimate']['share']:.1%} lost as estimated from gaps")
+        parts.append(_intervals_here(result))
     robot, gateway = measured["acknowledged_after_ms"]["robot"], measured["acknowledged_after_ms"]["gateway"]
     if (robot or gateway) and _kind(result) in ("latency", "hop"):
         one, where = (robot, "") if robot else (gateway, " in the gateway")
-        parts.append(f"acknowledged after {one['mean']:.1f} ms{where} on average, median {one['p50']:.1f} ms")
+        parts.append(f"acknowledged after {with_interval(one['mean'], one['mean_95_percent'])}{where} on average, "
+                     f"median {with_interval(one['p50'], one['p50_95_percent'])}{_compressed(result)}")
     if counts.get("doubled_at_broker") is not None:
         parts.append(f"{counts['received_at_broker']} received at the broker, {counts['doubled_at_broker']} of them twice")
     if measured.get("ring") and _kind(result) == "ring":
         parts.append(f"a circle of radius {measured['ring']['radius_cm']:.1f} cm")
     return "; ".join(parts)
+
+
+def _lost(result):
+    """What got lost on the way, never without what did not even leave the robot."""
+    exact, never_left = result["measured"]["loss"]["exact"], result["measured"].get("never_left")
+    text = f"{exact['lost']} of {exact['sent']} sent were lost, {percent(exact)}"
+    if never_left and never_left["found"]:
+        text = f"{never_left['found']} of {never_left['of']} never left the robot, {percent(never_left)}; {text}"
+    return text
+
+
+def _intervals_here(result):
+    """In the quantity that the thesis told: the mean, the bins at 400 and 600 ms, or the loss that gaps mean."""
+    measured, thesis, period = result["measured"], result["thesis"]["numbers"], result["conditions"]["period_ms"]
+    gaps = measured["interval_ms"]
+    if gaps["p50"] > 7 * period:
+        return (f"{with_interval(gaps['mean'], gaps['mean_95_percent'])} apart on average, "
+                f"{with_interval(gaps['p50'], gaps['p50_95_percent'])} at the median")
+    estimate = f"{percent(measured['loss']['estimate'])} lost as estimated from gaps"
+    if "two_or_three_periods" not in thesis:
+        return estimate
+    return f"{percent(measured['two_or_three_periods'])} at {2 * period:g} and {3 * period:g} ms, as the thesis read it; {estimate}"

@@ -7,6 +7,8 @@ import numpy
 from slamgw_experiment.events import BROKER, GATEWAY, ROBOTS
 
 SEQUENCE_NUMBERS = 65536  # a probe's number wraps
+ENOUGH_BEYOND = 5         # values beyond a percentile: with fewer it says nothing
+RESAMPLES, LEAST_RESAMPLES, MOST_DRAWN = 1000, 200, 20_000_000
 
 
 def intervals_ms(events, message_type):
@@ -31,6 +33,12 @@ def robot_latencies_ms(events):
         elif event.event == "acknowledged" and key in sent:
             latencies[event.robot].append((event.t_us - sent.pop(key)) / 1000)
     return {robot: numpy.array(values) for robot, values in sorted(latencies.items())}
+
+
+def late(sent, latencies_by_robot, period_ms):
+    """The thesis's criterion (9.3): the part of the messages whose acknowledgement has not come before the next one is due."""
+    in_time = sum(int(numpy.sum(values <= period_ms)) for values in latencies_by_robot.values())
+    return share(sent - in_time, sent)
 
 
 def gateway_latencies_ms(events, message_type):
@@ -89,14 +97,39 @@ def _repeats_at_gateway(events):
 
 
 def statistics(values):
-    """Count, mean, percentiles; None for no values."""
+    """Count, mean and median with their 95 % intervals, percentiles where there are enough values; None for no values."""
     values = numpy.asarray(values, dtype=float)
     if values.size == 0:
         return None
-    p50, p90, p99 = numpy.percentile(values, [50, 90, 99])
-    numbers = {"count": int(values.size), "mean": values.mean(), "min": values.min(), "p50": p50, "p90": p90,
-               "p99": p99, "max": values.max()}
-    return {name: round(float(value), 3) if name != "count" else value for name, value in numbers.items()}
+    numbers = {"mean": values.mean(), "min": values.min(), "p50": numpy.median(values), "max": values.max()}
+    found = {"count": int(values.size)} | {name: round(float(value), 3) for name, value in numbers.items()}
+    for name, percent in (("p90", 90), ("p99", 99)):
+        found[name] = round(float(numpy.percentile(values, percent)), 3) if has_percentile(values.size, percent) else None
+    found["mean_95_percent"] = bootstrap(numpy.mean, values)
+    found["p50_95_percent"] = bootstrap(numpy.median, values)
+    return found
+
+
+def has_percentile(count, percent):
+    return count * (100 - percent) >= 100 * ENOUGH_BEYOND
+
+
+def bootstrap(statistic, *samples):
+    """The 95 % interval of statistic(*samples) by drawing each sample anew, with replacement; None for fewer than two values.
+
+    It takes messages as independent of each other. The same samples give the same interval.
+    """
+    if min(len(sample) for sample in samples) < 2:
+        return None
+    generator = numpy.random.default_rng(1)
+    times = int(min(RESAMPLES, max(LEAST_RESAMPLES, MOST_DRAWN // sum(len(sample) for sample in samples))))
+    drawn = [statistic(*(sample[generator.integers(0, len(sample), len(sample))] for sample in samples)) for _ in range(times)]
+    return [round(float(end), 3) for end in numpy.percentile(drawn, [2.5, 97.5])]
+
+
+def difference_of_means(one, other):
+    """(how much the mean of `one` is above that of `other`, its 95 % interval)"""
+    return float(one.mean() - other.mean()), bootstrap(lambda a, b: a.mean() - b.mean(), one, other)
 
 
 def pooled(by_robot):
@@ -170,9 +203,14 @@ def exact_loss(events, message_type, settle_s=0):
 
 
 def _loss(sent, lost, how):
-    low, high = wilson(lost, sent)
-    return {"sent": sent, "lost": lost, "share": round(lost / sent, 5) if sent else None,
-            "share_95_percent": [round(low, 5), round(high, 5)], "how": how}
+    found = share(lost, sent)
+    return {"sent": sent, "lost": lost, "share": found["share"], "share_95_percent": found["share_95_percent"], "how": how}
+
+
+def share(found, of):
+    low, high = wilson(found, of)
+    return {"found": int(found), "of": int(of), "share": round(found / of, 5) if of else None,
+            "share_95_percent": [round(low, 5), round(high, 5)]}
 
 
 def wilson(found, of, z=1.959964):
@@ -189,10 +227,20 @@ def shares_of_periods(gaps, period_ms, most=5):
     """Which part of the gaps rounds to 1, 2, ... periods."""
     if len(gaps) == 0:
         return {}
-    rounded = numpy.maximum(1, numpy.rint(numpy.asarray(gaps) / period_ms)).astype(int)
-    shares = {f"{n * period_ms:g}": round(float(numpy.mean(rounded == n)), 5) for n in range(1, most + 1)}
-    shares["longer"] = round(float(numpy.mean(rounded > most)), 5)
+    rounded = _periods(gaps, period_ms)
+    shares = {f"{n * period_ms:g}": share(numpy.sum(rounded == n), len(gaps)) for n in range(1, most + 1)}
+    shares["longer"] = share(numpy.sum(rounded > most), len(gaps))
     return shares
+
+
+def _periods(gaps, period_ms):
+    return numpy.maximum(1, numpy.rint(numpy.asarray(gaps) / period_ms)).astype(int)
+
+
+def two_or_three_periods(gaps, period_ms):
+    """The part of the gaps that the thesis read as loss off its histograms: the bins at 400 and 600 ms."""
+    rounded = _periods(gaps, period_ms)
+    return share(numpy.sum((rounded == 2) | (rounded == 3)), len(gaps))
 
 
 def counts(events, message_type):
@@ -272,12 +320,18 @@ def measured(events, message_type, period_ms, settle_s=0, in_ring=False):
         "loss": {"exact": exact_loss(events, message_type, settle_s), "estimate": estimate},
         "interval_ms": statistics(all_gaps),
         "interval_shares": shares_of_periods(all_gaps, period_ms),
+        "two_or_three_periods": two_or_three_periods(all_gaps, period_ms),
         "acknowledged_after_ms": {"robot": statistics(pooled(robots)), "gateway": statistics(pooled(gateway))},
         "acknowledged_after_ms_by_robot": {robot: statistics(values) for robot, values in robots.items()},
         "payload_octets": {str(size): count for size, count in sorted(sizes.items(), key=lambda item: item[0] or 0)},
     }
     if delays:
         result["probe_delay_ms"] = statistics(pooled(delays))
+    made, exact = result["counts"].get("measured"), result["loss"]["exact"]
+    if made:
+        result["never_left"] = share(result["counts"]["refused"], made)
+        result["not_arrived"] = share(made - (exact["sent"] - exact["lost"] if exact else 0), made)
+        result["late"] = late(result["counts"]["sent"], robots, period_ms)
     if client:
         result["messages_repeated_by_client"] = {
             str(n): count for n, count in sorted(collections.Counter(client.values()).items())}

@@ -4,7 +4,7 @@ import base64
 import html
 import os
 
-from slamgw_experiment import catalogue, figures, folder
+from slamgw_experiment import catalogue, figures, folder, measure
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 1300px; padding: 0 1rem; color: #222; }
@@ -18,20 +18,60 @@ th, td { border-bottom: 1px solid #ddd; padding: .25rem .6rem; text-align: right
 @media print { .pair { break-inside: avoid; } }
 """
 
-# The rows of every comparison: name, and where it stands in `measured`.
+def member(result, *path):
+    value = result["measured"] or {}
+    for step in path:
+        value = value.get(step) if isinstance(value, dict) else None
+    return value
+
+
+def _number(*path, form="{:.0f}"):
+    def text(result):
+        value = member(result, *path)
+        return "" if value is None else form.format(value)
+    return text
+
+
+def _share(*path):
+    return lambda result: figures.percent(member(result, *path))
+
+
+def _time(name, *path):
+    """Of statistics: `mean` and `p50` with their interval; a percentile of too few values is not told."""
+    def text(result):
+        found = member(result, *path)
+        if found is None:
+            return ""
+        if found[name] is None:
+            return f"too few: {found['count']}"
+        return figures.with_interval(found[name], found.get(f"{name}_95_percent"))
+    return text
+
+
+def _part(found, of, path, what):
+    """"5 of 60 made: 8.3 % (...)": never a share without what it is of."""
+    def text(result):
+        share = member(result, *path)
+        return f"{share[found]} of {share[of]} {what}: {figures.percent(share)}" if share else ""
+    return text
+
+
+# The rows of every comparison: name, whether it is a time, and its text.
 ROWS = [
-    ("made by the robot", ("counts", "measured"), "{:.0f}"),
-    ("sent", ("loss", "exact", "sent"), "{:.0f}"),
-    ("arrived", ("counts", "arrived"), "{:.0f}"),
-    ("lost, exactly", ("loss", "exact", "share"), "{:.2%}"),
-    ("lost, estimated from gaps", ("loss", "estimate", "share"), "{:.2%}"),
-    ("interval, median / ms", ("interval_ms", "p50"), "{:.1f}"),
-    ("interval, 99 % / ms", ("interval_ms", "p99"), "{:.1f}"),
-    ("acknowledged, mean / ms", ("acknowledged_after_ms", "robot", "mean"), "{:.1f}"),
-    ("acknowledged, 99 % / ms", ("acknowledged_after_ms", "robot", "p99"), "{:.1f}"),
-    ("in the gateway, mean / ms", ("acknowledged_after_ms", "gateway", "mean"), "{:.1f}"),
-    ("probe later than fastest, 99 % / ms", ("probe_delay_ms", "p99"), "{:.1f}"),
-    ("radius of the ring / cm", ("ring", "radius_cm"), "{:.1f}"),
+    ("made by the robot", False, _number("counts", "measured")),
+    ("sent", False, _number("loss", "exact", "sent")),
+    ("arrived", False, _number("counts", "arrived")),
+    ("never left the robot", False, _part("found", "of", ("never_left",), "made")),
+    ("lost on the way, exactly", False, _part("lost", "sent", ("loss", "exact"), "sent")),
+    ("made and not arrived", False, _share("not_arrived")),
+    ("lost, estimated from gaps", False, _share("loss", "estimate")),
+    ("interval, median", True, _time("p50", "interval_ms")),
+    ("interval, 99 % within", True, _time("p99", "interval_ms")),
+    ("acknowledged, mean", True, _time("mean", "acknowledged_after_ms", "robot")),
+    ("acknowledged, 99 % within", True, _time("p99", "acknowledged_after_ms", "robot")),
+    ("in the gateway, mean", True, _time("mean", "acknowledged_after_ms", "gateway")),
+    ("probe later than fastest, 99 % within", True, _time("p99", "probe_delay_ms")),
+    ("radius of the ring / cm", False, _number("ring", "radius_cm", form="{:.1f}")),
 ]
 
 
@@ -40,21 +80,25 @@ def read(directory):
     return folder.measure_again(directory)[0]
 
 
-def value_of(result, path):
-    value = (result or {}).get("measured") or {}
-    for step in path:
-        value = value.get(step) if isinstance(value, dict) else None
-    return value if isinstance(value, (int, float)) else None
+def compression(result):
+    return result["conditions"]["time_compressed"]
 
 
 def rows_of(results):
-    """[(name, [texts])] with what at least one of the results has."""
+    """[(name, [texts])] with what at least one of the results has. Compressed and real times never stand side by side."""
+    has_one_clock = len({compression(result) for result in results}) == 1
     rows = []
-    for name, path, form in ROWS:
-        values = [value_of(result, path) for result in results]
-        if any(value is not None for value in values):
-            rows.append((name, ["" if value is None else form.format(value) for value in values]))
+    for name, is_time, text_of in ROWS:
+        texts = [text_of(result) for result in results]
+        if any(texts) and (has_one_clock or not is_time):
+            rows.append((name, texts))
+    if not has_one_clock:
+        rows.append(("times", [f"not compared: {_clock(result)}" for result in results]))
     return rows
+
+
+def _clock(result):
+    return "real time" if compression(result) == 1 else f"compressed {compression(result):g} times"
 
 
 def name_of(result):
@@ -63,12 +107,14 @@ def name_of(result):
 
 def table(results):
     """For a terminal."""
-    rows = rows_of(results)
-    heads = [name_of(result) for result in results]
-    first = max([len(name) for name, _ in rows] + [0])
-    widths = [max([len(head)] + [len(texts[i]) for _, texts in rows]) for i, head in enumerate(heads)]
-    lines = [" " * first + "".join(f"  {head:>{width}}" for head, width in zip(heads, widths))]
-    lines += [f"{name:{first}}" + "".join(f"  {text:>{width}}" for text, width in zip(texts, widths)) for name, texts in rows]
+    return text_table("", ["", *map(name_of, results)], [[name, *texts] for name, texts in rows_of(results)])
+
+
+def text_table(title, heads, rows):
+    widths = [max(len(row[i]) for row in [heads, *rows]) for i in range(len(heads))]
+    lines = [title] if title else []
+    for row in [heads, *rows]:
+        lines.append(f"{row[0]:{widths[0]}}" + "".join(f"  {text:>{width}}" for text, width in zip(row[1:], widths[1:])))
     return "\n".join(lines)
 
 
@@ -162,27 +208,37 @@ def write_both(out, directory):
         sections.append(f'<h2>{html.escape(name)}</h2><div class="pair"><div>{_figure(*found[name])}</div></div>')
     sections.insert(0, _conclusion(found))
     note = ("Left BLE Mesh, right Thread. Each figure has the thesis's result and what was measured here in its caption; "
-            "numbers follow from the events.csv of each folder.")
+            "numbers follow from the events.csv of each folder. In brackets: 95 % intervals, which take messages as independent.")
     _write(out, _page("Two meshes, one set of experiments", note, sections, any(one["simulated"] for _, one in found.values())))
 
 
 def _conclusion(found):
-    """One table over everything, and what two robots cost."""
+    """A table over everything for each clock, and what two robots cost."""
     results = [result for _, result in found.values()]
-    extra = ""
-    one, two = (found.get(name) for name in ("ble-latency", "ble-two-robots"))
-    means = [value_of(side[1], ("acknowledged_after_ms", "robot", "mean")) if side else None for side in (one, two)]
-    if None not in means:
-        extra = (f"<p>With two robots on BLE Mesh a STATUS took {means[1] - means[0]:+.1f} ms on average against one robot; "
-                 "the thesis saw an indication of +10 ms.</p>")
-    heads = ["experiment", "made by the robot", "sent", "arrived", "lost, exactly", "lost, estimated", "acknowledged, mean / ms", "99 % / ms"]
-    paths = [("counts", "measured"), ("loss", "exact", "sent"), ("counts", "arrived"), ("loss", "exact", "share"), ("loss", "estimate", "share"),
-             ("acknowledged_after_ms", "robot", "mean"), ("acknowledged_after_ms", "robot", "p99")]
-    forms = ["{:.0f}", "{:.0f}", "{:.0f}", "{:.2%}", "{:.2%}", "{:.1f}", "{:.1f}"]
-    lines = []
-    for result in results:
-        values = [value_of(result, path) for path in paths]
-        texts = [name_of(result)] + ["" if value is None else form.format(value) for value, form in zip(values, forms)]
-        lines.append("<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts) + "</tr>")
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    return f"<h2>All in one table</h2><table><tr>{head}</tr>{''.join(lines)}</table>{extra}"
+    wanted = ["arrived", "never left the robot", "lost on the way, exactly", "made and not arrived", "lost, estimated from gaps",
+              "acknowledged, mean", "acknowledged, 99 % within"]
+    columns = [next(row for row in ROWS if row[0] == name) for name in wanted]
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in ["experiment", *wanted])
+    tables = ""
+    for clock in sorted({compression(result) for result in results}):
+        lines = []
+        for result in (one for one in results if compression(one) == clock):
+            texts = [name_of(result)] + [text_of(result) for _, _, text_of in columns]
+            lines.append("<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts) + "</tr>")
+        heading = "In real time" if clock == 1 else f"Time compressed {clock:g} times: these times are none of a real mesh"
+        tables += f"<h2>{heading}</h2><table><tr>{head}</tr>{''.join(lines)}</table>"
+    return tables + _cost_of_a_second_robot(found)
+
+
+def _cost_of_a_second_robot(found):
+    means = []
+    for name in ("ble-two-robots", "ble-latency"):
+        if name not in found:
+            return ""
+        means.append(measure.pooled(measure.robot_latencies_ms(folder.read_events(found[name][0]))))
+    if not all(len(values) for values in means):
+        return ""
+    more, interval = measure.difference_of_means(*means)
+    between = f" ({interval[0]:+.1f} to {interval[1]:+.1f})" if interval else ""
+    return (f"<p>With two robots on BLE Mesh a STATUS took {more:+.1f} ms{between} on average against one robot; "
+            "the thesis saw an indication of +10 ms.</p>")

@@ -5,6 +5,8 @@ import os
 import tempfile
 import unittest
 
+import numpy
+
 from slamgw_experiment import catalogue, figures, folder, measure, page
 from slamgw_experiment.events import GATEWAY, ROBOTS, Event
 
@@ -52,6 +54,27 @@ class Figures(unittest.TestCase):
             self.assertIn(f"{experiment.where()}: {experiment.thesis}.", caption)
             self.assertIn("Here: 10 arrived", caption)
             self.assertIn("Simulated robots and radio, seed 3.", caption)
+
+    def test_what_is_far_off_stands_apart_and_is_in_no_bin(self):
+        axes = figures.plt.figure().add_subplot()
+        values = numpy.array([10.0, 30.0, 350.0, 410.0])
+        figures._histogram(axes, [values], 100, numpy.arange(0, 101, 20), ["red"])  # pylint: disable=protected-access
+        *bins, apart = [(bar.get_x(), bar.get_height()) for bar in axes.patches]
+        self.assertEqual([height for _, height in bins], [1, 1, 0, 0, 0])
+        self.assertGreater(apart[0], 100)
+        self.assertEqual(apart[1], 2)
+        self.assertIn("2 beyond,\nup to 410 ms", [text.get_text() for text in axes.texts])
+        figures.plt.close()
+
+    def test_a_caption_does_not_hide_what_never_left(self):
+        events = some_events(5, "update") + [Event(t_us=n, source=ROBOTS, event="refused", robot="robot1", mesh="ble", direction="up", number=n)
+                                             for n in range(10, 65)]
+        caption = figures.caption(result_of(catalogue.find("ble-reliable"), "ble", events)).replace("\n", " ")
+        self.assertIn("55 of 60 never left the robot, 91.7 % (81.9 to 96.4 %); 0 of 5 sent were lost, 0.0 % (0.0 to 43.4 %)", caption)
+
+    def test_loss_is_compared_in_the_quantity_that_the_thesis_read(self):
+        caption = figures.caption(result_of(catalogue.find("ble-one-obstacle"), "ble", some_events(10, "update"))).replace("\n", " ")
+        self.assertIn("0.0 % (0.0 to 29.9 %) at 400 and 600 ms, as the thesis read it", caption)
 
     def test_only_what_is_simulated_is_marked_as_such(self):
         experiment = catalogue.find("ble-hop")
@@ -104,7 +127,7 @@ class Figures(unittest.TestCase):
 
 
 class Page(unittest.TestCase):
-    def make(self, directory, name, mesh):
+    def make(self, directory, name, mesh, compressed=1):
         experiment = catalogue.find(name)
         events = some_events(20, experiment.message_type())
         inner = os.path.join(directory, name)
@@ -114,6 +137,7 @@ class Page(unittest.TestCase):
             recorder.write(event)
         recorder.close()
         result = result_of(experiment, mesh, events)
+        result["conditions"]["time_compressed"] = compressed
         folder.write_result(inner, result)
         figures.draw(inner, result, events)
         return inner
@@ -131,6 +155,19 @@ class Page(unittest.TestCase):
             table = page.compare([ble, thread], out)
             self.assertIn("ble-latency on BLE Mesh", table)
             self.assertIn("thread-puback on Thread", table)
+
+    def test_compressed_times_never_stand_beside_real_ones(self):
+        with tempfile.TemporaryDirectory() as directory:
+            ble, thread = self.make(directory, "ble-latency", "ble"), self.make(directory, "thread-puback", "thread", compressed=8)
+            out = os.path.join(directory, "index.html")
+            table = page.compare([ble, thread], out)
+            self.assertIn("not compared: compressed 8 times", table)
+            self.assertNotIn(" ms", table)
+            page.write_both(out, directory)
+            with open(out, encoding="utf-8") as file:
+                real, compressed = file.read().split("<h2>Time compressed 8 times")
+            self.assertNotIn("<td>thread-puback", real.split("In real time")[1])
+            self.assertNotIn("<td>ble-latency", compressed)
 
     def test_a_folder_that_lacks_its_figure_is_told_on_the_page(self):
         with tempfile.TemporaryDirectory() as directory:

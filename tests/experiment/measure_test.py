@@ -99,6 +99,41 @@ class Latency(unittest.TestCase):
         self.assertEqual(list(measure.probe_delays_ms(events)["r"]), [2, 0, 6])
 
 
+class Intervals(unittest.TestCase):
+    def test_a_percentile_needs_five_values_beyond_it(self):
+        self.assertIsNone(measure.statistics(range(49))["p90"])
+        self.assertIsNotNone(measure.statistics(range(50))["p90"])
+        self.assertIsNone(measure.statistics(range(499))["p99"])
+        self.assertIsNotNone(measure.statistics(range(500))["p99"])
+
+    def test_of_a_mean_as_theory_has_it(self):
+        values = numpy.random.default_rng(5).normal(50, 10, 400)
+        low, high = measure.bootstrap(numpy.mean, values)
+        self.assertAlmostEqual(high - low, 2 * 1.96 * values.std() / 20, delta=0.15)
+        self.assertTrue(low < values.mean() < high)
+        self.assertEqual([low, high], measure.bootstrap(numpy.mean, values), "plot makes the same numbers again")
+        self.assertIsNone(measure.bootstrap(numpy.mean, values[:1]))
+
+    def test_of_a_difference(self):
+        values = numpy.random.default_rng(6).normal(50, 10, 400)
+        more, (low, high) = measure.difference_of_means(values + 10, values)
+        self.assertAlmostEqual(more, 10)
+        self.assertTrue(8 < low < 10 < high < 12)
+
+    def test_the_thesis_read_loss_off_the_bins_of_two_and_three_periods(self):
+        gaps = numpy.array([200.0] * 90 + [395.0] * 5 + [610.0] * 4 + [1000.0])
+        self.assertEqual(measure.two_or_three_periods(gaps, 200)["share"], 0.09)
+        self.assertEqual(measure.shares_of_periods(gaps, 200)["400"]["found"], 5)
+
+    def test_what_never_left_and_what_is_late_are_parts_of_what_was_made_and_sent(self):
+        events = [at_robot(0, "sent", 1), at_robot(100_000, "acknowledged", 1), at_robot(200_000, "sent", 2),
+                  at_robot(450_000, "acknowledged", 2), at_robot(600_000, "sent", 3), *(at_robot(800_000, "refused", n) for n in range(4, 8))]
+        found = measure.measured([*events, arrival(1), arrival(200_001)], "update", 200)
+        self.assertEqual((found["never_left"]["found"], found["never_left"]["of"]), (4, 7))
+        self.assertEqual((found["not_arrived"]["found"], found["not_arrived"]["of"]), (5, 7))
+        self.assertEqual((found["late"]["found"], found["late"]["of"]), (2, 3))
+
+
 class Whole(unittest.TestCase):
     def test_an_empty_run_has_numbers_too(self):
         found = measure.measured([], "update", 200)
