@@ -129,12 +129,20 @@ EXPERIMENTS = [
         "probe", "9.2", "Exact loss and delay", (BLE, THREAD), "probe",
         "exact loss was wished for and hard to count", {}, "how it would be counted", "probes with sequence number and the sender's milliseconds",
         simulated="acknowledged on neither mesh; 5 % of the frames lost, which Thread's link repeats", payload="probe"),
+    Experiment(
+        "limits", "9.3", "Robots and rate, until it breaks", (BLE, THREAD), "limits",
+        "two robots cost about 10 ms more; he wished for more of them, until the delay is too long or messages are missing",
+        {"more_than_one_robot_ms": 10}, "all numbers", "acknowledged messages of one obstacle",
+        simulated="5 % of the frames lost; robots do not disturb each other on the air", messages=100),
 ]
 
 # What `--sim` adds where an experiment runs on either mesh.
 EITHER_MESH = {
     ("ring", BLE): ("--no-stray", *BLE_RADIO),
     ("ring", THREAD): THREAD_RADIO,
+    ("limits", BLE): ("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1",
+                      "--hop-loss", "0.05", *BLE_RADIO),
+    ("limits", THREAD): ("--max-obstacles", "1", "--hop-loss", "0.05", *THREAD_RADIO),
     ("probe", BLE): ("--hop-loss", "0.05", *BLE_RADIO),
     ("probe", THREAD): ("--qos", "0", "--hop-loss", "0.05", *THREAD_RADIO),
 }

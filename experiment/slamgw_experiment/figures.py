@@ -35,7 +35,7 @@ def draw(directory, result, events):
     if result.get("measured") is None:
         return
     drawers = {"intervals": [_intervals], "latency": [_latency], "hop": [_hop_all, _hop_first, _hop_repeats],
-               "counts": [_counts], "ring": [_ring], "probe": [_counts, _probe_delay]}
+               "counts": [_counts], "ring": [_ring], "probe": [_counts, _probe_delay], "limits": [_latency]}
     panels = drawers[_kind(result)]
     has_data = result["measured"]["counts"]["arrived"] > 0
     text = caption(result)
@@ -383,7 +383,7 @@ def _here(result):
     if loss["estimate"] and _kind(result) == "intervals" and measured["interval_ms"]:
         parts.append(_intervals_here(result))
     robot, gateway = measured["acknowledged_after_ms"]["robot"], measured["acknowledged_after_ms"]["gateway"]
-    if (robot or gateway) and _kind(result) in ("latency", "hop"):
+    if (robot or gateway) and _kind(result) in ("latency", "hop", "limits"):
         one, where = (robot, "") if robot else (gateway, " in the gateway")
         parts.append(f"acknowledged after {with_interval(one['mean'], one['mean_95_percent'])}{where} on average, "
                      f"median {with_interval(one['p50'], one['p50_95_percent'])}{_compressed(result)}")

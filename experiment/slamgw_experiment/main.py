@@ -8,12 +8,13 @@ import shlex
 import signal
 import sys
 
-from slamgw_experiment import catalogue, figures, folder, page
+from slamgw_experiment import catalogue, figures, folder, page, series
 from slamgw_experiment.programs import Missing, Programs
 from slamgw_experiment.run import SETTLE_S, Run
 from slamgw_experiment.sites import DEFAULT_PREFIX, DEFAULT_SOCKET, RunningDaemon, SimulatedSite
 
 WRONG_ARGUMENTS = 2
+COMPARED = "compare.html"
 
 
 @dataclasses.dataclass
@@ -99,11 +100,12 @@ def parser(version):
     who.add_argument("--robots", type=robot_ids, metavar="ID,...", help="real robots that the running daemon hears")
     who.add_argument("--sim", action="store_true", help="simulated robots, with a broker and a daemon of their own")
     run.add_argument("--seed", type=seed, default=1, help="of the simulator (default: 1)")
+    run.add_argument("--repeat", type=positive(int), default=1, metavar="N", help="N runs, with --sim from seed to seed, and their spread")
     run.add_argument("--messages", type=positive(int), help="of each robot (default: as in the thesis, else 1000)")
     run.add_argument("--period-ms", type=positive(float), help="between two messages of a robot (default: 200)")
     run.add_argument("--out", metavar="DIR", help="a new folder (default: NAME and the time)")
     run.add_argument("--format", choices=["csv", "mcap"], default="csv", help="mcap: events.mcap besides events.csv")
-    run.add_argument("--mesh", choices=["ble", "thread", "both"], help="for all, ring and probe")
+    run.add_argument("--mesh", choices=["ble", "thread", "both"], help="for all, ring, probe and limits")
     run.add_argument("--probe", action="store_true", help="probes in place of updates: exact loss")
     run.add_argument("--type", dest="message_type", metavar="TYPE", help="the message type to measure (default: update, or probe)")
     run.add_argument("--wait-s", type=positive(float), default=60, help="for the first message (default: 60)")
@@ -119,7 +121,7 @@ def parser(version):
     plot.add_argument("directory", metavar="DIR")
     compare = verbs.add_parser("compare", help="two results, or two folders of results, on one page")
     compare.add_argument("directories", metavar="DIR", nargs=2)
-    compare.add_argument("--out", metavar="FILE", default="compare.html", help="the page (default: compare.html)")
+    compare.add_argument("--out", metavar="FILE", default=COMPARED, help=f"the page (default: {COMPARED}); of limits a folder")
     return whole
 
 
@@ -146,7 +148,12 @@ def perform(asked, version, bin_directory):
     if asked.verb == "list":
         return list_experiments()
     if asked.verb == "plot":
-        return plot(asked.directory)
+        return plot_series(asked.directory) if series.kind_of(asked.directory) else plot(asked.directory)
+    if asked.verb == "compare" and [series.kind_of(one) for one in asked.directories] == [series.LIMITS] * 2:
+        out = "compare" if asked.out == COMPARED else asked.out
+        print(series.compare_limits(asked.directories, out))
+        print(f"\n{os.path.join(out, 'figure.svg')}")
+        return 0
     if asked.verb == "compare":
         return compare(asked.directories, asked.out)
     return run(asked, version, Programs(bin_directory))
@@ -168,6 +175,12 @@ def plot(directory):
     return 0
 
 
+def plot_series(directory):
+    print(series.draw(directory))
+    print(os.path.join(directory, "figure.svg"))
+    return 0
+
+
 def compare(directories, out):
     print(page.compare(directories, out))
     print(f"\n{out}")
@@ -179,7 +192,7 @@ def chosen_runs(asked):
     wanted = {"ble": ["ble"], "thread": ["thread"], "both": ["ble", "thread"]}
     if asked.name == "all":
         meshes = wanted[asked.mesh or "both"]
-        return [(one, mesh) for one in catalogue.EXPERIMENTS for mesh in one.meshes if mesh in meshes]
+        return [(one, mesh) for one in catalogue.EXPERIMENTS if one.kind != "limits" for mesh in one.meshes if mesh in meshes]
     experiment = catalogue.find(asked.name)
     if not experiment:
         return f"there is no experiment {asked.name}; there are {', '.join(one.name for one in catalogue.EXPERIMENTS)}, and all"
@@ -196,9 +209,16 @@ def run(asked, version, programs):
     if isinstance(runs, str):
         print(f"slam-gateway-experiment: {runs}", file=sys.stderr)
         return WRONG_ARGUMENTS
+    if asked.repeat > 1 and (len(runs) > 1 or runs[0][0].kind == "limits"):
+        print("slam-gateway-experiment: --repeat repeats one experiment on one mesh, and not limits", file=sys.stderr)
+        return WRONG_ARGUMENTS
     stop = Stop()
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = folder.make(asked.out) if asked.out else folder.make_new(f"{asked.name}-{now}")
+    if asked.repeat > 1:
+        return run_repeated(asked, *runs[0], out, version, programs, stop)
+    if runs[0][0].kind == "limits":
+        return run_limits(asked, runs, out, version, programs, stop)
     if len(runs) == 1:
         return run_one(asked, *runs[0], out, version, programs, stop)
     statuses = []
@@ -212,6 +232,43 @@ def run(asked, version, programs):
     page.write_both(index, out)
     print(index)
     return max(statuses + [1 if stop() else 0])
+
+
+def changed(asked, **members):
+    return argparse.Namespace(**vars(asked) | members)
+
+
+def run_repeated(asked, experiment, mesh, out, version, programs, stop):
+    series.write(out, series.REPEATED)
+    statuses = []
+    for number in range(asked.repeat):
+        if stop():
+            break
+        print(f"{number + 1} of {asked.repeat}", file=sys.stderr)
+        name = f"seed-{asked.seed + number}" if asked.sim else f"run-{number + 1}"
+        one = changed(asked, seed=asked.seed + number)
+        statuses.append(run_one(one, experiment, mesh, folder.make(os.path.join(out, name)), version, programs, stop))
+    return max([plot_series(out), 1 if stop() else 0, *statuses])
+
+
+def run_limits(asked, runs, out, version, programs, stop):
+    """With real robots, who cannot be made more or faster from here, one run with those that are there."""
+    series.write(out, series.LIMITS)
+    statuses = []
+    for experiment, mesh in runs:
+        messages, period_ms = asked.messages or experiment.messages, asked.period_ms or experiment.period_ms
+        sweeps = series.settings_of_limits(period_ms, messages, mesh) if asked.sim else [[(mesh, len(asked.robots), period_ms, messages)]]
+        for sweep in sweeps:
+            for name, robots, period_ms, messages in sweep:
+                if stop():
+                    break
+                print(name, file=sys.stderr)
+                inner = folder.make(os.path.join(out, name))
+                one = changed(asked, messages=messages, period_ms=period_ms)
+                statuses.append(run_one(one, dataclasses.replace(experiment, robots=robots), mesh, inner, version, programs, stop))
+                if series.is_broken(folder.read_result(inner)):
+                    break
+    return max([plot_series(out), 1 if stop() else 0, *statuses])
 
 
 def run_one(asked, experiment, mesh, out, version, programs, stop):

@@ -89,6 +89,18 @@ class All(unittest.TestCase):
             self.assertAlmostEqual(self.result(name)["measured"]["ring"]["radius_cm"], 79, delta=2.5)
 
 
+class Repeated(unittest.TestCase):
+    def test_two_seeds_leave_two_results_and_their_spread(self):
+        with tempfile.TemporaryDirectory() as directory:
+            out = os.path.join(directory, "repeated")
+            ended = subprocess.run([PROGRAM, "run", "thread-puback", "--sim", "--repeat", "2", "--seed", "7", "--messages", str(MESSAGES),
+                                    "--compress", str(COMPRESS), "--out", out], capture_output=True, text=True, timeout=120, check=False)
+            self.assertEqual(ended.returncode, 0, ended.stderr)
+            self.assertEqual([recount.check(self, os.path.join(out, name))["conditions"]["seed"] for name in ("seed-7", "seed-8")], [7, 8])
+            self.assertIn("thread-puback on Thread, 2 runs", ended.stdout)
+            self.assertGreater(os.path.getsize(os.path.join(out, "figure.png")), 1000)
+
+
 def child_of(parent, name):
     """The process id of a child with this name."""
     for entry in os.listdir("/proc"):
