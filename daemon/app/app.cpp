@@ -195,10 +195,16 @@ OrderAnswer App::read_configuration() {
     return {{}, error + refusal};
   }
   for (const Problem& notice : result.notices) log_event(Severity::notice, to_string(notice));
-  const Reload reload = reload_of(config_, std::move(result.config));
+  Reload reload = reload_of(config_, std::move(result.config));
+  if (!config_.broker.credentials_file && is_credential_outdated())
+    reload.needs_restart += fmt::format(
+        "{}the broker's user and password, of which systemd gives "
+        "the service a copy when it starts",
+        reload.needs_restart.empty() ? "" : ", ");
   apply(reload);
-  log_event(Severity::notice,
-            "configuration read again: log, broker, topics, robots and bans are in force");
+  log_event(Severity::notice, "configuration read again: " +
+                                  (reload.in_force.empty() ? "nothing new is in force"
+                                                           : "in force: " + reload.in_force));
   if (!reload.needs_restart.empty())
     log_event(Severity::warning, "only a restart changes: " + reload.needs_restart);
   return {answer_json(reload).dump(), {}};
@@ -365,7 +371,9 @@ void App::on_outbox_drained() {
 // --- Operators -----------------------------------------------------------------------------------
 
 nlohmann::json App::status() {
-  return to_json(status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono));
+  Status status = status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono);
+  status.configuration = std::filesystem::absolute(config_file_).lexically_normal().string();
+  return to_json(status);
 }
 
 nlohmann::json App::robots(const std::optional<std::string>& robot) {
@@ -410,7 +418,10 @@ void App::manage_store(const std::string& who, StoreOrder order, OrderDone done)
   store_.perform(std::move(order), std::move(recorded));
 }
 
-void App::ping(const std::string& robot, OrderDone done) { meshes_.ping(robot, std::move(done)); }
+void App::ping(const std::string& robot, OrderDone done) {
+  if (gateway_.is_banned(robot)) return done({{}, robot + " is banned (slam-gatewayctl unban)"});
+  meshes_.ping(robot, std::move(done));
+}
 
 void App::manage_ble(const std::string& who, BleOrder order, OrderDone done) {
   OrderDone recorded = record(who, audited(order), std::move(done));

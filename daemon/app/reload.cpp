@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/app/reload.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -10,20 +12,41 @@
 namespace slamgw {
 namespace {
 
+/// Adds a key that differs to a list for people.
+void note(std::string& keys, bool is_same, std::string_view key) {
+  if (!is_same) keys += fmt::format("{}{}", keys.empty() ? "" : ", ", key);
+}
+
+/// As `wanted` has it, but for what a restart only changes.
+BrokerSettings broker_at_once(const BrokerSettings& now, BrokerSettings wanted) {
+  wanted.gateway_id = now.gateway_id;
+  wanted.max_inflight = now.max_inflight;
+  return wanted;
+}
+
+std::string keys_in_force(const Config& now, const Config& wanted) {
+  std::string keys;
+  note(keys, now.log == wanted.log, "log");
+  note(keys, now.robots == wanted.robots, "robots");
+  note(keys, now.bans == wanted.bans, "bans");
+  note(keys, now.robot_keys == wanted.robot_keys, "robots' keys");
+  note(keys, now.topics.extra_publish == wanted.topics.extra_publish, "topics.extra_publish");
+  note(keys, now.topics.extra_subscribe == wanted.topics.extra_subscribe, "topics.extra_subscribe");
+  note(keys, now.broker == broker_at_once(now.broker, wanted.broker), "broker");
+  return keys;
+}
+
 std::string keys_for_restart(const Config& now, const Config& wanted) {
   std::string keys;
-  const auto note = [&](bool is_same, std::string_view key) {
-    if (!is_same) keys += fmt::format("{}{}", keys.empty() ? "" : ", ", key);
-  };
-  note(now.gateway_id == wanted.gateway_id, "gateway.id");
-  note(now.broker.max_inflight == wanted.broker.max_inflight, "broker.max_inflight");
-  note(now.topics.prefix == wanted.topics.prefix, "topics.prefix");
-  note(now.update_mode == wanted.update_mode, "payload.update");
-  note(now.topics.retain == wanted.topics.retain, "topics.retain");
-  note(now.ble_mesh == wanted.ble_mesh, "ble_mesh.* or presence.*");
-  note(now.mqttsn == wanted.mqttsn, "mqttsn.*");
-  note(now.store == wanted.store, "store.*");
-  note(now.control_socket == wanted.control_socket, "control.socket");
+  note(keys, now.gateway_id == wanted.gateway_id, "gateway.id");
+  note(keys, now.broker.max_inflight == wanted.broker.max_inflight, "broker.max_inflight");
+  note(keys, now.topics.prefix == wanted.topics.prefix, "topics.prefix");
+  note(keys, now.update_mode == wanted.update_mode, "payload.update");
+  note(keys, now.topics.retain == wanted.topics.retain, "topics.retain");
+  note(keys, now.ble_mesh == wanted.ble_mesh, "ble_mesh.* or presence.*");
+  note(keys, now.mqttsn == wanted.mqttsn, "mqttsn.*");
+  note(keys, now.store == wanted.store, "store.*");
+  note(keys, now.control_socket == wanted.control_socket, "control.socket");
   return keys;
 }
 
@@ -51,6 +74,7 @@ std::vector<std::string> replaced_names(const std::vector<RobotName>& now,
 
 Reload reload_of(const Config& now, Config wanted) {
   Reload reload{now,
+                keys_in_force(now, wanted),
                 now.robots != wanted.robots || now.bans != wanted.bans,
                 now.topics.extra_publish != wanted.topics.extra_publish ||
                     now.topics.extra_subscribe != wanted.topics.extra_subscribe,
@@ -64,17 +88,12 @@ Reload reload_of(const Config& now, Config wanted) {
   config.robot_keys = std::move(wanted.robot_keys);
   config.topics.extra_publish = std::move(wanted.topics.extra_publish);
   config.topics.extra_subscribe = std::move(wanted.topics.extra_subscribe);
-  config.broker = std::move(wanted.broker);
-  config.broker.gateway_id = now.broker.gateway_id;
-  config.broker.max_inflight = now.broker.max_inflight;
+  config.broker = broker_at_once(now.broker, std::move(wanted.broker));
   return reload;
 }
 
 nlohmann::ordered_json answer_json(const Reload& reload) {
-  nlohmann::ordered_json answer{
-      {"in_force",
-       "log, robots, bans, robots' keys, topics.extra_publish, topics.extra_subscribe, "
-       "broker (except max_inflight)"}};
+  nlohmann::ordered_json answer{{"in_force", reload.in_force}};
   if (!reload.needs_restart.empty()) answer["needs_restart"] = reload.needs_restart;
   return answer;
 }

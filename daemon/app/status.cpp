@@ -118,9 +118,25 @@ json to_json(const Status::Store& store) {
           {"failures", store.failures}};
 }
 
+/// By mesh, of those that the robot was on.
+json to_json(const PerMesh<MeshPresence>& on_mesh) {
+  json out = json::object();
+  for (const Mesh mesh : all_meshes) {
+    const MeshPresence& there = on_mesh[mesh];
+    if (!there.was_used()) continue;
+    out[std::string(to_string(mesh))] = {{"address", there.address},
+                                         {"state", to_string(there.presence)},
+                                         {"messages", there.up},
+                                         {"commands", there.down},
+                                         {"repeats", there.repeats}};
+  }
+  return out;
+}
+
 json to_json(const RobotStatus& robot) {
   json row{{"id", robot.id},
            {"mesh", to_string(robot.mesh)},
+           {"meshes", to_json(robot.on_mesh)},
            {"address", robot.address},
            {"state", to_string(robot.state)},
            {"since", to_iso8601(robot.since)},
@@ -157,6 +173,7 @@ json to_json(const Status& status) {
   return {{"version", status.version},
           {"uptime_s", status.uptime.count()},
           {"gateway", status.gateway},
+          {"configuration", status.configuration},
           {"broker", to_json(status.broker)},
           {"meshes", to_json(status.meshes)},
           {"robots", status.robots},
@@ -174,6 +191,7 @@ std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
   if (robot.is_contested) return "another client uses its name: are there two robots of that name?";
   if (robot.is_deaf) return "it does not hear the gateway: it repeats what was acknowledged";
   if (robot.state != Presence::offline) return {};
+  if (robot.is_banned) return "it is banned (slam-gatewayctl unban)";
   const std::string mesh(to_string(robot.mesh));
   if (link.is_enabled && !link.is_up)
     return fmt::format("the {} link is down: {}", mesh, link.detail);

@@ -13,7 +13,7 @@
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/rights_probe.hpp"
-#include "daemon/core/robot_numbers.hpp"
+#include "daemon/core/robot_registry.hpp"
 #include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
@@ -97,6 +97,7 @@ struct Status {
   std::string version;
   std::chrono::seconds uptime{0};
   std::string gateway;
+  std::string configuration;  ///< the file that the daemon reads
   Broker broker;
   PerMesh<MeshLink> meshes;
   Robots robots;
@@ -120,6 +121,7 @@ struct RobotStatus {
   std::string last_type{};  ///< of its last message
   bool is_deaf = false;
   bool is_contested = false;
+  bool is_banned = false;
   std::string why{};  ///< why it is offline, deaf or contested, as far as known; else empty
   std::uint64_t messages = 0;
   std::uint64_t commands = 0;
@@ -131,6 +133,7 @@ struct RobotStatus {
   std::optional<LatencyWindow::Percentiles> latency{};
   std::optional<RadioFacts> radio{};
   std::uint64_t queue = 0;
+  PerMesh<MeshPresence> on_mesh{};
 };
 
 nlohmann::json to_json(const Status& status);

@@ -142,6 +142,8 @@ RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, Ti
   status.since = presence.since;
   status.is_deaf = presence.is_deaf;
   status.is_contested = robot.is_contested();
+  status.is_banned = gateway_.is_banned(id);
+  status.on_mesh = robot.on_mesh;
   status.last_seen = robot.last_seen;
   status.last_type = robot.last_type;
   status.messages = robot.numbers.up();

@@ -85,6 +85,7 @@ class Gateway {
   void on_deadline(const Now& now);
 
   const RobotRegistry& registry() const { return directory_.registry; }
+  bool is_banned(const std::string& robot) const { return directory_.names.is_banned(robot); }
   /// Rights that the broker's access list does not give this gateway, as far as known.
   std::vector<MissingRight> missing_rights() const { return rights_.missing(); }
   const RetainedTopics& retained() const { return retained_; }

@@ -13,6 +13,7 @@ enum class TrafficLogMode : std::uint8_t { all, sampled, off };
 struct LogSettings {
   Severity level = Severity::info;
   TrafficLogMode traffic = TrafficLogMode::sampled;
+  bool operator==(const LogSettings&) const = default;
 };
 
 }  // namespace slamgw

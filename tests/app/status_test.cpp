@@ -23,9 +23,9 @@ std::set<std::string> names(const json& object) {
 TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
   const json status = to_json(Status{});
   EXPECT_EQ(names(status),
-            (std::set<std::string>{"broker", "commands", "control", "fleet", "gateway",
-                                   "memory_rss_bytes", "meshes", "messages", "queue", "retained",
-                                   "robots", "store", "uptime_s", "version"}));
+            (std::set<std::string>{"broker", "commands", "configuration", "control", "fleet",
+                                   "gateway", "memory_rss_bytes", "meshes", "messages", "queue",
+                                   "retained", "robots", "store", "uptime_s", "version"}));
   EXPECT_EQ(names(status["broker"]),
             (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
@@ -127,6 +127,20 @@ TEST(RobotsJson, IsAnArrayWithARowForEach) {
   EXPECT_EQ(to_json(std::vector{robot})[0]["contested"], true);
 }
 
+TEST(RobotsJson, HasEachMeshThatARobotWasOn) {
+  RobotStatus robot{.id = "r", .mesh = Mesh::ble};
+  EXPECT_EQ(to_json(std::vector{robot})[0]["meshes"], json::object());
+  robot.on_mesh[Mesh::ble].is_known = true;
+  robot.on_mesh[Mesh::ble].address = "0x0100";
+  robot.on_mesh[Mesh::thread].presence = Presence::online;
+  robot.on_mesh[Mesh::thread].address = "[fd00::1]:47193";
+  robot.on_mesh[Mesh::thread].up = 7;
+  EXPECT_EQ(to_json(std::vector{robot})[0]["meshes"], json::parse(R"({
+      "ble": {"address": "0x0100", "state": "offline", "messages": 0, "commands": 0, "repeats": 0},
+      "thread": {"address": "[fd00::1]:47193", "state": "online", "messages": 7, "commands": 0,
+                 "repeats": 0}})"));
+}
+
 TEST(WhyAbsent, NamesWhatIsKnown) {
   RobotStatus robot{.id = "r", .mesh = Mesh::thread};
   robot.state = Presence::online;
@@ -148,6 +162,9 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   EXPECT_NE(why_absent(robot, link).find("not heard it for 90 s"), std::string::npos);
   robot.last_seen = robot.since - 300ms;
   EXPECT_EQ(why_absent(robot, link), "it was removed from the mesh, or renamed");
+  robot.is_banned = true;
+  EXPECT_EQ(why_absent(robot, link), "it is banned (slam-gatewayctl unban)");
+  robot.is_banned = false;
   link = {true, false, "no board", {}};
   EXPECT_EQ(why_absent(robot, link), "the ble link is down: no board");
 }

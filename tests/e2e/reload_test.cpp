@@ -114,7 +114,13 @@ TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
                line.find("the robot is banned (slam-gatewayctl unban)") != std::string::npos;
       });
     })) << robot;
+    const Finished ping =
+        run_program({SLAMGW_CTL, "--socket", gateway / "control.sock", "ping", robot});
+    EXPECT_EQ(ping.status, 1);
+    EXPECT_NE(ping.err.find(robot + " is banned"), std::string::npos) << ping.err;
   }
+  for (const json& row : gateway.ctl({"robots"}))
+    EXPECT_EQ(row["why"] == "it is banned (slam-gatewayctl unban)", row["id"] != "ble-0101") << row;
   Subscriber other(broker, "ntnu-slam/robot/ble-0101/update", "%t");
   EXPECT_TRUE(eventually([&] { return !other.lines().empty(); })) << "what was under way has gone";
   Subscriber updates(broker, "ntnu-slam/robot/+/update", "%t");

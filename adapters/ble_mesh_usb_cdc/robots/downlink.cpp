@@ -11,7 +11,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
              {{id, std::string(type), CommandResult::refused, message.waited, std::move(why), {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
-  if (!link_.is_up) return refuse("the BLE link is down: " + link_.down_reason);
+  if (!link_.is_up) return refuse("the BLE link is down (slam-gatewayctl status says why)");
   auto command =
       make_command(settings_, type, message.payload, ++last_tid_, radio_.max_send_bytes());
   if (!command.has_value()) return refuse(command.error().why);

@@ -182,6 +182,15 @@ ParseResult load_parts(const std::string& path, const Surroundings& surroundings
   return result;
 }
 
+/// `original` was changed after `copy` was made; false where one of them cannot be looked at.
+bool is_newer(const fs::path& original, const fs::path& copy) {
+  std::error_code error;
+  const auto changed = fs::last_write_time(original, error);
+  if (error) return false;
+  const auto copied = fs::last_write_time(copy, error);
+  return !error && changed > copied;
+}
+
 }  // namespace
 
 std::vector<std::string> configuration_files(const std::string& path) {
@@ -216,6 +225,26 @@ std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
   read_credentials(Located{result.config, result.places, context}, result,
                    read_surroundings(service_configuration), SystemFiles(service_user));
   return context.problems.empty() ? result.config.broker.credentials : broker.credentials;
+}
+
+Result<std::optional<Credentials>, Problem> load_service_credentials() {
+  const std::string source = credential_source();
+  ParseResult result;
+  ConfigContext context;
+  if (!source.empty()) {
+    result.config.broker.credentials_file = source;
+    read_credentials(Located{result.config, result.places, context}, result, {},
+                     SystemFiles(service_user));
+  }
+  if (!context.problems.empty()) return context.problems.front();
+  return result.config.broker.credentials;
+}
+
+bool is_credential_outdated() {
+  const char* directory = std::getenv("CREDENTIALS_DIRECTORY");
+  const std::string source = credential_source();
+  return directory != nullptr && !source.empty() &&
+         is_newer(source, fs::path(directory) / "broker");
 }
 
 }  // namespace slamgw

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "daemon/config/parse.hpp"
+#include "daemon/core/result.hpp"
 
 namespace slamgw {
 
@@ -25,5 +26,12 @@ ParseResult load_shared_config(const std::string& path);
 
 /// The credentials as the file has them now; those in `broker` when it can't be used.
 std::optional<Credentials> load_credentials(const BrokerSettings& broker);
+
+/// The packaged service's credentials, from the file that systemd copies for it: for an operator's
+/// program. Nothing where there is no such file; a Problem where it can't be used.
+Result<std::optional<Credentials>, Problem> load_service_credentials();
+
+/// The file has changed since systemd copied it for this process.
+bool is_credential_outdated();
 
 }  // namespace slamgw
