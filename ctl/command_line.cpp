@@ -12,9 +12,13 @@
 #include <functional>
 #include <iostream>
 #include <optional>
+#include <sstream>
 #include <vector>
 
+#include <unistd.h>
+
 #include "ctl/show.hpp"
+#include "ctl/terminal.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
 #include "daemon/core/bans.hpp"
@@ -44,6 +48,7 @@ struct Arguments {
   Order order;
   HostTask task;
   bool is_task = false;
+  CLI::Option* socket = nullptr;
   std::string robot;
   std::string type;
   std::string payload;
@@ -348,11 +353,13 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   const auto add_to = [&a](CLI::App& group, const char* verb, HostTask::Kind kind,
                            const char* what) {
     CLI::App* task = group.add_subcommand(verb, what);
-    task->add_option("--config", a.task.configuration, "The daemon's configuration")
-        ->capture_default_str();
-    task->callback([&a, kind] {
+    CLI::Option* const configuration =
+        task->add_option("--config", a.task.configuration, "The daemon's configuration")
+            ->capture_default_str();
+    task->callback([&a, kind, configuration] {
       a.is_task = true;
       a.task.kind = kind;
+      a.task.is_by_socket = a.socket->count() > 0 && configuration->count() == 0;
     });
     return task;
   };
@@ -381,6 +388,7 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   replay->add_option("FILE", a.task.file, "Made by record")->required();
   replay->add_option("--broker", a.task.broker, "mqtt://host:port; else the configuration's")
       ->check(complaint_about_broker);
+  replay->add_option("--user", a.task.user, "At the broker; its password is asked for");
   replay->add_option("--speed", a.task.speed, "2: twice as fast")->check(complaint_about_speed);
   add("ban", HostTask::Kind::ban, "Refuse a robot or an address, until unban")
       ->add_option("WHO", a.task.who, "A robot's id, an address, or a network: fd00::/64")
@@ -445,7 +453,9 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
   for (std::size_t i = 0; i < words.size(); ++i) {
     if (words[i].starts_with("-")) {
       if (words[i] == "--help" || words[i] == "-h" || words[i] == "--version") return std::nullopt;
-      if (words[i] == "--socket" || words[i] == "--config" || words[i] == "--broker") ++i;
+      if (words[i] == "--socket" || words[i] == "--config" || words[i] == "--broker" ||
+          words[i] == "--user")
+        ++i;
       continue;
     }
     const auto known = group->get_subcommands(
@@ -493,8 +503,9 @@ Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view
 std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* const* argv) {
   Arguments arguments;
   CLI::App app("Asks and directs the running slam-gatewayd", "slam-gatewayctl");
-  app.add_option("--socket", arguments.order.socket, "The daemon's control socket")
-      ->capture_default_str();
+  arguments.socket =
+      app.add_option("--socket", arguments.order.socket, "The daemon's control socket")
+          ->capture_default_str();
   app.add_flag("--json", arguments.order.json, "One JSON document (watch: one a line)");
   app.set_version_flag("--version", "slam-gatewayctl " SLAMGW_VERSION);
   app.fallthrough();
@@ -509,13 +520,16 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   try {
     std::vector<std::string> words = with_payload_marked(argc, argv);
     if (const auto complaint = complaint_about_verb(app, words)) {
-      std::cerr << "slam-gatewayctl: " << *complaint << '\n';
+      std::cerr << fit_to_terminal("slam-gatewayctl: " + *complaint + '\n', STDERR_FILENO);
       return Exit{exit_arguments};
     }
     std::reverse(words.begin(), words.end());  // as CLI11 wants them
     app.parse(words);
   } catch (const CLI::ParseError& error) {
-    const int status = app.exit(error) == 0 ? 0 : exit_arguments;
+    std::ostringstream out, complaint;
+    const int status = app.exit(error, out, complaint) == 0 ? 0 : exit_arguments;
+    std::cout << fit_to_terminal(out.str(), STDOUT_FILENO);
+    std::cerr << fit_to_terminal(complaint.str(), STDERR_FILENO);
     if (status != 0) std::cerr << hint(app);
     return Exit{status};
   }

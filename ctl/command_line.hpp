@@ -69,11 +69,14 @@ struct HostTask {
   std::string socket = Order{}.socket;
   bool json = false;
   std::string configuration = "/etc/slam-gateway/gateway.json";
+  /// Another gateway than this host's service: its daemon says what its configuration is.
+  bool is_by_socket = false;
   std::string file;           ///< the archive or the recording; none for doctor
   std::string robot;          ///< of check, doctor and audit; empty: the whole way, all
   std::uint64_t minutes = 1;  ///< of check
   std::string who;            ///< of ban and unban: an entry of `bans`; of key: a robot
   std::string broker;         ///< of replay; empty: the one of the configuration
+  std::string user;           ///< of replay, at the broker; empty: as the daemon
   double speed = 1;           ///< of replay
   bool is_confirmed = false;  ///< of restore: do not ask
 };

@@ -41,9 +41,10 @@ constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
   throw Failure(path + ": " + std::strerror(error));
 }
 
-void set_patience(int socket, std::chrono::seconds patience) {
+void set_patience(int socket, std::chrono::milliseconds patience) {
   timeval limit{};
-  limit.tv_sec = patience.count();
+  limit.tv_sec = patience.count() / 1000;
+  limit.tv_usec = patience.count() % 1000 * 1000;
   setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
   setsockopt(socket, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof limit);
 }
@@ -69,7 +70,26 @@ Connection::~Connection() { close(socket_); }
 nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::seconds patience) {
   set_patience(socket_, patience);
   send(control::to_line(request));
-  nlohmann::json answer = receive();
+  return result_in(receive());
+}
+
+nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::seconds patience,
+                               const OnWaiting& on_waiting) {
+  constexpr std::chrono::milliseconds interval{250};
+  set_patience(socket_, interval);
+  send(control::to_line(request));
+  for (std::chrono::milliseconds waited{0};;) {
+    try {
+      return result_in(receive());
+    } catch (const Silence&) {
+      waited += interval;
+      if (waited >= patience) throw;
+      on_waiting(waited);
+    }
+  }
+}
+
+nlohmann::json Connection::result_in(nlohmann::json answer) const {
   if (const auto error = answer.find("error"); error != answer.end() && error->is_string())
     throw Failure(error->get<std::string>());
   if (!answer.contains("result"))

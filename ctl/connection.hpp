@@ -4,6 +4,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <stdexcept>
@@ -40,6 +41,11 @@ class Connection {
   /// Sends a request and gives its `result`. An `error`, silence for so long, and anything that is
   /// not the daemon's language are Failures.
   nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience);
+  /// The same, and tells several times a second how long the answer has been waited for.
+  /// `on_waiting` may throw, to ask no longer.
+  using OnWaiting = std::function<void(std::chrono::milliseconds)>;
+  nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience,
+                     const OnWaiting& on_waiting);
   /// The next event of a watch, however long it takes. A Failure when the daemon hangs up.
   nlohmann::json next_event();
   /// The same; nothing when none comes in time.
@@ -48,6 +54,7 @@ class Connection {
  private:
   void send(const std::string& text);
   nlohmann::json receive();
+  nlohmann::json result_in(nlohmann::json answer) const;
   nlohmann::json receive_event();
 
   std::string path_;

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -28,6 +29,8 @@
 #include "ctl/host/robot_check.hpp"
 #include "ctl/host/robot_keys.hpp"
 #include "ctl/show.hpp"
+#include "ctl/terminal.hpp"
+#include "daemon/config/io/load.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
 #include "daemon/core/utf8.hpp"
@@ -51,8 +54,7 @@ Screen this_screen() {
   return {with_colour, std::chrono::system_clock::now()};
 }
 
-std::string text_of(const Order& order, const nlohmann::json& result) {
-  if (order.json) return slamgw::control::to_line(result);
+std::string text_for_people(const Order& order, const nlohmann::json& result) {
   switch (order.answer) {
     case Answer::status: return show::status(result, this_screen());
     case Answer::robots: return show::robots(result, this_screen());
@@ -78,6 +80,11 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::exported: break;  // print_dead_letters()
   }
   return {};
+}
+
+std::string text_of(const Order& order, const nlohmann::json& result) {
+  if (order.json) return slamgw::control::to_line(result);
+  return fit_to_terminal(text_for_people(order, result), STDOUT_FILENO);
 }
 
 std::ifstream open_file(const std::string& path) {
@@ -181,15 +188,40 @@ int status_of_letters(const nlohmann::json& request, std::uint64_t found) {
   return exit_failed;
 }
 
+/// On a terminal, says how long the answer has been waited for.
+nlohmann::json ask_patiently(Connection& connection, const Order& order) {
+  const char* what = order.answer == Answer::scan ? "listening for new robots" : "waiting";
+  LastLine line;
+  return connection.ask(order.request, order.patience, [&](std::chrono::milliseconds waited) {
+    if (const auto seconds = std::chrono::floor<std::chrono::seconds>(waited); seconds.count() > 0)
+      line.show(fmt::format("{}: {} s", what, seconds.count()));
+  });
+}
+
+/// Robots that are heard, while `ble nodes` and `ble scan` say that there are none. `shown`: what
+/// they have answered.
+std::string foreign_robots(Connection& connection, Answer answer, const nlohmann::json& shown) {
+  const auto robots = connection.ask({{"command", "robots"}}, answer_patience);
+  const auto none = nlohmann::json::array();
+  if (show::foreign_robots(robots, none).empty()) return {};
+  if (answer == Answer::nodes) return show::foreign_robots(robots, shown);
+  if (answer == Answer::topology) return show::foreign_robots(robots, shown.at("nodes"));
+  return show::foreign_robots(robots, connection.ask({{"command", "ble nodes"}}, answer_patience));
+}
+
 /// Shows who joins until joining ends. With --json an event a line.
 int show_joining(Connection& connection, const Order& order) {
   auto news = connection.ask(order.request, answer_patience);
-  if (!order.json) std::cout << show::joining_head(news) << std::flush;
+  if (!order.json)
+    std::cout << fit_to_terminal(show::joining_head(news), STDOUT_FILENO) << std::flush;
   bool has_joined = false;
+  LastLine line;
   while (news.value("seconds_left", 0) > 0 || news.value("under_way", 0) > 0) {
+    line.show(show::joining_countdown(news));
     std::this_thread::sleep_for(joining_interval);
     news =
         connection.ask({{"command", "ble joining"}, {"after", news.at("last")}}, answer_patience);
+    line.clear();
     for (const auto& event : news.at("events")) {
       has_joined = has_joined || event.value("event", "") == "joined";
       std::cout << text_of(order, event) << std::flush;
@@ -223,17 +255,46 @@ nlohmann::json topology(Connection& connection, const nlohmann::json& nodes) {
   return {{"nodes", std::move(rows)}};
 }
 
+volatile std::sig_atomic_t is_interrupted = 0;
+struct Interrupted {};
+
+/// The first Ctrl-C ends what is repeated, with its summary; the second one ends the program.
+void watch_for_interrupt() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { is_interrupted = 1; };
+  action.sa_flags = SA_RESETHAND;
+  sigaction(SIGINT, &action, nullptr);
+}
+
+void throw_if_interrupted(std::chrono::milliseconds) {
+  if (is_interrupted != 0) throw Interrupted();
+}
+
+void wait_until(std::chrono::steady_clock::time_point end) {
+  constexpr std::chrono::milliseconds interval{50};
+  while (std::chrono::steady_clock::now() < end) {
+    throw_if_interrupted({});
+    std::this_thread::sleep_for(interval);
+  }
+}
+
 /// Once a second; with --json a line each.
 int ping(Connection& connection, const Order& order) {
+  std::uint64_t ended = 0;
   std::uint64_t answered = 0;
-  for (std::uint64_t i = 0; i < order.count; ++i) {
-    const auto next = std::chrono::steady_clock::now() + ping_interval;
-    const auto answer = connection.ask(order.request, order.patience);
-    answered += answer.value("answered", false) ? 1 : 0;
-    std::cout << text_of(order, answer) << std::flush;
-    if (i + 1 < order.count) std::this_thread::sleep_until(next);
+  watch_for_interrupt();
+  try {
+    while (true) {
+      const auto next = std::chrono::steady_clock::now() + ping_interval;
+      const auto answer = connection.ask(order.request, order.patience, throw_if_interrupted);
+      answered += answer.value("answered", false) ? 1 : 0;
+      std::cout << text_of(order, answer) << std::flush;
+      if (++ended == order.count) break;
+      wait_until(next);
+    }
+  } catch (const Interrupted&) {  // the one that waits for its answer does not count
   }
-  if (!order.json && order.count > 1) std::cout << show::pings(order.count, answered);
+  if (!order.json && order.count > 1 && ended > 0) std::cout << show::pings(ended, answered);
   return answered > 0 ? 0 : exit_failed;
 }
 
@@ -276,11 +337,17 @@ int run(Order order) {
   if (order.answer == Answer::ping) return ping(connection, order);
   if (order.answer == Answer::joining) return show_joining(connection, order);
   const bool is_send = order.answer == Answer::outcome;
-  auto result = connection.ask(order.request, order.patience);
+  auto result = ask_patiently(connection, order);
   if (order.answer == Answer::topology) result = topology(connection, result);
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);
+  const bool is_of_mesh = order.answer == Answer::scan || order.answer == Answer::nodes ||
+                          order.answer == Answer::topology;
+  if (is_of_mesh && !order.json)
+    std::cout << fit_to_terminal(foreign_robots(connection, order.answer, result), STDOUT_FILENO);
+  if (order.answer == Answer::done && result.contains("was_known"))
+    return result.value("was_known", true) ? 0 : exit_failed;  // the name may be mistyped
   if (order.answer == Answer::discarded)
     return status_of_letters(order.request, count_at(result, "discarded"));
   if (order.answer == Answer::resent) {
@@ -293,6 +360,11 @@ int run(Order order) {
   return !is_send || outcome == "delivered" || outcome == "sent" ? 0 : exit_failed;
 }
 
+std::string text_of(const HostTask& task, const std::vector<Finding>& findings) {
+  if (task.json) return slamgw::control::to_line(to_json(findings));
+  return fit_to_terminal(to_text(findings), STDOUT_FILENO);
+}
+
 int doctor(const Installation& installation, const HostTask& task) {
   std::vector<Finding> findings;
   if (task.robot.empty()) {
@@ -302,7 +374,7 @@ int doctor(const Installation& installation, const HostTask& task) {
     findings = examine_robot(task.robot, gather_robot_facts(task.robot, connection),
                              installation.parsed());
   }
-  std::cout << (task.json ? slamgw::control::to_line(to_json(findings)) : to_text(findings));
+  std::cout << text_of(task, findings);
   return has_problem(findings) ? exit_failed : 0;
 }
 
@@ -314,7 +386,7 @@ int check(const HostTask& task) {
   }
   std::cerr << fmt::format("watching {} for {} min\n", task.robot, task.minutes);
   const auto findings = judge_robot(watch_robot(task.robot, time, task.socket));
-  std::cout << (task.json ? slamgw::control::to_line(to_json(findings)) : to_text(findings));
+  std::cout << text_of(task, findings);
   return has_problem(findings) ? exit_failed : 0;
 }
 
@@ -345,12 +417,22 @@ int manage_keys(const Installation& installation, const HostTask& task) {
   return 0;
 }
 
+/// Of the service: systemd copies them for its process alone, so the file is read itself.
+std::optional<slamgw::Credentials> service_credentials() {
+  const auto credentials = slamgw::load_service_credentials();
+  if (credentials) return *credentials;
+  throw Failure(to_string(credentials.error()) + " (type sudo, or name a user with --user)");
+}
+
 slamgw::BrokerSettings broker_for(const Installation& installation, const HostTask& task) {
   const auto& [config, problems, warnings, notices, places] = installation.parsed();
   if (task.broker.empty()) {
     if (!problems.empty())
       throw Failure(to_string(problems.front()) + " (or name another broker with --broker)");
-    return config.broker;
+    slamgw::BrokerSettings broker = config.broker;
+    if (installation.is_service() && !broker.credentials_file && task.user.empty())
+      broker.credentials = service_credentials();
+    return broker;
   }
   const auto uri =
       slamgw::parse_broker_uri(task.broker).value();  // the command line has checked it
@@ -363,15 +445,32 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
   return broker;
 }
 
+/// What the daemon's own link says about a refused user is about the daemon's files.
+Replayed publish(std::vector<RecordedMessage> messages, const slamgw::BrokerSettings& broker,
+                 const HostTask& task) {
+  try {
+    return replay(std::move(messages), broker, task.speed);
+  } catch (const Failure& failure) {
+    const std::string why = failure.what();
+    const std::size_t about_files = why.find(" (user '");
+    if (!task.user.empty() && about_files != why.npos)
+      throw Failure(why.substr(0, about_files) + " ('" + task.user + "')");
+    if (!broker.credentials)
+      throw Failure(why.substr(0, why.find(": give one in ")) + "; see --user");
+    throw;
+  }
+}
+
 int replay(const Installation& installation, const HostTask& task) {
   std::ifstream file = open_file(task.file);
   auto messages = read_recording(file, task.file);
   if (messages.empty()) throw Failure(task.file + " holds no message of a robot");
-  const slamgw::BrokerSettings broker = broker_for(installation, task);
+  slamgw::BrokerSettings broker = broker_for(installation, task);
+  if (!task.user.empty()) broker.credentials = {task.user, read_password(task.user)};
   const std::chrono::duration<double> length = messages.back().after;
   std::cerr << fmt::format("publishing {} messages over {:.1f} s to {}:{}\n", messages.size(),
                            length.count() / task.speed, broker.host, broker.port);
-  const Replayed done = replay(std::move(messages), broker, task.speed);
+  const Replayed done = publish(std::move(messages), broker, task);
   if (task.json) {
     std::cout << slamgw::control::to_line(
         {{"published", done.published}, {"refused", done.refused}});
@@ -398,8 +497,21 @@ int audit(const HostTask& task) {
   return 0;
 }
 
+/// With --socket alone, the configuration of the daemon that listens there.
+std::string configuration_of(const HostTask& task) {
+  const bool needs_none = task.kind == HostTask::Kind::check || task.kind == HostTask::Kind::audit;
+  if (!task.is_by_socket || needs_none) return task.configuration;
+  try {
+    const auto status = Connection(task.socket).ask({{"command", "status"}}, answer_patience);
+    if (std::string named = string_at(status, "configuration"); !named.empty()) return named;
+  } catch (const NotRunning&) {
+  }
+  throw Failure("no daemon at " + task.socket +
+                " says which configuration it reads: name it with --config");
+}
+
 int run(const HostTask& task) {
-  const Installation installation(task.configuration);
+  const Installation installation(configuration_of(task));
   std::string text;
   switch (task.kind) {
     case HostTask::Kind::doctor: return doctor(installation, task);
@@ -443,7 +555,8 @@ int main(int argc, char** argv) {
     return run(std::get<Order>(parsed));
   } catch (const std::exception& error) {
     std::cout << std::flush;
-    std::cerr << "slam-gatewayctl: " << printable_lines(error.what());
+    std::cerr << fit_to_terminal("slam-gatewayctl: " + printable_lines(error.what()),
+                                 STDERR_FILENO);
     return exit_failed;
   }
 }

@@ -103,6 +103,62 @@ std::string cut_start(const std::string& text, std::size_t width) {
   return "~" + text.substr(begin);
 }
 
+namespace {
+
+/// Where the text of the second column begins, after the first gap of two spaces; else two columns
+/// further in than the line itself.
+std::size_t hanging_indent(std::string_view line) {
+  constexpr std::size_t farthest = 32;
+  const std::size_t begin = line.find_first_not_of(' ');
+  if (begin == line.npos) return 0;
+  const std::size_t text = line.find_first_not_of(' ', line.find("  ", begin));
+  return text <= farthest ? text : begin + 2;
+}
+
+/// Escape sequences, which only colours are here, take no column.
+std::size_t shown_columns(std::string_view text) {
+  std::size_t count = 0;
+  for (std::size_t escape = text.find('\033'); escape != text.npos; escape = text.find('\033')) {
+    count += columns(text.substr(0, escape));
+    text.remove_prefix(std::min(text.size(), text.find('m', escape) + 1));
+  }
+  return count + columns(text);
+}
+
+std::string wrap_line(std::string_view line, std::size_t width) {
+  std::string out;
+  const std::string indent(std::min(hanging_indent(line), width / 2), ' ');
+  std::string taken;
+  while (!line.empty()) {
+    const std::size_t end = std::min(line.find(' ', line.find_first_not_of(' ')), line.size());
+    const std::string_view word = line.substr(0, end);
+    const bool has_word = taken.find_first_not_of(' ') != taken.npos;
+    if (has_word && shown_columns(taken) + shown_columns(word) > width) {
+      out += taken + '\n';
+      taken = indent;
+      taken += word.substr(std::min(word.find_first_not_of(' '), word.size()));
+    } else {
+      taken += word;
+    }
+    line.remove_prefix(end);
+  }
+  return out + taken;
+}
+
+}  // namespace
+
+std::string wrap(const std::string& text, std::size_t width) {
+  std::string out;
+  for (std::size_t begin = 0; begin < text.size();) {
+    const std::size_t end = std::min(text.find('\n', begin), text.size());
+    const std::string_view line = std::string_view(text).substr(begin, end - begin);
+    out += shown_columns(line) <= width ? std::string(line) : wrap_line(line, width);
+    if (end < text.size()) out += '\n';
+    begin = end + 1;
+  }
+  return out;
+}
+
 std::string pad(const std::string& text, std::size_t width) {
   return text + std::string(width - std::min(width, columns(text)), ' ');
 }
@@ -205,6 +261,33 @@ Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
           number_or_dash(robot, "latency_p99_us", 1000),
           number_or_dash(robot, "rssi_dbm", 1),
           fmt::format("{}", count_at(robot, "queue"))};
+}
+
+/// A row for each mesh of a robot that was on several; the first one is the mesh that its state is
+/// of, and the others leave out what is told of the robot as a whole.
+std::vector<Row> robot_rows(const json& robot, std::chrono::system_clock::time_point now) {
+  std::vector<Row> rows{robot_row(robot, now)};
+  const json& meshes = group_at(robot, "meshes");
+  if (meshes.size() < 2) return rows;
+  const auto set_counts = [](Row& row, const json& there) {
+    row[up] = fmt::format("{}", count_at(there, "messages"));
+    row[down] = fmt::format("{}", count_at(there, "commands"));
+    row[repeats] = fmt::format("{}", count_at(there, "repeats"));
+  };
+  for (const auto& [name, there] : meshes.items()) {
+    if (!there.is_object()) continue;
+    if (name == string_at(robot, "mesh")) {
+      set_counts(rows.front(), there);
+      continue;
+    }
+    Row row;
+    row[mesh] = escape_unprintable(name);
+    row[address] = text_at(there, "address");
+    row[state] = text_at(there, "state");
+    set_counts(row, there);
+    rows.push_back(std::move(row));
+  }
+  return rows;
 }
 
 /// Ids keep their start and addresses their end, where they differ.
@@ -423,13 +506,15 @@ std::string status(const json& status, const Screen& screen) {
 }
 
 std::string robots(const json& robots, const Screen& screen) {
-  std::vector<Row> rows{
-      {"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "UP", "DOWN", "REP", "HZ", "P99", "RSSI", "Q"}};
-  for (const json& robot : robots) rows.push_back(robot_row(robot, screen.now));
-  std::stable_sort(rows.begin() + 1, rows.end(), [](const Row& a, const Row& b) {
-    return strverscmp(a[id].c_str(), b[id].c_str()) < 0;  // robot2 before robot10
+  std::vector<Row> rows{{"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "UP", "DOWN", "REP", "MSG/s",
+                         "P99ms", "dBm", "QUEUE"}};
+  std::vector<std::vector<Row>> groups;
+  for (const json& robot : robots) groups.push_back(robot_rows(robot, screen.now));
+  if (groups.empty()) return "no robot has been heard yet\n";
+  std::stable_sort(groups.begin(), groups.end(), [](const auto& a, const auto& b) {
+    return strverscmp(a.front()[id].c_str(), b.front()[id].c_str()) < 0;  // robot2 before robot10
   });
-  if (rows.size() == 1) return "no robot has been heard yet\n";
+  for (std::vector<Row>& group : groups) std::ranges::move(group, std::back_inserter(rows));
   const auto widths = fit(rows);
   std::string out;
   for (const Row& row : rows) {
@@ -441,6 +526,7 @@ std::string robots(const json& robots, const Screen& screen) {
     line += " " + (is_head ? padded : screen.paint(row[state], padded));
     for (const Column column : {seen, up, down, repeats, rate, p99, rssi, queue})
       line += " " + pad_left(row[column], widths[column]);
+    line.erase(line.find_last_not_of(' ') + 1);
     out += line + "\n";
   }
   return out + absent_lines(robots) + deceptive_line(robots);
@@ -628,7 +714,7 @@ std::string config(const json& config, const Screen& screen) {
 
 std::string devices(const json& devices) {
   if (devices.empty()) return "no new robot is in reach\n";
-  std::string out = pad("UUID", 33) + "RSSI SEEN " + pad("STATE", 8) + "ROBOT\n";
+  std::string out = pad("UUID", 33) + " dBm SEEN " + pad("STATE", 8) + "ROBOT\n";
   for (const json& device : devices) {
     const std::string robot = text_at(device, "robot");
     out += fmt::format("{} {:>4} {:>3}s {} {}\n", pad(text_at(device, "uuid"), 32),
@@ -636,6 +722,25 @@ std::string devices(const json& devices) {
                        pad(text_at(device, "state"), 7), robot.empty() ? "-" : cut_end(robot, 29));
   }
   return out;
+}
+
+std::string foreign_robots(const json& robots, const json& nodes) {
+  constexpr std::size_t most = 5;
+  std::vector<std::string> names;
+  for (const json& robot : robots) {
+    const auto is_this = [&](const json& node) {
+      return string_at(node, "robot") == string_at(robot, "id");
+    };
+    if (text_at(robot, "mesh") == "ble" && text_at(robot, "state") == "online" &&
+        std::none_of(nodes.begin(), nodes.end(), is_this))
+      names.push_back(text_at(robot, "id"));
+  }
+  if (names.empty()) return "";
+  const std::size_t count = names.size();
+  names.resize(std::min(count, most));
+  return fmt::format("{} heard that this gateway did not provision: {}{}\n",
+                     count == 1 ? "1 robot is" : fmt::format("{} robots are", count),
+                     fmt::join(names, ", "), count > most ? ", ..." : "");
 }
 
 std::string nodes(const json& nodes, const Screen& screen) {
@@ -717,6 +822,12 @@ std::string joining_head(const json& news) {
       show_seconds(seconds));
 }
 
+std::string joining_countdown(const json& news) {
+  const std::uint64_t under_way = count_at(news, "under_way");
+  return fmt::format("new robots may join for {}{}", show_seconds(count_at(news, "seconds_left")),
+                     under_way == 0 ? "" : fmt::format("; {} on their way", under_way));
+}
+
 std::string joining(const json& event, const Screen& screen) {
   const std::string what = text_at(event, "event");
   const std::string robot = text_at(event, "robot");
@@ -734,15 +845,16 @@ std::string done(const json& done) {
            "they were restarted\n";
   if (done.contains("forgotten")) {
     const auto was_known = done.find("was_known");
-    return text_at(done, "forgotten") + " is forgotten" +
-           (was_known != done.end() && *was_known == true
-                ? "\n"
-                : ", but no robot of that name was known here (slam-gatewayctl robots lists them); "
-                  "what the broker retains of it goes\n");
+    const std::string robot = text_at(done, "forgotten");
+    if (was_known != done.end() && *was_known == true) return robot + " is forgotten\n";
+    return "no robot called " + robot +
+           " is known here (slam-gatewayctl robots lists them); what the broker retains under this "
+           "name is removed\n";
   }
   if (done.contains("in_force")) {
     const std::string restart = text_at(done, "needs_restart");
-    return "in force: " + text_at(done, "in_force") + "\n" +
+    const std::string in_force = text_at(done, "in_force");
+    return (in_force.empty() ? "nothing new is in force\n" : "in force: " + in_force + "\n") +
            (restart.empty() ? "" : "only a restart changes: " + restart + "\n");
   }
   return "done\n";

@@ -27,6 +27,9 @@ std::size_t columns(std::string_view text);
 /// Cut to `width` columns, `~` where something is missing: at the end, or at the start.
 std::string cut_end(const std::string& text, std::size_t width);
 std::string cut_start(const std::string& text, std::size_t width);
+/// Breaks lines that are longer than `width` columns at spaces. What follows stands below the
+/// line's second column of text, if it has columns.
+std::string wrap(const std::string& text, std::size_t width);
 std::string pad(const std::string& text, std::size_t width);
 std::string pad_left(const std::string& text, std::size_t width);
 
@@ -67,6 +70,8 @@ std::string config(const nlohmann::json& config, const Screen& screen);
 
 /// Devices that no mesh has.
 std::string devices(const nlohmann::json& devices);
+/// BLE robots that are heard and are not among the nodes; a board may have them from before.
+std::string foreign_robots(const nlohmann::json& robots, const nlohmann::json& nodes);
 /// Robots of the BLE mesh.
 std::string nodes(const nlohmann::json& nodes, const Screen& screen);
 /// How far from the gateway each of them is: nearest first.
@@ -78,6 +83,8 @@ std::string refresh(const nlohmann::json& refresh);
 std::string exported_mesh(const nlohmann::json& exported);
 /// How long new robots may join, and one event of a robot that joins.
 std::string joining_head(const nlohmann::json& news);
+/// For a terminal's last line.
+std::string joining_countdown(const nlohmann::json& news);
 std::string joining(const nlohmann::json& event, const Screen& screen);
 
 /// Dead letters: the head of the table, and a page of it.

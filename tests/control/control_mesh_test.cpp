@@ -3,6 +3,8 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include <csignal>
+
 #include "tests/control/control_program_fixture.hpp"
 
 namespace slamgw::test {
@@ -38,7 +40,7 @@ TEST_F(ControlMeshIo, ScansAndShowsWhoIsThere) {
   const Ended result = order({"scan"}, found);
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(result.out,
-            "UUID                             RSSI SEEN STATE   ROBOT\n"
+            "UUID                              dBm SEEN STATE   ROBOT\n"
             "736c616d000000000000000000000001  -56   2s new     -\n"
             "736c616d000000000000000000000002 -101  12s known   r2\n");
   order_of<ScanOrder>(handler);
@@ -111,6 +113,28 @@ TEST_F(ControlMeshIo, PingsARobotSomeTimes) {
   EXPECT_EQ(run({"ping", "nobody"}).status, 1);
   EXPECT_EQ(run({"ping", "r1", "-c", "0"}).status, 2);
   EXPECT_EQ(json::parse(run({"ping", "r1", "--json"}).out)["answered"], true);
+}
+
+TEST_F(ControlMeshIo, SumsPingsUpAtCtrlC) {
+  start();
+  const auto child = launch({"ping", "r1", "-c", "1000"});
+  ASSERT_TRUE(
+      wait_until([&] { return read_file(file("out")).find("answered") != std::string::npos; }));
+  child->send_signal(SIGINT);
+  const Ended result = finish(*child);
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_NE(result.out.find(" answered, 0 % lost\n"), std::string::npos) << result.out;
+}
+
+TEST_F(ControlMeshIo, SaysThatRobotsAreHeardThatAreNoNodes) {
+  start();
+  handler.robots_answer = {{{"id", "r1"}, {"mesh", "ble"}, {"state", "online"}}};
+  EXPECT_EQ(order({"nodes"}, {"[]", {}}).out,
+            "no robot is in the mesh yet\n"
+            "1 robot is heard that this gateway did not provision: r1\n");
+  EXPECT_EQ(order({"scan"}, {"[]", {}}).out,
+            "no new robot is in reach\n"
+            "1 robot is heard that this gateway did not provision: r1\n");
 }
 
 TEST_F(ControlMeshIo, ShowsWhoJoinsUntilTheTimeIsOver) {

@@ -149,7 +149,7 @@ TEST_F(ControlProgramIo, ShowsRobotsIn80ColumnsWithoutColour) {
   int count = 0;
   for (std::string line; std::getline(lines, line); ++count) EXPECT_LE(line.size(), 80U) << line;
   EXPECT_EQ(count, 3);
-  EXPECT_NE(result.out.find("eeff]:47193 online"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("~f]:47193 online"), std::string::npos) << result.out;
   EXPECT_NE(result.out.find("12345678"), std::string::npos);
   EXPECT_EQ(result.out.find('\033'), std::string::npos);
 }
@@ -429,6 +429,48 @@ TEST_F(ControlProgramIo, DoctorLooksAtTheAddressThatTheGatewayListensAt) {
   EXPECT_EQ(doctor_for("[::1]").find(finding), std::string::npos);
   EXPECT_NE(doctor_for("127.0.0.2").find(finding), std::string::npos);
   EXPECT_NE(doctor_for("0.0.0.0").find(finding), std::string::npos);
+}
+
+TEST_F(ControlProgramIo, ReadsTheConfigurationOfTheDaemonAtItsSocket) {
+  start();
+  write_file(directory / "other.json", R"({"no_such_key": 1})");
+  handler.status_answer["configuration"] = directory / "other.json";
+  const Ended result = run({"doctor"});
+  EXPECT_NE(result.out.find(directory / "other.json:1: no_such_key"), std::string::npos)
+      << result.out;
+  handler.status_answer.erase("configuration");
+  EXPECT_NE(run({"doctor"}).err.find("name it with --config"), std::string::npos);
+}
+
+TEST_F(ControlProgramIo, FailsToForgetANameThatIsNotKnown) {
+  start();
+  EXPECT_EQ(run({"forget", "old"}).out, "old is forgotten\n");
+  const Ended result = run({"forget", "odl"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.out.find("no robot called odl is known here"), 0u) << result.out;
+}
+
+TEST_F(ControlProgramIo, BreaksLinesOfATerminalBetweenWords) {
+  start();
+  handler.status_answer = {{"meshes", {{"ble", {{"state", "down"}, {"detail", std::string()}}}}}};
+  auto& detail = handler.status_answer["meshes"]["ble"]["detail"];
+  std::string words;
+  for (int i = 0; i < 30; ++i) words += "word" + std::to_string(i) + " ";
+  detail = words;
+  const int terminal = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
+  ASSERT_TRUE(terminal >= 0 && grantpt(terminal) == 0 && unlockpt(terminal) == 0);
+  ChildProcess child({"env", "NO_COLOR=1", SLAMGW_CTL, "--socket", path, "status"},
+                     ptsname(terminal));
+  EXPECT_TRUE(wait_until([&] { return !child.is_running(); }));
+  char shown[4096];
+  const ssize_t size = read(terminal, shown, sizeof shown);
+  std::istringstream lines(
+      std::string(shown, static_cast<std::size_t>(std::max<ssize_t>(size, 0))));
+  std::size_t count = 0;
+  for (std::string line; std::getline(lines, line, '\r'); ++count)
+    EXPECT_LE(line.size(), 81U) << line;
+  EXPECT_GT(count, 6u) << "status has six lines when none is broken";
+  close(terminal);
 }
 
 TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {

@@ -110,6 +110,46 @@ TEST(CtlShow, FitsTablesInto80Columns) {
   }
 }
 
+TEST(CtlText, BreaksLongLinesAtSpaces) {
+  EXPECT_EQ(ctl::wrap("BLE       up       a b c d\n", 20),
+            "BLE       up       a\n          b c d\n");
+  EXPECT_EQ(ctl::wrap("one two three\nfour", 8), "one two\n  three\nfour");
+  EXPECT_EQ(ctl::wrap("\033[32mup\033[0m and on\n", 9), "\033[32mup\033[0m and on\n")
+      << "colours take no column";
+  const std::string unbroken(30, 'x');
+  EXPECT_EQ(ctl::wrap(unbroken + "\n", 8), unbroken + "\n") << "a name can be copied whole";
+  EXPECT_EQ(ctl::wrap("   \n\n", 2), "   \n\n");
+}
+
+TEST(CtlShow, RobotsOnSeveralMeshesHaveARowForEach) {
+  const json robots = {{{"id", "both"},
+                        {"mesh", "thread"},
+                        {"address", "10.0.0.1:47193"},
+                        {"state", "online"},
+                        {"messages", 12},
+                        {"meshes",
+                         {{"ble", {{"address", "0x0100"}, {"state", "offline"}, {"messages", 5}}},
+                          {"thread", {{"address", "10.0.0.1:47193"}, {"messages", 7}}}}}}};
+  const std::string shown = ctl::show::robots(robots, {false, noon});
+  EXPECT_NE(shown.find("MSG/s P99ms dBm QUEUE\n"), std::string::npos) << shown;
+  EXPECT_NE(shown.find("both  thread 10.0.0.1:47193 online"), std::string::npos) << shown;
+  EXPECT_NE(shown.find("\n      ble    0x0100         offline       5"), std::string::npos)
+      << shown;
+  EXPECT_EQ(shown.find("12"), std::string::npos) << "each mesh has its own count: " << shown;
+}
+
+TEST(CtlShow, NamesRobotsThatAreHeardAndAreNoNodes) {
+  const json robots = {{{"id", "a"}, {"mesh", "ble"}, {"state", "online"}},
+                       {{"id", "b"}, {"mesh", "ble"}, {"state", "online"}},
+                       {{"id", "c"}, {"mesh", "ble"}, {"state", "offline"}},
+                       {{"id", "d"}, {"mesh", "thread"}, {"state", "online"}}};
+  EXPECT_EQ(ctl::show::foreign_robots(robots, json::array()),
+            "2 robots are heard that this gateway did not provision: a, b\n");
+  EXPECT_EQ(ctl::show::foreign_robots(robots, {{{"robot", "a"}}}),
+            "1 robot is heard that this gateway did not provision: b\n");
+  EXPECT_EQ(ctl::show::foreign_robots(robots, {{{"robot", "a"}}, {{"robot", "b"}}}), "");
+}
+
 TEST(CtlShow, MarksNamesThatLookLikeOthers) {
   const json rows = {{{"id", "robot-1"}}, {{"id", "r\u043ebot-1"}}, {{"id", "robot\u200b-1"}}};
   const std::string shown = ctl::show::robots(rows, {false, noon});

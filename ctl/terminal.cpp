@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/terminal.hpp"
+
+#include <sys/ioctl.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <iostream>
+
+#include "ctl/show.hpp"
+
+namespace slamgw::ctl {
+
+std::size_t terminal_columns(int descriptor) {
+  constexpr std::size_t usual = 80;
+  winsize size{};
+  if (isatty(descriptor) != 1) return 0;
+  const bool is_known = ioctl(descriptor, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+  return is_known ? size.ws_col : usual;
+}
+
+std::string fit_to_terminal(const std::string& text, int descriptor) {
+  const std::size_t width = terminal_columns(descriptor);
+  return width == 0 ? text : wrap(text, width);
+}
+
+LastLine::LastLine() : width_(terminal_columns(STDERR_FILENO)) {}
+
+void LastLine::show(const std::string& text) {
+  if (width_ == 0) return;
+  std::cerr << "\r\033[K" << cut_end(text, width_ - 1) << std::flush;
+  is_shown_ = true;
+}
+
+void LastLine::clear() {
+  if (is_shown_) std::cerr << "\r\033[K" << std::flush;
+  is_shown_ = false;
+}
+
+std::string read_password(const std::string& user) {
+  termios before{};
+  const bool is_terminal = tcgetattr(STDIN_FILENO, &before) == 0;
+  if (is_terminal) {
+    std::cerr << "password of " << user << ": " << std::flush;
+    termios silent = before;
+    silent.c_lflag &= ~static_cast<tcflag_t>(ECHO);
+    tcsetattr(STDIN_FILENO, TCSAFLUSH, &silent);
+  }
+  std::string password;
+  std::getline(std::cin, password);
+  if (is_terminal) {
+    tcsetattr(STDIN_FILENO, TCSAFLUSH, &before);
+    std::cerr << '\n';
+  }
+  return password;
+}
+
+}  // namespace slamgw::ctl
