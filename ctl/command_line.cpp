@@ -179,16 +179,16 @@ std::optional<std::uint64_t> parse_count(std::string_view text) {
   return value;
 }
 
-std::optional<std::uint16_t> parse_group(std::string_view text) {
+/// Unicast, or a group.
+std::optional<std::uint16_t> parse_mesh_address(std::string_view text) {
   constexpr int hexadecimal = 16;
-  constexpr std::uint16_t first = 0xc000;
-  constexpr std::uint16_t last = 0xfeff;
   if (!text.starts_with("0x")) return std::nullopt;
-  std::uint16_t group = 0;
+  std::uint16_t address = 0;
   const char* const end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data() + 2, end, group, hexadecimal);
-  const bool is_group = error == std::errc{} && stop == end && group >= first && group <= last;
-  return is_group ? std::optional(group) : std::nullopt;
+  const auto [stop, error] = std::from_chars(text.data() + 2, end, address, hexadecimal);
+  const bool is_read = error == std::errc{} && stop == end;
+  const bool is_valid = is_read && NodeConfigOrder::Publication::is_valid(address);
+  return is_valid ? std::optional(address) : std::nullopt;
 }
 
 void add_ble_config(CLI::App& ble, Arguments& a) {
@@ -214,11 +214,12 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
              return nlohmann::json{{"sends", *sends}, {"interval_ms", *ms}};
            });
   for (const char* const key : {"subscribe", "unsubscribe"})
+  constexpr std::uint16_t first_group = 0xc000;
     config->add_option_function<std::string>(
         fmt::format("--{}", key),
         [&a, key](const std::string& word) {
-          const auto group = parse_group(word);
-          if (!group)
+          const auto group = parse_mesh_address(word);
+          if (!group || *group < first_group)
             throw CLI::ValidationError(fmt::format("--{}", key),
                                        "'" + word + "' is none of 0xc000-0xfeff");
           a.order.request[key] = *group;
@@ -226,6 +227,18 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
         std::string(key) == "subscribe" ? "Hear this group, 0xc000-0xfeff, beside ble_mesh.groups"
                                         : "Hear it no longer");
   config->callback(ask(a, "ble config", Answer::config, order_patience));
+  config->add_option_function<std::string>(
+      "--publish",
+      [&a](const std::string& word) {
+        const std::size_t is = word.find('=');
+        const std::string where = is == word.npos ? "" : word.substr(is + 1);
+        const auto address = parse_mesh_address(where);
+        if (is == 0 || (!address && where != "default"))
+          throw CLI::ValidationError("--publish", "'" + word + "' is not MODEL=ADDRESS");
+        a.order.request["publish"] = {{"model", word.substr(0, is)}, {"address", nullptr}};
+        if (address) a.order.request["publish"]["address"] = *address;
+      },
+      "MODEL=ADDRESS: where a model publishes to, as sensor_update=0xc00a; or MODEL=default");
 }
 
 constexpr const char* reset_board_warning =

@@ -707,6 +707,8 @@ std::string config(const json& config, const Screen& screen) {
   for (const json& model : rows_at(config, "models")) out += model_line(model);
   const json& wanted = group_at(config, "wanted");
   if (!wanted.empty()) out += "  Kept for this robot alone: " + wanted.dump() + "\n";
+  for (const json& warning : rows_at(config, "warnings"))
+    out += "  " + screen.paint("refused", text_at({{"text", warning}}, "text")) + "\n";
   const std::string problem = text_at(config, "problem");
   if (!problem.empty()) out += "  " + screen.paint("refused", problem) + "\n";
   return out;

@@ -88,6 +88,22 @@ bool read_group(const json& request, const char* key, std::optional<std::uint16_
   return true;
 }
 
+/// False when it is there and no publication: of a model, to an address or, with null, to where all
+/// publish.
+bool read_publication(const json& request,
+                      std::optional<NodeConfigOrder::Publication>& publication) {
+  const auto found = request.find("publish");
+  if (found == request.end()) return true;
+  const auto model = found->is_object() ? text_of(*found, "model") : std::nullopt;
+  const auto address = found->is_object() ? found->find("address") : found->end();
+  if (!model || address == found->end()) return false;
+  publication.emplace(*model, std::nullopt);
+  if (address->is_null()) return true;
+  const std::uint64_t number = number_of(*found, "address");
+  publication->address = static_cast<std::uint16_t>(number);
+  return NodeConfigOrder::Publication::is_valid(number);
+}
+
 Result<Request, std::string> parse_node_config(const json& request) {
   const auto robot = text_of(request, "robot");
   if (!robot) return std::string("ble config needs the text robot");
@@ -101,6 +117,8 @@ Result<Request, std::string> parse_node_config(const json& request) {
   if (!read_group(request, "subscribe", order.subscribe) ||
       !read_group(request, "unsubscribe", order.unsubscribe))
     return std::string("subscribe and unsubscribe are groups, 49152 to 65279 (0xc000-0xfeff)");
+  if (!read_publication(request, order.publish))
+    return std::string("publish has a model and an address: null, 1 to 32767 or 49152 to 65279");
   return Request(std::move(order));
 }
 

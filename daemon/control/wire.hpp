@@ -15,7 +15,8 @@
 //             {"command": "ble config", "robot": "...", "ttl": optional number,
 //              "relay": optional true or false, "transmit": optional {"sends", "interval_ms"};
 //              null for one of them: as all robots have it; "subscribe" and "unsubscribe":
-//              optional number of a group}
+//              optional number of a group; "publish": optional {"model", "address": null for
+//              where all robots publish to}}
 //             {"command": "ble refresh-keys", "left_behind": optional [...], "silent": optional,
 //              "status": optional}
 //             {"command": "ble import", "text": "..."}

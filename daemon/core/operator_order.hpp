@@ -65,8 +65,18 @@ struct NodeConfigOrder {
   Wish<Transmissions> transmit = {};
   std::optional<std::uint16_t> subscribe = {};    ///< to this group, beside those of all robots
   std::optional<std::uint16_t> unsubscribe = {};  ///< from one of these
+  struct Publication {
+    std::string model;                     ///< its name or its id, as `ble config` shows them
+    std::optional<std::uint16_t> address;  ///< nothing: as all others have it
 
-  bool is_change() const { return ttl || relay || transmit || subscribe || unsubscribe; }
+    /// A unicast address or a group.
+    static constexpr bool is_valid(std::uint64_t address) {
+      return (address >= 0x0001 && address <= 0x7fff) || (address >= 0xc000 && address <= 0xfeff);
+    }
+  };
+  std::optional<Publication> publish = {};
+
+  bool is_change() const { return ttl || relay || transmit || subscribe || unsubscribe || publish; }
 };
 /// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
 /// unicast address that it gets, and its mesh database as text. The one answer that holds keys.

@@ -83,6 +83,15 @@ TEST_F(ControlMeshIo, ChangesAndShowsANodesConfiguration) {
   ASSERT_TRUE(wanted.ttl.has_value());
   EXPECT_FALSE(wanted.ttl->has_value());
   EXPECT_FALSE(wanted.relay.has_value());
+  order({"config", "r1", "--publish", "pos_cmd=0xc00a"},
+        {R"({"robot":"r1","warnings":["not heard"]})", {}});
+  wanted = order_of<NodeConfigOrder>(handler);
+  EXPECT_EQ(wanted.publish->model, "pos_cmd");
+  EXPECT_EQ(wanted.publish->address, 0xc00a);
+  result = order({"config", "r1", "--publish", "0x0002=default"},
+                 {R"({"robot":"r1","warnings":["not heard"]})", {}});
+  EXPECT_NE(result.out.find("  not heard\n"), std::string::npos) << result.out;
+  EXPECT_FALSE(order_of<NodeConfigOrder>(handler).publish->address.has_value());
 }
 
 TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
@@ -95,6 +104,11 @@ TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
                                                         {"--relay", "maybe"},
                                                         {"--subscribe", "0xbfff"},
                                                         {"--subscribe", "c001"},
+                                                        {"--publish", "0xc00a"},
+                                                        {"--publish", "min_com"},
+                                                        {"--publish", "min_com=0"},
+                                                        {"--publish", "min_com=0x8001"},
+                                                        {"--publish", "=0xc00a"},
                                                         {"--transmit", "3"},
                                                         {"--transmit", "9x20"},
                                                         {"--transmit", "3x25"}}) {

@@ -8,6 +8,7 @@
 #include <charconv>
 #include <set>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
@@ -116,6 +117,8 @@ OrderedJson wishes_json(const NodeWishes& wishes) {
     json["transmit_interval_ms"] = wishes.transmit->interval_ms;
   }
   for (const std::uint16_t group : wishes.groups) json["groups"].push_back(address_text(group));
+  for (const auto& [model, address] : wishes.publications)
+    json["publications"][model] = address_text(address);
   return json;
 }
 
@@ -221,6 +224,10 @@ bool read_wishes(const Json& node, NodeWishes& wishes) {
   const auto groups = read_groups(*found, "groups");
   if (!groups || groups->size() > NodeWishes::max_groups) return false;
   wishes.groups = *groups;
+  const Json publications = found->value("publications", Json::object());
+  for (const ModelId& model : publishers)
+    if (const auto address = read_destination(publications, to_string(model).c_str()))
+      wishes.publications[to_string(model)] = *address;
   const auto sends = read_count(*found, "transmit", max_ttl);
   const auto interval_ms = read_count(*found, "transmit_interval_ms", max_interval_ms);
   if (sends && interval_ms && Transmissions::is_valid(*sends, *interval_ms))

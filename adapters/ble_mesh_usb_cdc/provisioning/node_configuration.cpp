@@ -13,16 +13,9 @@ namespace slamgw::ble {
 
 namespace {
 
-constexpr std::uint16_t nordic = 0x0059;
-constexpr ModelId health_server{{}, 0x0002};
 constexpr ModelId generic_on_off_server{{}, 0x1000};
 constexpr ModelId generic_on_off_client{{}, 0x1001};
-/// Robots have it and it takes STATUS; its server is the gateway.
-constexpr ModelId sensor_update_client{nordic, 0x0006};
 
-/// The thesis's models (5.2.1) and Nordic's Simple OnOff.
-constexpr std::array vendor_clients{ModelId{nordic, 0x0004}, sensor_update_client,
-                                    ModelId{nordic, 0x0008}, ModelId{nordic, 0x0001}};
 constexpr std::array servers{ModelId{nordic, 0x0005}, ModelId{nordic, 0x0007},
                              ModelId{nordic, 0x0009}, ModelId{nordic, 0x0000},
                              generic_on_off_server};
@@ -109,10 +102,13 @@ std::uint8_t publish_retransmit_count(const Composition& composition) {
 
 void add_publication(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
                      std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
-  if (!is_one_of(vendor_clients, model) && model != health_server) return;
+  if (!is_one_of(publishers, model)) return;
   const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
-  const Publication publication{element, settings.destination, settings.ttl, period,
-                                model,   retransmit_count};
+  const auto wish = settings.wishes.publications.find(to_string(model));
+  const std::uint16_t destination =
+      wish == settings.wishes.publications.end() ? settings.destination : wish->second;
+  const Publication publication{element, destination, settings.ttl,
+                                period,  model,       retransmit_count};
   steps.push_back(model_step("the publication", encode_model_publication_set(publication),
                              model_publication_status, element, model));
 }
@@ -232,7 +228,7 @@ void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSet
     step.about = ModelElement{element, model};
     steps.push_back(std::move(step));
   };
-  if (is_one_of(vendor_clients, model) || model == health_server)
+  if (is_one_of(publishers, model))
     ask(model_step("the publication", encode_model_publication_get(element, model),
                    model_publication_status, element, model));
   if (may_have_groups(settings, model)) ask(list_step(settings, element, model));

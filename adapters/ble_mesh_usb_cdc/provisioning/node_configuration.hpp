@@ -5,6 +5,7 @@
 // after the other, each repeated until its answer comes. Called by NodeConversations.
 #pragma once
 
+#include <array>
 #include <deque>
 #include <optional>
 #include <string>
@@ -14,6 +15,16 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {
+
+inline constexpr std::uint16_t nordic = 0x0059;
+inline constexpr ModelId health_server{{}, 0x0002};
+/// Robots have it and it takes STATUS; its server is the gateway.
+inline constexpr ModelId sensor_update_client{nordic, 0x0006};
+/// The models that publish: the clients of the thesis's models (5.2.1) and of Nordic's Simple
+/// OnOff, and the health server.
+inline constexpr std::array publishers{ModelId{nordic, 0x0004}, sensor_update_client,
+                                       ModelId{nordic, 0x0008}, ModelId{nordic, 0x0001},
+                                       health_server};
 
 struct ModelElement {
   std::uint16_t element = 0;  ///< unicast address

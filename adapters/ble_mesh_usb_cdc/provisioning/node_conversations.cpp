@@ -102,7 +102,7 @@ void NodeConversations::begin_due(TimePoint now) {
   if (const Node* node = ordered_node()) begin(*node, *ordered_purpose());
   while (conversations_.size() < max_conversations) {
     const Node* node = next_node(now);
-    if (node == nullptr) return;
+    if (node == nullptr) break;
     begin(*node, purpose_for(*node));
   }
 }
@@ -208,7 +208,15 @@ void NodeConversations::on_asked(const Node& node, const NodeConfiguration& conv
   if (!order_.is(OpenOrder::Kind::config, node.uuid)) return;  // the link was down meanwhile
   if (conversation.state() == NodeConfiguration::State::failed)
     return order_.refuse(fmt::format("{}: {}", id, conversation.problem()));
-  order_.answer(node_config_json(id, node, conversation));
+  order_.answer(node_config_json(id, node, conversation,
+                                 [this](std::uint16_t address) { return hears(address); }));
+}
+
+/// Its groups, and the addresses of the radio's lives.
+bool NodeConversations::hears(std::uint16_t address) const {
+  const auto& groups = settings_.groups;
+  return std::ranges::find(groups, address) != groups.end() || address == destination() ||
+         (address >= settings_.address && address <= link_.source);
 }
 
 void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& conversation,

@@ -62,6 +62,7 @@ class NodeConversations : private ProvisionerPart {
   bool begin_changes();
   bool may_be_unheard(const Node& node) const;
   std::optional<NodeConfiguration::Purpose> ordered_purpose() const;
+  bool hears(std::uint16_t address) const;
   const Node* ordered_node() const;
   const Node* next_node(TimePoint now);
   std::optional<TimePoint> next_begin() const;

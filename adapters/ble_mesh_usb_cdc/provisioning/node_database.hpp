@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -52,6 +53,8 @@ struct NodeWishes {
   std::optional<Transmissions> transmit = {};  ///< of each packet that is its own
   std::vector<std::uint16_t> groups = {};      ///< to hear beside those of all; at most max_groups
   static constexpr std::size_t max_groups = 8;
+  /// Where a model publishes to, by the model's id as text; at most one for each of `publishers`.
+  std::map<std::string, std::uint16_t> publications = {};
   bool operator==(const NodeWishes&) const = default;
 };
 

@@ -18,7 +18,6 @@ std::string text_of(const OrderedJson& json) {
 
 /// As the thesis and Bluetooth call it; else its number.
 std::string name_of(const ModelId& model) {
-  constexpr std::uint16_t nordic = 0x0059;
   constexpr std::array names{"Simple OnOff server",
                              "Simple OnOff client",
                              "",
@@ -97,10 +96,36 @@ OrderedJson wanted_json(const NodeWishes& wishes) {
   if (wishes.transmit) wanted["transmit"] = transmissions_json(*wishes.transmit);
   for (const std::uint16_t group : wishes.groups)
     wanted["subscribed_to"].push_back(address_text(group));
+  for (const auto& [model, address] : wishes.publications)
+    wanted["publishes_to"][model] = address_text(address);
   return wanted;
 }
 
+/// Wanted publications that do not come here.
+OrderedJson warnings_json(const OrderedJson& models, const NodeWishes& wishes, const Hears& hears) {
+  OrderedJson warnings = OrderedJson::array();
+  for (const auto& [model, address] : wishes.publications) {
+    const auto is_it = [&](const OrderedJson& row) { return row["model"] == model; };
+    if (std::ranges::none_of(models, is_it))
+      warnings.push_back("the robot has no model " + model);
+    else if (!hears(address))
+      warnings.push_back(fmt::format(
+          "the gateway does not hear 0x{:04x}: what model {} says no longer comes to the broker",
+          address, model));
+  }
+  return warnings;
+}
+
 }  // namespace
+
+std::optional<ModelId> find_publisher(std::string_view name) {
+  for (const ModelId& model : publishers) {
+    const std::string full = name_of(model);
+    if (name == to_string(model) || name == full || name == full.substr(0, full.rfind(' ')))
+      return model;
+  }
+  return std::nullopt;
+}
 
 std::string ping_json(const std::string& robot, const NodeConfiguration& ping) {
   using Milliseconds = std::chrono::duration<double, std::milli>;
@@ -121,13 +146,15 @@ std::string ping_json(const std::string& robot, const NodeConfiguration& ping) {
 }
 
 std::string node_config_json(const std::string& robot, const Node& node,
-                             const NodeConfiguration& inquiry) {
+                             const NodeConfiguration& inquiry, const Hears& hears) {
   OrderedJson json{
       {"robot", robot}, {"uuid", to_hex(node.uuid)}, {"address", address_text(node.address)}};
   OrderedJson models = OrderedJson::array();
   for (const NodeAnswer& answer : inquiry.answers()) add_answer(json, models, answer);
+  const OrderedJson warnings = warnings_json(models, node.wishes, hears);
   json["models"] = std::move(models);
   json["wanted"] = wanted_json(node.wishes);
+  if (!warnings.empty()) json["warnings"] = warnings;
   if (!inquiry.problem().empty()) json["problem"] = inquiry.problem();
   return text_of(json);
 }

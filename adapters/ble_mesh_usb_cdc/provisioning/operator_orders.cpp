@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_report.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::ble {
@@ -248,6 +249,14 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
 
 // --- The mesh ------------------------------------------------------------------------------------
 
+  if (wanted.publish) {
+    const auto model = find_publisher(wanted.publish->model);
+    if (!model)
+      return order_.refuse(wanted.publish->model + " is not a model that publishes: `ble config " +
+                           wanted.robot + "` shows those that do");
+    wishes.publications.erase(to_string(*model));
+    if (wanted.publish->address) wishes.publications[to_string(*model)] = *wanted.publish->address;
+  }
 void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   if (refresh_.is_on()) return order_.refuse(is_refreshing);
   auto imported = decode_imported_mesh(wanted.text);

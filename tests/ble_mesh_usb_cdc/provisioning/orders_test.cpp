@@ -268,6 +268,57 @@ TEST(Orders, ConfigGivesARobotGroupsOfItsOwn) {
   EXPECT_NE(text_of(rig.answer()).find("may have 8 groups"), std::string::npos) << rig.answer();
 }
 
+TEST(Orders, ConfigMakesOneModelPublishElsewhere) {
+  JoinedRig rig;
+  const auto last_destination = [&](const char* model) {
+    std::string destination;
+    for (const std::string& request : rig.device().requests)
+      if (request.starts_with("03") && request.ends_with(model)) destination = request.substr(6, 4);
+    return destination;
+  };
+  NodeConfigOrder order{"ble-0100"};
+  order.publish = {"sensor_update", 0xc00a};
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_EQ(last_destination("59000600"), "0ac0") << rig.answer();
+  EXPECT_EQ(last_destination("59000400"), "0100") << "the others stay";
+  EXPECT_EQ(rig.answer()["wanted"]["publishes_to"]["0x0059:0x0006"], "0xc00a");
+  EXPECT_NE(rig.answer()["warnings"].dump().find("does not hear 0xc00a"), std::string::npos);
+  const auto stored = decode_node_database(encode_node_database(rig.stored.back()));
+  ASSERT_TRUE(stored.has_value());
+  EXPECT_EQ(stored->nodes[0].wishes, rig.stored.back().nodes[0].wishes);
+  EXPECT_EQ(stored->nodes[0].wishes.publications.at("0x0059:0x0006"), 0xc00a);
+
+  rig.order(ResetBoardOrder{});
+  rig.pass(20s);
+  EXPECT_EQ(last_destination("59000400"), "0200") << "the board's next life";
+  EXPECT_EQ(last_destination("59000600"), "0ac0");
+
+  order.publish = {"0x0059:0x0006", Settings{}.groups.at(0)};
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_FALSE(rig.answer().contains("warnings")) << rig.answer();
+  order.publish = {"sensor_update client", std::nullopt};
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_EQ(last_destination("59000600"), "0200") << rig.answer();
+  EXPECT_TRUE(rig.stored.back().nodes[0].wishes.publications.empty());
+}
+
+TEST(Orders, ConfigKnowsWhichModelsPublish) {
+  JoinedRig rig;
+  NodeConfigOrder order{"ble-0100"};
+  for (const char* const model : {"Generic OnOff", "0x0059:0x0009", "sensor", ""}) {
+    order.publish = {model, 0xc00a};
+    rig.order(order);
+    EXPECT_NE(text_of(rig.answer()).find("is not a model that publishes"), std::string::npos);
+  }
+  order.publish = {"pos_cmd", 0x0001};
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_NE(rig.answer()["warnings"].dump().find("has no model 0x0059:0x0008"), std::string::npos);
+}
+
 TEST(Orders, ConfigSaysWhatTheNodeDoesNotTake) {
   JoinedRig rig;
   rig.device().relay = hex("02 00");
