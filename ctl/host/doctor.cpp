@@ -261,13 +261,20 @@ class Examination {
     if (!config_.ble_mesh.enabled)
       return add("ble", Health::well, "not enabled (ble_mesh.enabled)");
     link("ble", "ble: board");
-    const json& facts = group_at(group_at(facts_.status, "meshes"), "ble");
-    if (count_at(group_at(facts, "counters"), "mostly_deaf") > 0)
+    const json& mesh = group_at(group_at(facts_.status, "meshes"), "ble");
+    const json& counters = group_at(mesh, "counters");
+    if (count_at(counters, "mostly_deaf") > 0)
       add("ble: robots", Health::problem,
           fmt::format("{} do not hear the gateway: they repeat what it has acknowledged",
-                      count_at(group_at(facts, "counters"), "robots_deaf")),
+                      count_at(counters, "robots_deaf")),
           "switch them off and on, or wait until the board's sequence numbers have passed those "
           "that they remember");
+    if (count_at(counters, "key_refresh_missing") > 0)
+      add("ble: keys", Health::warning,
+          fmt::format("the refresh of the mesh's keys waits for {} robots",
+                      count_at(counters, "key_refresh_missing")),
+          "slam-gatewayctl ble refresh-keys --status names them: switch them on, or leave them "
+          "behind");
   }
 
   void link(const char* mesh, const std::string& step) {

@@ -112,6 +112,10 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["meshes"]["ble"] = {
       {"state", "up"}, {"detail", "board"}, {"counters", {{"robots_deaf", 7}, {"mostly_deaf", 1}}}};
   EXPECT_EQ(problems_of(facts), "ble: robots; ");
+  facts.status["meshes"]["ble"]["counters"] = {{"key_refresh_step", 1}, {"key_refresh_missing", 2}};
+  EXPECT_EQ(problems_of(facts), "ble: keys; ");
+  facts.status["meshes"]["ble"]["counters"]["key_refresh_missing"] = 0;
+  EXPECT_EQ(problems_of(facts), "");
 
   facts = healthy();
   facts.status["meshes"]["thread"]["counters"] = {{"clients", 9000}, {"clients_unanswered", 8000}};
