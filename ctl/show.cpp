@@ -433,6 +433,9 @@ std::string event_details(const json& event) {
     parts.push_back(fmt::format("{} dBm", number_at(event, "rssi_dbm")));
   if (event.contains("hops")) parts.push_back(fmt::format("{} hops", count_at(event, "hops")));
   if (event.contains("outcome")) parts.push_back(text_at(event, "outcome"));
+  const std::string address = text_at(event, "address");
+  if (text_at(event, "mesh") == "ble" && address >= "0xc000")  // a group
+    parts.push_back("to " + address);
   if (event.contains("latency_us"))
     parts.push_back(fmt::format("after {:.1f} ms", number_at(event, "latency_us") / 1000));
   const std::string why = text_at(event, "why");

@@ -219,7 +219,8 @@ struct MeshStep {
   Kind kind = Kind::repeat;
   RequiredMesh mesh;
   std::string robot;
-  std::string topic{};  ///< empty: that of the receipt or the command, or not known
+  std::string address{};  ///< of `sent` to a group: that group; empty: the robot's
+  std::string topic{};    ///< empty: that of the receipt or the command, or not known
   std::optional<Qos> qos{};
   WireFacts wire{};
   std::optional<std::size_t> bytes{};  ///< of the payload

@@ -71,6 +71,7 @@ void Trace::on_mesh_step(const MeshStep& step, const Now& now) {
                    .direction = is_down ? Direction::down : Direction::up,
                    .mesh = step.mesh,
                    .robot = step.robot,
+                   .address = step.address,
                    .topic = step.topic,
                    .qos = step.qos,
                    .wire = step.wire,
@@ -144,14 +145,15 @@ void Trace::complete(TraceEvent& event, const Followed* followed, TimePoint now)
     event.latency = duration_cast<microseconds>(now - followed->at);
     return;
   }
-  const auto parsed = event.direction == Direction::up ? scheme_.parse_robot_topic(event.topic)
-                                                       : scheme_.parse_command_topic(event.topic);
+  auto parsed = scheme_.parse_robot_topic(event.topic);  // also of one that is relayed
+  if (!parsed) parsed = scheme_.parse_command_topic(event.topic);
   if (event.type.empty()) event.type = parsed ? std::string(parsed->type) : event.topic;
   if (event.robot.empty() && parsed) event.robot = parsed->robot;
 }
 
 void Trace::emit(TraceEvent event) {
-  if (event.mesh && !event.robot.empty()) event.address = address_of_(event.robot, *event.mesh);
+  if (event.mesh && !event.robot.empty() && event.address.empty())
+    event.address = address_of_(event.robot, *event.mesh);
   sink_(event);
 }
 

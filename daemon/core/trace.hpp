@@ -39,7 +39,7 @@ struct TraceEvent {
   Direction direction = Direction::up;
   std::optional<Mesh> mesh{};
   std::string robot{};
-  std::string address{};  ///< of the robot on `mesh`; empty: not known
+  std::string address{};  ///< of the robot on `mesh`, or of a group; empty: not known
   std::string topic{};
   std::string type{};
   std::optional<Qos> qos{};

@@ -54,6 +54,22 @@ TEST_F(TraceTest, TellsNothingAndKeepsNothingWhileNobodyListens) {
   EXPECT_EQ(trace.followed(), 0u);
 }
 
+TEST_F(TraceTest, TellsWhoseUpdateIsRelayedToAGroup) {
+  trace.turn(true);
+  trace.on_mesh_step({.kind = MeshStep::Kind::sent,
+                      .mesh = Mesh::ble,
+                      .robot = "r",
+                      .address = "0xc100",
+                      .topic = "p/robot/r/update"},
+                     now);
+  ASSERT_EQ(events.size(), 1u);
+  EXPECT_EQ(events[0].kind, Kind::sent);
+  EXPECT_EQ(events[0].direction, Direction::down);
+  EXPECT_EQ(events[0].robot, "r");
+  EXPECT_EQ(events[0].type, "update");
+  EXPECT_EQ(events[0].address, "0xc100") << "not the robot's own";
+}
+
 TEST_F(TraceTest, JoinsAMessagesWayUp) {
   trace.turn(true);
   trace.on_traffic(message(1));

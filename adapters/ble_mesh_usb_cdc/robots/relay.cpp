@@ -39,7 +39,7 @@ void Relay::on_robot_message(const BrokerMessage& message, TimePoint now) {
     ++counters_.dropped;
     return;
   }
-  keep_last(relayed_number_of(topic->robot), message.payload);
+  keep_last(topic->robot, message.payload);
   send_due(now);
 }
 
@@ -48,16 +48,18 @@ bool Relay::is_for_others(std::string_view robot) const {
   return robots_.find(robot) == nullptr && !nodes_.names().bans().has(robot);
 }
 
-void Relay::keep_last(std::uint16_t sender, ByteView update) {
+void Relay::keep_last(std::string_view robot, ByteView update) {
+  const std::uint16_t sender = relayed_number_of(robot);
   Bytes access = encode_relayed_update(sender, update);
   const auto older = std::ranges::find(waiting_, sender, &Waiting::sender);
   if (older != waiting_.end()) {
     ++counters_.superseded;
+    older->robot = robot;
     older->access = std::move(access);
   } else if (waiting_.size() >= max_senders) {
     ++counters_.dropped;
   } else {
-    waiting_.push_back({sender, std::move(access)});
+    waiting_.push_back({sender, std::string(robot), std::move(access)});
   }
 }
 
@@ -85,6 +87,13 @@ void Relay::send_due(TimePoint now) {
   if (!radio_.is_idle()) return;
   if (is_in_segments(next->access)) next_segmented_at_ = now + segmented_pause;
   ++counters_.relayed;
+  if (is_traced_)
+    emit(MeshStep{.kind = MeshStep::Kind::sent,
+                  .mesh = Mesh::ble,
+                  .robot = next->robot,
+                  .address = address_text(settings_.relay_group),
+                  .topic = topics_.robot_topic(next->robot, relayed_type),
+                  .bytes = next->access.size()});
   radio_.send({.destination = settings_.relay_group, .payload = std::move(next->access)}, now);
   waiting_.erase(next);
 }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
@@ -49,11 +50,12 @@ class Relay : private MeshPart {
  private:
   struct Waiting {
     std::uint16_t sender;
+    std::string robot;
     Bytes access;
   };
 
   bool is_for_others(std::string_view robot) const;
-  void keep_last(std::uint16_t sender, ByteView update);
+  void keep_last(std::string_view robot, ByteView update);
   TimePoint due(const Waiting& update) const;
   void send_due(TimePoint now);
 

@@ -68,6 +68,21 @@ TEST_F(Relaying, AnUpdateGoesToTheGroupAsTheRobotSaidIt) {
   EXPECT_EQ(heard().back(), relayed("lego-1", most)) << "its stray octet too";
 }
 
+TEST_F(Relaying, IsTracedWhileSomebodyWatches) {
+  say("lego-1", near);
+  rig.run_for(1s);
+  EXPECT_TRUE(rig.all<MeshStep>().empty());
+  rig.mesh.on_trace(true);
+  say("lego-1", near);
+  rig.run_for(1s);
+  const auto steps = rig.all<MeshStep>();
+  ASSERT_EQ(steps.size(), 1u);
+  EXPECT_EQ(steps[0].kind, MeshStep::Kind::sent);
+  EXPECT_EQ(steps[0].robot, "lego-1");
+  EXPECT_EQ(steps[0].address, "0xc100");
+  EXPECT_EQ(steps[0].topic, "ntnu-slam/robot/lego-1/update");
+}
+
 TEST_F(Relaying, RobotsOfThisMeshAreNotEchoed) {
   say("nr1", near);  // named in the configuration, and not heard yet
   rig.hear(first_robot + 7, "cb 59 00 0a 00 ec ff");
