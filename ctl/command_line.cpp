@@ -61,6 +61,7 @@ struct Arguments {
   std::vector<std::string> left_behind;
   bool leaves_silent = false;
   bool is_status = false;
+  bool is_measured = false;
   std::vector<std::uint64_t> ids;
   std::string topic;
   bool is_all = false;
@@ -213,8 +214,8 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
              if (!sends || !ms || !Transmissions::is_valid(*sends, *ms)) return none;
              return nlohmann::json{{"sends", *sends}, {"interval_ms", *ms}};
            });
-  for (const char* const key : {"subscribe", "unsubscribe"})
   constexpr std::uint16_t first_group = 0xc000;
+  for (const char* const key : {"subscribe", "unsubscribe"})
     config->add_option_function<std::string>(
         fmt::format("--{}", key),
         [&a, key](const std::string& word) {
@@ -226,7 +227,6 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
         },
         std::string(key) == "subscribe" ? "Hear this group, 0xc000-0xfeff, beside ble_mesh.groups"
                                         : "Hear it no longer");
-  config->callback(ask(a, "ble config", Answer::config, order_patience));
   config->add_option_function<std::string>(
       "--publish",
       [&a](const std::string& word) {
@@ -239,6 +239,7 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
         if (address) a.order.request["publish"]["address"] = *address;
       },
       "MODEL=ADDRESS: where a model publishes to, as sensor_update=0xc00a; or MODEL=default");
+  config->callback(ask(a, "ble config", Answer::config, order_patience));
 }
 
 constexpr const char* reset_board_warning =
@@ -313,8 +314,13 @@ void add_ble(CLI::App& app, Arguments& a) {
   ble->add_subcommand("scan", "New robots in reach")
       ->callback(ask(a, "ble scan", Answer::scan, order_patience));
   ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask(a, "ble nodes", Answer::nodes));
-  ble->add_subcommand("topology", "How each robot's messages come here: relays and signal")
-      ->callback(ask(a, "ble nodes", Answer::topology));
+  CLI::App* topology =
+      ble->add_subcommand("topology", "How each robot's messages come here: relays and signal");
+  topology->add_flag("--measure", a.is_measured, "Measure which robots hear which; takes a while");
+  topology->callback([&a, shown = ask(a, "ble nodes", Answer::topology),
+                      measured = ask(a, "ble measure-hearing", Answer::hearing)] {
+    a.is_measured ? measured() : shown();
+  });
   add_ble_config(*ble, a);
   add_ble_changes(*ble, a);
   add_refresh_keys(*ble, a);

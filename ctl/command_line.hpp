@@ -28,6 +28,7 @@ enum class Answer : std::uint8_t {
   joining,  ///< asked again and again until nobody joins any more
   nodes,
   topology,  ///< of `ble nodes` and `robots` together
+  hearing,   ///< asked again and again until it is measured
   node,
   removed,  ///< from the mesh
   refresh,  ///< of the mesh's keys

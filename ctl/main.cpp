@@ -68,6 +68,7 @@ std::string text_for_people(const Order& order, const nlohmann::json& result) {
     case Answer::scan: return show::devices(result);
     case Answer::nodes: return show::nodes(result, this_screen());
     case Answer::topology: return show::topology(result, this_screen());
+    case Answer::hearing: return show::hearing(result);
     case Answer::node: return show::nodes(nlohmann::json::array({result}), this_screen());
     case Answer::removed: return show::removed(result);
     case Answer::refresh: return show::refresh(result);
@@ -278,6 +279,20 @@ void wait_until(std::chrono::steady_clock::time_point end) {
   }
 }
 
+/// Waits until it is measured; `begun` is the answer to the order.
+nlohmann::json hearing(Connection& connection, const nlohmann::json& begun) {
+  std::cerr << "the gateway measures " << count_at(begun, "robots")
+            << " robots, one after the other, which takes about " << count_at(begun, "seconds_left")
+            << " s\n";
+  nlohmann::json news = begun;
+  while (text_at(news, "state") == "running") {
+    std::this_thread::sleep_for(joining_interval);
+    news = connection.ask({{"command", "ble measure-hearing"}, {"status", true}}, answer_patience);
+  }
+  if (text_at(news, "state") != "done") throw Failure(text_at(news, "why"));
+  return news;
+}
+
 /// Once a second; with --json a line each.
 int ping(Connection& connection, const Order& order) {
   std::uint64_t ended = 0;
@@ -339,6 +354,7 @@ int run(Order order) {
   const bool is_send = order.answer == Answer::outcome;
   auto result = ask_patiently(connection, order);
   if (order.answer == Answer::topology) result = topology(connection, result);
+  if (order.answer == Answer::hearing) result = hearing(connection, result);
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);

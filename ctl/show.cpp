@@ -781,6 +781,33 @@ std::string topology(const json& topology, const Screen& screen) {
   return out + (has_relayed ? "* of the last relay, not of the robot\n" : "");
 }
 
+std::string hearing(const json& hearing) {
+  const auto range = [](std::uint64_t least, std::uint64_t most) {
+    return least == most ? fmt::format("{}", least) : fmt::format("{}-{}", least, most);
+  };
+  const json rows = rows_at(hearing, "rows");
+  const std::size_t id = widest(rows, "listener", 1);
+  std::string out;
+  std::string source;
+  for (const json& row : rows) {
+    if (source != text_at(row, "source")) out += text_at(row, "source") + " is heard by\n";
+    source = text_at(row, "source");
+    const std::string heard = range(count_at(row, "heard"), count_at(row, "heard_at_most"));
+    const auto min_hops = std::max<std::uint64_t>(count_at(row, "min_hops"), 1);
+    const auto max_hops = count_at(row, "max_hops");
+    out += fmt::format("  {} {:>3} of {}", pad(cut_end(text_at(row, "listener"), id), id), heard,
+                       count_at(row, "sent"));
+    if (max_hops == 1) out += ", direct";
+    if (max_hops > 1)
+      out +=
+          fmt::format(", {} relay{}", range(min_hops - 1, max_hops - 1), max_hops > 2 ? "s" : "");
+    out += '\n';
+  }
+  for (const json& robot : rows_at(hearing, "silent"))
+    out += text_at({{"robot", robot}}, "robot") + " left questions unanswered\n";
+  return out.empty() ? "nothing was measured\n" : out;
+}
+
 std::string removed(const json& node) {
   const std::string keys = is_true(node, "was_reset")
                                ? "it has forgotten the mesh's keys"

@@ -76,6 +76,8 @@ std::string foreign_robots(const nlohmann::json& robots, const nlohmann::json& n
 std::string nodes(const nlohmann::json& nodes, const Screen& screen);
 /// How far from the gateway each of them is: nearest first.
 std::string topology(const nlohmann::json& topology, const Screen& screen);
+/// Which robots hear which.
+std::string hearing(const nlohmann::json& hearing);
 /// The robot that was put out of the mesh.
 std::string removed(const nlohmann::json& node);
 /// How far the refresh of the mesh's keys has come.

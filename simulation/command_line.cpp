@@ -203,6 +203,10 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                  "With --unprovisioned: the robots demand this OOB value, 32 hex digits");
   app.add_flag("--heartbeats", options.has_heartbeats,
                "Heartbeat events each 10 s; with --firmware 5.0.0");
+  app.add_option("--robot-reach", options.robot_reach,
+                 "Robots stand in a row, and hear the heartbeats of so many on either side")
+      ->check(CLI::Range(1U, 65535U))
+      ->default_str("all");
   app.add_option("--state", options.state,
                  "Keep the flash of robots, and of a board with storage, in this file");
   app.add_flag("--unicast", options.is_unicast,

@@ -164,6 +164,8 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     return Request(RemoveOrder{*robot, is_true(request, "force")});
   }
   if (command == "ble config") return parse_node_config(request);
+  if (command == "ble measure-hearing")
+    return Request(MeasureHearingOrder{is_true(request, "status")});
   if (command == "ble refresh-keys") return parse_refresh(request);
   if (command == "ble import") {
     if (!text) return std::string("ble import needs the text of the file as text");

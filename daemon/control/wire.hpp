@@ -19,6 +19,7 @@
 //              where all robots publish to}}
 //             {"command": "ble refresh-keys", "left_behind": optional [...], "silent": optional,
 //              "status": optional}
+//             {"command": "ble measure-hearing", "status": optional}
 //             {"command": "ble import", "text": "..."}
 //             {"command": "store list", "after": optional id, "topic": optional,
 //              "payloads": optional}

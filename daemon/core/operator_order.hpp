@@ -92,9 +92,14 @@ struct RefreshKeysOrder {
   bool is_question = false;
 };
 
+/// Measures which robots hear which, or asks how far that has come.
+struct MeasureHearingOrder {
+  bool is_question = false;
+};
+
 using BleOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
                               NodesOrder, RemoveOrder, PingOrder, NodeConfigOrder, ImportOrder,
-                              ExportOrder, ResetBoardOrder, RefreshKeysOrder>;
+                              ExportOrder, ResetBoardOrder, RefreshKeysOrder, MeasureHearingOrder>;
 
 /// Either a JSON document or, when the order was refused or failed, a sentence.
 struct OrderAnswer {

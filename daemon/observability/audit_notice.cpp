@@ -37,6 +37,9 @@ std::optional<AuditedOrder> audited(const BleOrder& order) {
           [&](const ImportOrder&) { return simple("ble import"); },
           [&](const ExportOrder&) { return simple("ble export"); },
           [&](const ResetBoardOrder&) { return simple("ble reset-board"); },
+          [&](const MeasureHearingOrder& known) {
+            return known.is_question ? Audited() : simple("ble topology --measure");
+          },
           [](const RefreshKeysOrder& known) {
             if (known.is_question) return Audited();
             const bool leaves_any = known.leaves_silent || !known.left_behind.empty();

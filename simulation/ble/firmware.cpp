@@ -14,7 +14,8 @@ const Firmware firmware_2_2_0{.release = "2.2.0",
                               .has_heartbeats = false,
                               .has_network_state = false,
                               .clears_replay_list = false,
-                              .asserts_on_publication_ttl = true};
+                              .asserts_on_publication_ttl = true,
+                              .first_heartbeat_waits = true};
 
 const Firmware firmware_3_1_0{.release = "3.1.0",
                               .serial_version = 10,
@@ -27,7 +28,8 @@ const Firmware firmware_3_1_0{.release = "3.1.0",
                               .has_heartbeats = false,
                               .has_network_state = false,
                               .clears_replay_list = false,
-                              .asserts_on_publication_ttl = true};
+                              .asserts_on_publication_ttl = true,
+                              .first_heartbeat_waits = false};
 
 const Firmware firmware_5_0_0{.release = "5.0.0",
                               .serial_version = 10,
@@ -40,7 +42,8 @@ const Firmware firmware_5_0_0{.release = "5.0.0",
                               .has_heartbeats = true,
                               .has_network_state = true,
                               .clears_replay_list = true,
-                              .asserts_on_publication_ttl = false};
+                              .asserts_on_publication_ttl = false,
+                              .first_heartbeat_waits = false};
 
 const Firmware* find_firmware(std::string_view release) {
   for (const Firmware* firmware : {&firmware_2_2_0, &firmware_3_1_0, &firmware_5_0_0}) {

@@ -21,6 +21,9 @@ struct Firmware {
   bool has_network_state;           ///< commands 0xae, 0xaf; from 5.0.0
   bool clears_replay_list;          ///< with State Clear; from 5.0.0
   bool asserts_on_publication_ttl;  ///< robots, above 127; up to 4.2.0
+  /// Robots, for the next message that leaves; they count heartbeats in their models' groups only,
+  /// and assert when they are told to publish twice before that. Up to 3.0.0.
+  bool first_heartbeat_waits;
 };
 
 extern const Firmware firmware_2_2_0;

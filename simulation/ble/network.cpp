@@ -327,20 +327,59 @@ void Network::carry_of_robot(std::size_t index, TimePoint now) {
   Robot& robot = robots_[index];
   while (auto signal = node.next_link_signal()) pb_adv_.transmit(true, std::move(*signal), now);
   while (auto answer = node.next_answer()) {
+    bool has_left = true;
     if (segment_count(answer->payload.size()) > 1) {
-      transmit_until_acknowledged(
-          answer->ttl, now, [&](TimePoint then) { return transmit_to_boards(*answer, then); });
+      const auto transmit = [&](TimePoint then) { return transmit_to_boards(*answer, then); };
+      has_left = transmit_until_acknowledged(answer->ttl, now, transmit).has_value();
     } else {
       transmit_to_boards(*answer, now);
     }
+    if (has_left) node.on_transmitted();
   }
   while (auto outgoing = robot.next_transmission()) {
     const bool is_on_its_way =
         node.prepare(outgoing->message) && transmit_to_boards(outgoing->message, now);
+    if (is_on_its_way) node.on_transmitted();
     if (!is_on_its_way && outgoing->is_unacknowledged_update) robot.on_update_dropped();
     if (is_on_its_way) acknowledge_segments(index, outgoing->message, now);
   }
+  while (auto heartbeat = node.next_heartbeat()) {
+    carry_heartbeat(index, *heartbeat, now);
+    node.on_transmitted();
+  }
   robot.set_address(node.address());
+}
+
+/// At once, and each time over the shortest way.
+void Network::carry_heartbeat(std::size_t source, const Heartbeats::Heartbeat& heartbeat,
+                              TimePoint now) {
+  const std::vector<unsigned> hops = hops_from(source);
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (i == source || hops[i] == 0 || hops[i] > std::max<unsigned>(heartbeat.ttl, 1)) continue;
+    bool is_lost = false;
+    for (unsigned hop = 0; hop < hops[i]; ++hop) is_lost |= radio_.loses_beacon();
+    if (is_lost) continue;
+    nodes_[i].on_heartbeat(nodes_[source], heartbeat, static_cast<std::uint8_t>(hops[i]), now);
+  }
+}
+
+/// To each robot; 0: there is no way. Robots stand in a row, hear those that are not further away
+/// than their reach, and relay if they are configured so.
+std::vector<unsigned> Network::hops_from(std::size_t source) const {
+  std::vector<unsigned> hops(nodes_.size(), 0);
+  std::deque<std::size_t> found{source};
+  while (!found.empty()) {
+    const std::size_t next = found.front();
+    found.pop_front();
+    if (next != source && !nodes_[next].is_relay()) continue;
+    for (std::size_t i = 0; i < nodes_.size(); ++i) {
+      const std::size_t distance = std::max(i, next) - std::min(i, next);
+      if (i == source || hops[i] != 0 || distance > options_.robot_reach) continue;
+      hops[i] = hops[next] + 1;
+      found.push_back(i);
+    }
+  }
+  return hops;
 }
 
 bool Network::can_reach(const MeshMessage& message) const {

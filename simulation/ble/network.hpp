@@ -79,6 +79,8 @@ class Network {
   void carry_of_board(std::size_t index, TimePoint now);
   void begin_transfer(std::size_t board, const PacketSender::Transmission& transmission,
                       TimePoint now);
+  void carry_heartbeat(std::size_t source, const Heartbeats::Heartbeat& heartbeat, TimePoint now);
+  std::vector<unsigned> hops_from(std::size_t source) const;
   bool can_reach(const MeshMessage& message) const;
   void acknowledge_segments(std::size_t index, const MeshMessage& message, TimePoint now);
   bool transmit_to_boards(const MeshMessage& message, TimePoint now);

@@ -156,7 +156,16 @@ Bytes FakeDevices::on_access(std::uint16_t devkey_handle, std::uint16_t destinat
   const std::string request = to_hex(payload);
   for (const std::string& deaf : device->deaf_to)
     if (request.starts_with(deaf)) return {};
+  const auto is_lost = [&request](std::multiset<std::string>& losses) {
+    const auto loss = std::ranges::find_if(
+        losses, [&](const std::string& start) { return request.starts_with(start); });
+    if (loss == losses.end()) return false;
+    losses.erase(loss);
+    return true;
+  };
+  if (is_lost(device->lost_requests)) return {};
   const Bytes reply = answer(*device, request);
+  if (device->has_stopped || is_lost(device->lost_answers)) return {};
   const bool is_heard = net_keys.empty() || device->net_key.empty() ||
                         std::ranges::find(net_keys, device->sending_key()) != net_keys.end();
   return is_heard ? reply : Bytes{};
@@ -189,6 +198,7 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
   if (request.starts_with("8029") || request.starts_with("802b"))
     return answer_list(device, status, params);
   if (const auto state = answer_state(device, request)) return *state;
+  if (const auto heartbeats = answer_heartbeats(device, params)) return *heartbeats;
   if (request.starts_with("8018"))
     return hex("80 19") + Bytes{status} + from(2, 4) + hex("01 00 00 00 04 a7 00") + from(4, end);
   device.has_stopped = request.starts_with("801d") || request.starts_with("801e");
@@ -198,6 +208,33 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
     return hex("80 4a");
   }
   return {};
+}
+
+/// Heartbeat Publication and Subscription. All heartbeats come at once.
+std::optional<Bytes> FakeDevices::answer_heartbeats(FakeDevice& device, const Bytes& request) {
+  FakeDevice::Heartbeats& own = device.heartbeats;
+  ByteReader params(ByteView(request).subspan(std::min<std::size_t>(2, request.size())));
+  if (request[0] != 0x80) return std::nullopt;
+  if (request[1] == 0x39) {
+    own.publishes_to = params.read_u16_le();
+    const unsigned count = 1U << params.read_u8() >> 1U;
+    for (FakeDevice& other : devices) {
+      FakeDevice::Heartbeats& counter = other.heartbeats;
+      if (counter.source != device.address || counter.destination != own.publishes_to) continue;
+      const auto known = hearing.find({device.address, other.address});
+      const Hearing heard = known == hearing.end() ? Hearing{count, 1, 1} : known->second;
+      counter.count += heard.count;
+      counter.min_hops = std::min(counter.min_hops, heard.min_hops);
+      counter.max_hops = std::max(counter.max_hops, heard.max_hops);
+    }
+    return hex("06 00") + Bytes(request.begin() + 2, request.end());
+  }
+  if (request[1] != 0x3a && request[1] != 0x3b) return std::nullopt;
+  if (request[1] == 0x3b) own = {own.publishes_to, params.read_u16_le(), params.read_u16_le()};
+  std::uint8_t count_log = 0;
+  while (own.count >> count_log != 0) ++count_log;
+  return hex("80 3c 00") + number(own.source) + number(own.destination) +
+         Bytes{5, count_log, own.min_hops, own.max_hops};
 }
 
 /// Default TTL, relay and network transmit: Get, or Set of what is allowed.

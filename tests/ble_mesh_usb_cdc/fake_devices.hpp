@@ -36,6 +36,16 @@ struct FakeDevice {
   Bytes relay{1, 0x0a};  ///< on, three times, 20 ms apart
   Bytes network_transmit{0};
 
+  struct Heartbeats {
+    std::uint16_t publishes_to = 0;
+    std::uint16_t source = 0;  ///< that it counts
+    std::uint16_t destination = 0;
+    unsigned count = 0;
+    std::uint8_t min_hops = 0x7f;
+    std::uint8_t max_hops = 0;
+  };
+  Heartbeats heartbeats;
+
   bool keeps_subscriptions = false;   ///< they outlive provisioning, as with code that has a fault
   bool shares_subscriptions = false;  ///< all models have one list of groups
   /// As robots that run Nordic's code do: Subscription Delete All and Overwrite (of a model with
@@ -44,6 +54,8 @@ struct FakeDevice {
 
   // Faults.
   std::set<std::string> deaf_to;                ///< requests that begin so get no answer
+  std::multiset<std::string> lost_requests;     ///< one that begins so is lost, for each
+  std::multiset<std::string> lost_answers;      ///< the answer to one that begins so, for each
   std::map<std::string, std::uint8_t> refuses;  ///< requests that begin so: status
   std::map<std::string, std::string> lies;      ///< requests that begin so: this answer, hex
 
@@ -58,6 +70,14 @@ struct FakeDevice {
 class FakeDevices {
  public:
   std::vector<FakeDevice> devices;
+  /// How many heartbeats the second device hears of the first, and over how many hops; else all of
+  /// them directly.
+  struct Hearing {
+    unsigned count;
+    std::uint8_t min_hops;
+    std::uint8_t max_hops;
+  };
+  std::map<std::pair<std::uint16_t, std::uint16_t>, Hearing> hearing;
   bool is_scanning = false;
   /// Events that the board does not send, the next time each.
   std::set<std::uint8_t> lost_events;
@@ -99,6 +119,7 @@ class FakeDevices {
   Bytes ecdh_request();
   Bytes complete(ByteView secret);
   Bytes add_device_key(ByteView params);
+  std::optional<Bytes> answer_heartbeats(FakeDevice& device, const Bytes& request);
   static std::optional<Bytes> answer_state(FakeDevice& device, const std::string& request);
   static Bytes answer_refresh(FakeDevice& device, std::uint8_t status, const Bytes& request);
   static Bytes answer_publication(FakeDevice& device, std::uint8_t status, Bytes params);

@@ -94,6 +94,25 @@ TEST_F(ControlMeshIo, ChangesAndShowsANodesConfiguration) {
   EXPECT_FALSE(order_of<NodeConfigOrder>(handler).publish->address.has_value());
 }
 
+TEST_F(ControlMeshIo, MeasuresWhoHearsWhomUntilThatHasEnded) {
+  start();
+  const auto child = launch({"ble", "topology", "--measure"});
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
+  EXPECT_FALSE(order_of<MeasureHearingOrder>(handler).is_question);
+  handler.orders[0].done({R"({"state":"running","robots":6,"seconds_left":75})", {}});
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 2; }));
+  EXPECT_TRUE(std::get<MeasureHearingOrder>(handler.orders[1].order).is_question);
+  handler.orders[1].done({R"({"state":"done","rows":[],"silent":["r1"]})", {}});
+  Ended result = finish(*child);
+  EXPECT_EQ(result.status, 0);
+  EXPECT_NE(result.err.find("6 robots"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("75 s"), std::string::npos) << result.err;
+  EXPECT_EQ(result.out, "r1 left questions unanswered\n");
+  result = order({"topology", "--measure"}, {R"({"state":"failed","why":"unplugged"})", {}});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("unplugged"), std::string::npos) << result.err;
+}
+
 TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
   start();
   for (const auto& [option, word] :

@@ -325,6 +325,37 @@ TEST(CtlShow, Topology) {
   EXPECT_NE(shown.find("gone  0x0102       -    - "), std::string::npos) << shown;
 }
 
+TEST(CtlShow, ARelayedUpdateGoesToAGroup) {
+  const json event = {{"at", "2026-11-21T12:00:00.123456Z"},
+                      {"event", "sent"},
+                      {"robot", "lego-1"},
+                      {"mesh", "ble"},
+                      {"address", "0xc100"},
+                      {"type", "update"}};
+  EXPECT_EQ(ctl::show::event(event, {false, noon}),
+            "12:00:00.123 sent         ble    lego-1       update  to 0xc100\n");
+}
+
+TEST(CtlShow, Hearing) {
+  const json hearing = json::parse(R"({"silent": ["c"], "rows": [
+    {"source": "a", "listener": "lego-2", "sent": 8, "heard": 8, "heard_at_most": 8,
+     "min_hops": 1, "max_hops": 1},
+    {"source": "a", "listener": "c", "sent": 8, "heard": 4, "heard_at_most": 7,
+     "min_hops": 2, "max_hops": 2},
+    {"source": "lego-2", "listener": "a", "sent": 8, "heard": 2, "heard_at_most": 3,
+     "min_hops": 1, "max_hops": 4},
+    {"source": "lego-2", "listener": "c", "sent": 8, "heard": 0, "heard_at_most": 0,
+     "min_hops": null, "max_hops": null}]})");
+  EXPECT_EQ(ctl::show::hearing(hearing),
+            "a is heard by\n"
+            "  lego-2   8 of 8, direct\n"
+            "  c      4-7 of 8, 1 relay\n"
+            "lego-2 is heard by\n"
+            "  a      2-3 of 8, 0-3 relays\n"
+            "  c        0 of 8\n"
+            "c left questions unanswered\n");
+}
+
 TEST(CtlShow, Config) {
   const json config = {{"robot", "tank"},
                        {"address", "0x0100"},
@@ -364,6 +395,7 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(ctl::show::ping(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::config(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::topology(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::hearing(answer).ends_with('\n'));
     EXPECT_TRUE(ctl::show::event(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::outcome(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::devices(answer).ends_with('\n'));

@@ -25,6 +25,9 @@ constexpr Opcode model_subscription_add = 0x801b;
 constexpr Opcode model_subscription_delete = 0x801c;
 constexpr Opcode sig_model_subscription_get = 0x8029;
 constexpr Opcode vendor_model_subscription_get = 0x802b;
+constexpr Opcode heartbeat_publication_set = 0x8039;
+constexpr Opcode heartbeat_subscription_get = 0x803a;
+constexpr Opcode heartbeat_subscription_set = 0x803b;
 constexpr Opcode model_app_bind = 0x803d;
 constexpr Opcode netkey_update = 0x8045;
 constexpr Opcode node_reset = 0x8049;
@@ -193,6 +196,51 @@ Bytes encode_network_transmit_set(const Transmissions& transmissions) {
 }
 
 Bytes encode_node_reset() { return encode_access(node_reset, {}); }
+
+// Counts and periods of heartbeats are the power of two that is told by its exponent plus one (Mesh
+// Profile 1.0 table 4.1); 0: none.
+
+Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl) {
+  const bool is_on = destination != 0;
+  constexpr std::uint8_t count_log = 4;  // eight
+  static_assert(heartbeats == 1U << (count_log - 1));
+  return encode_access(heartbeat_publication_set, ByteWriter{}
+                                                      .write_u16_le(destination)
+                                                      .write_u8(is_on ? count_log : std::uint8_t{0})
+                                                      .write_u8(is_on ? 1 : 0)  // 1 s
+                                                      .write_u8(std::min(ttl, max_publish_ttl))
+                                                      .write_u16_le(0)
+                                                      .write_u16_le(net_key_index)
+                                                      .bytes());
+}
+
+Bytes encode_heartbeat_subscription_set(std::uint16_t source, std::uint16_t destination) {
+  constexpr std::uint8_t period_log = 9;  // 256 s
+  return encode_access(heartbeat_subscription_set,
+                       ByteWriter{}
+                           .write_u16_le(source)
+                           .write_u16_le(destination)
+                           .write_u8(destination != 0 ? period_log : std::uint8_t{0})
+                           .bytes());
+}
+
+Bytes encode_heartbeat_subscription_get() { return encode_access(heartbeat_subscription_get, {}); }
+
+std::optional<HeartbeatCount> decode_heartbeat_count(ByteView params) {
+  ByteReader reader(params);
+  reader.read_u8();  // status
+  HeartbeatCount count;
+  count.source = reader.read_u16_le();
+  reader.read_u16_le();  // destination
+  reader.read_u8();      // time that is left
+  constexpr std::uint8_t max_count_log = 16;
+  const std::uint8_t count_log = std::min(reader.read_u8(), max_count_log);
+  count.least = count_log == 0 ? 0 : 1U << (count_log - 1U);
+  count.most = (1U << count_log) - 1U;
+  count.min_hops = reader.read_u8();
+  count.max_hops = reader.read_u8();
+  return reader.ok() ? std::optional(count) : std::nullopt;
+}
 
 std::string_view config_status_text(std::uint8_t status) {
   constexpr std::array<std::string_view, 0x12> texts{"success",

@@ -15,6 +15,7 @@
 namespace slamgw::ble {
 
 inline constexpr Opcode composition_data_status = 0x02;
+inline constexpr Opcode heartbeat_publication_status = 0x06;
 inline constexpr Opcode appkey_status = 0x8003;
 inline constexpr Opcode default_ttl_status = 0x800e;
 inline constexpr Opcode network_transmit_status = 0x8025;
@@ -24,6 +25,7 @@ inline constexpr Opcode model_subscription_status = 0x801f;
 inline constexpr Opcode sig_model_subscription_list = 0x802a;
 inline constexpr Opcode vendor_model_subscription_list = 0x802c;
 inline constexpr Opcode key_refresh_phase_status = 0x8017;
+inline constexpr Opcode heartbeat_subscription_status = 0x803c;
 inline constexpr Opcode model_app_status = 0x803e;
 inline constexpr Opcode netkey_status = 0x8044;
 inline constexpr Opcode node_reset_status = 0x804a;
@@ -102,6 +104,23 @@ Bytes encode_relay_set(bool is_on);
 Bytes encode_network_transmit_get();
 Bytes encode_network_transmit_set(const Transmissions& transmissions);
 Bytes encode_node_reset();
+
+/// How many a node is told to publish, the first at once and then one a second.
+inline constexpr std::uint32_t heartbeats = 8;
+/// To this group, with no features that trigger more; 0: none any more.
+Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl);
+/// The node counts those of this source to this group, for 256 s; zeros: none any more.
+Bytes encode_heartbeat_subscription_set(std::uint16_t source, std::uint16_t destination);
+Bytes encode_heartbeat_subscription_get();
+/// Heartbeat Subscription Status: nodes tell the count's highest bit only.
+struct HeartbeatCount {
+  std::uint16_t source = 0;
+  std::uint32_t least = 0;
+  std::uint32_t most = 0;
+  std::uint8_t min_hops = 0;  ///< 1: without relays
+  std::uint8_t max_hops = 0;
+};
+std::optional<HeartbeatCount> decode_heartbeat_count(ByteView params);
 
 /// A model that knows no groups.
 inline constexpr std::uint8_t not_a_subscribe_model = 0x08;

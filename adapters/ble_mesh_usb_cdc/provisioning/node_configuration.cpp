@@ -209,6 +209,7 @@ std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose,
     case Purpose::reset: return {node_reset_step()};
     case Purpose::refresh: return plan_refresh(settings.refresh);
     case Purpose::ping: return {ttl};
+    case Purpose::survey: return {settings.questions.begin(), settings.questions.end()};
     case Purpose::inquire:
       return {ttl, state_step("whether it relays", encode_relay_get(), relay_status, {}),
               state_step("its network transmit", encode_network_transmit_get(),
@@ -292,7 +293,8 @@ NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
 }
 
 Duration NodeConfiguration::time_limit() const {
-  return purpose_ == Purpose::ping ? ping_time_limit : step_time_limit;
+  const bool is_short = purpose_ == Purpose::ping || purpose_ == Purpose::survey;
+  return is_short ? ping_time_limit : step_time_limit;
 }
 
 std::vector<ConfigurationStep> NodeConfiguration::plan(const Composition& composition) const {
@@ -325,7 +327,7 @@ void NodeConfiguration::begin_step(TimePoint now) {
 
 void NodeConfiguration::send_due(TimePoint now) {
   if (stage_ != Stage::talking || now < send_at_) return;
-  send_at_ = now + pause_;
+  send_at_ = steps_.front().is_sent_once ? TimePoint::max() : now + pause_;
   pause_ *= 2;
   ++copies_;
   radio_.send(
@@ -339,7 +341,7 @@ bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now
   const auto access = decode_access(message.payload);
   if (!access.has_value()) return false;
   if (!steps_.front().is_answered_by(*access)) return true;  // late, to an earlier request
-  if (is_inquiry()) keep(steps_.front(), message, access->params, now);
+  if (keeps_answers()) keep(steps_.front(), message, access->params, now);
   on_answer(*access, now);
   return true;
 }
@@ -387,6 +389,7 @@ void NodeConfiguration::add_problem(const std::string& problem) {
 void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
   if (stage_ != Stage::talking) return;
   last_refusal_ = why;
+  if (steps_.front().is_sent_once) return;     // another message to this node may be meant
   pause_ = std::max(first_pause, pause_ / 2);  // nothing was sent
   send_at_ = now + refused_pause;
 }

@@ -43,7 +43,8 @@ struct ConfigurationStep {
   std::uint8_t also_done = 0;                        ///< a status that means as much as success
   std::optional<ModelElement> lists_groups_of = {};  ///< its answer is this model's groups
   std::optional<ModelElement> about = {};            ///< of an inquiry: the model it asks of
-  Bytes expected = {};  ///< not empty: the answer of a node that has done it
+  Bytes expected = {};        ///< not empty: the answer of a node that has done it
+  bool is_sent_once = false;  ///< not repeated when it is not answered
 
   /// True also for an answer that says no.
   bool is_answered_by(const AccessMessage& message) const;
@@ -58,9 +59,10 @@ struct ConfigurationSettings {
   NodeWishes wishes = {};
   bool had_relay_group = false;  ///< the robot may hear in one
   RefreshState refresh = {};     ///< to `refresh` the node: the step, and the new keys
+  std::vector<ConfigurationStep> questions = {};  ///< of a `survey`
 };
 
-/// A node's answer to one question of a ping or an inquiry.
+/// A node's answer to one question of a ping, an inquiry or a survey.
 struct NodeAnswer {
   Opcode opcode = 0;
   std::optional<ModelElement> about;
@@ -74,12 +76,13 @@ struct NodeAnswer {
 class NodeConfiguration {
  public:
   /// `move`: only what it publishes to. `refresh`: a step of the key refresh. `ping` and `inquire`
-  /// change nothing.
-  enum class Purpose : std::uint8_t { configure, move, refresh, reset, ping, inquire };
+  /// change nothing, `survey` heartbeats alone.
+  enum class Purpose : std::uint8_t { configure, move, refresh, reset, ping, inquire, survey };
   enum class State : std::uint8_t { running, succeeded, failed };
 
   /// One request is given up after this long.
   static constexpr Duration step_time_limit = std::chrono::seconds{20};
+  /// Of a ping or a survey.
   static constexpr Duration ping_time_limit = std::chrono::seconds{5};
   /// The pause before it is sent again, doubled each time: after 0.5 s, 1.5 s, 3.5 s ...; twice
   /// that when it is segmented, because the radio repeats the segments by itself.
@@ -108,14 +111,16 @@ class NodeConfiguration {
   std::uint16_t address() const { return address_; }
   /// Why it failed, or which requests the node refused; empty when all went well.
   const std::string& problem() const { return problem_; }
-  /// Of a ping or an inquiry.
+  /// Of a ping, an inquiry or a survey.
   const std::vector<NodeAnswer>& answers() const { return answers_; }
 
  private:
   enum class Stage : std::uint8_t { adding_key, talking, removing_key, ended };
 
   void begin_step(TimePoint now);
-  bool is_inquiry() const { return purpose_ == Purpose::ping || purpose_ == Purpose::inquire; }
+  bool keeps_answers() const {
+    return purpose_ == Purpose::ping || purpose_ == Purpose::inquire || purpose_ == Purpose::survey;
+  }
   Duration time_limit() const;
   std::vector<ConfigurationStep> plan(const Composition& composition) const;
   void keep(const ConfigurationStep& step, const MessageReceived& from, ByteView params,

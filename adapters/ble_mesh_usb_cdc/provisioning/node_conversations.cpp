@@ -88,7 +88,8 @@ bool NodeConversations::begin_changes() {
 void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
   if (begin_changes()) return;
-  const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
+  const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose,
+                         std::vector<ConfigurationStep> questions = {}) {
     const NodeDatabase& database = *nodes_.database();
     const ConfigurationSettings settings{.app_key = database.keys.app_key,
                                          .destination = destination(),
@@ -96,7 +97,8 @@ void NodeConversations::begin_due(TimePoint now) {
                                          .groups = groups_of(node),
                                          .relay_group = settings_.relayed_to(),
                                          .wishes = node.wishes,
-                                         .refresh = database.refresh.value_or(RefreshState{})};
+                                         .refresh = database.refresh.value_or(RefreshState{}),
+                                         .questions = std::move(questions)};
     conversations_.try_emplace(node.address, node, purpose, settings, radio_);
   };
   if (const Node* node = ordered_node()) begin(*node, *ordered_purpose());
@@ -105,6 +107,16 @@ void NodeConversations::begin_due(TimePoint now) {
     if (node == nullptr) break;
     begin(*node, purpose_for(*node));
   }
+  if (conversations_.size() >= max_conversations || !survey_due()) return;
+  const Node* surveyed = nodes_.find(survey_.address());
+  auto questions = survey_.next(now);
+  if (!questions.empty())
+    begin(*surveyed, NodeConfiguration::Purpose::survey, std::move(questions));
+}
+
+/// A survey's question waits for all else, and for the end of a conversation with that robot.
+std::optional<TimePoint> NodeConversations::survey_due() const {
+  return conversations_.contains(survey_.address()) ? std::nullopt : survey_.due();
 }
 
 /// The keys come first: a node that has missed a step may not understand the rest.
@@ -159,7 +171,7 @@ std::optional<TimePoint> NodeConversations::next_begin() const {
     const NodeHistory* history = nodes_.find_history(node.uuid);
     next = earlier(next, history ? history->retry_at : TimePoint::min());
   }
-  return next;
+  return earlier(next, survey_due());
 }
 
 std::optional<TimePoint> NodeConversations::deadline() const {
@@ -185,6 +197,8 @@ void NodeConversations::continue_all(TimePoint now) {
 }
 
 void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now) {
+  if (conversation.purpose() == NodeConfiguration::Purpose::survey)
+    return survey_.on_asked(conversation, now);  // whether the node is still there or not
   const Node* node = nodes_.find(conversation.address());
   if (node == nullptr) return;
   const bool is_done = conversation.state() == NodeConfiguration::State::succeeded;
@@ -194,6 +208,7 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
     case NodeConfiguration::Purpose::refresh: return on_refreshed(*node, conversation, now);
     case NodeConfiguration::Purpose::ping:
     case NodeConfiguration::Purpose::inquire: return on_asked(*node, conversation);
+    case NodeConfiguration::Purpose::survey:
     case NodeConfiguration::Purpose::configure:
     case NodeConfiguration::Purpose::move: break;
   }

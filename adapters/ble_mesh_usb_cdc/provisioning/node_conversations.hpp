@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Configures nodes, takes them through a key refresh, and resets those that an operator removes:
+// Configures nodes, takes them through a key refresh, surveys them, and resets those that an
+// operator removes:
 // who is next, a few conversations at once, and what came of each. Part of Provisioner.
 #pragma once
 
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/hearing_survey.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/key_refresh.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 
@@ -20,9 +22,10 @@ class NodeConversations : private ProvisionerPart {
   /// robots.
   static constexpr std::size_t max_conversations = 3;
 
-  /// Both outlive it.
-  NodeConversations(const ProvisionerPart& shared, Admission& admission, KeyRefresh& refresh)
-      : ProvisionerPart(shared), admission_(admission), refresh_(refresh) {}
+  /// All of them outlive it.
+  NodeConversations(const ProvisionerPart& shared, Admission& admission, KeyRefresh& refresh,
+                    HearingSurvey& survey)
+      : ProvisionerPart(shared), admission_(admission), refresh_(refresh), survey_(survey) {}
 
   /// True when the message was an answer to a conversation, and not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
@@ -59,13 +62,14 @@ class NodeConversations : private ProvisionerPart {
   std::uint8_t ttl_of(const Node& node) const { return node.wishes.ttl.value_or(settings_.ttl); }
   /// What robots publish to.
   std::uint16_t destination() const { return settings_.gateway_group.value_or(link_.source); }
+  bool hears(std::uint16_t address) const;
   bool begin_changes();
   bool may_be_unheard(const Node& node) const;
   std::optional<NodeConfiguration::Purpose> ordered_purpose() const;
-  bool hears(std::uint16_t address) const;
   const Node* ordered_node() const;
   const Node* next_node(TimePoint now);
   std::optional<TimePoint> next_begin() const;
+  std::optional<TimePoint> survey_due() const;
   void end(const NodeConfiguration& conversation, TimePoint now);
   void on_asked(const Node& node, const NodeConfiguration& conversation);
   void on_refreshed(const Node& node, const NodeConfiguration& conversation, TimePoint now);
@@ -76,6 +80,7 @@ class NodeConversations : private ProvisionerPart {
 
   Admission& admission_;
   KeyRefresh& refresh_;
+  HearingSurvey& survey_;
   std::map<std::uint16_t, NodeConfiguration> conversations_;  ///< by address
   bool wants_restart_ = false;
 };

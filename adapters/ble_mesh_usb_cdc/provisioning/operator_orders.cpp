@@ -53,9 +53,18 @@ void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint
                    if (!problem.empty()) return answer({{}, std::move(problem)});
                    answer({refresh_.json(), {}});
                  },
+                 [&](const MeasureHearingOrder& wanted) { answer(measure(wanted, now)); },
                  begin,
              },
              order);
+}
+
+OrderAnswer OperatorOrders::measure(const MeasureHearingOrder& wanted, TimePoint now) {
+  std::string problem = problem_with_mesh();
+  if (problem.empty() && !wanted.is_question)
+    problem = refresh_.is_on() ? is_refreshing : survey_.begin(now);
+  if (!problem.empty()) return {{}, std::move(problem)};
+  return {survey_.json(), {}};
 }
 
 void OperatorOrders::begin_waiting(TimePoint now) {
@@ -240,6 +249,14 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
   if (wishes.groups.size() > NodeWishes::max_groups)
     return order_.refuse(
         fmt::format("a robot may have {} groups of its own", std::size_t{NodeWishes::max_groups}));
+  if (wanted.publish) {
+    const auto model = find_publisher(wanted.publish->model);
+    if (!model)
+      return order_.refuse(wanted.publish->model + " is not a model that publishes: `ble config " +
+                           wanted.robot + "` shows those that do");
+    wishes.publications.erase(to_string(*model));
+    if (wanted.publish->address) wishes.publications[to_string(*model)] = *wanted.publish->address;
+  }
   Node& changed = *nodes_.change().find(node->uuid);
   changed.wishes = wishes;
   changed.applied->is_changing = true;
@@ -249,14 +266,6 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
 
 // --- The mesh ------------------------------------------------------------------------------------
 
-  if (wanted.publish) {
-    const auto model = find_publisher(wanted.publish->model);
-    if (!model)
-      return order_.refuse(wanted.publish->model + " is not a model that publishes: `ble config " +
-                           wanted.robot + "` shows those that do");
-    wishes.publications.erase(to_string(*model));
-    if (wanted.publish->address) wishes.publications[to_string(*model)] = *wanted.publish->address;
-  }
 void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   if (refresh_.is_on()) return order_.refuse(is_refreshing);
   auto imported = decode_imported_mesh(wanted.text);
@@ -363,6 +372,8 @@ std::string OperatorOrders::problem_with_refresh(const RefreshKeysOrder& wanted)
            "slam-gateway, take their addresses out of \"gateways\" in mesh.json, refresh the keys, "
            "then let them "
            "join again with `ble export`";
+  if (survey_.is_on() && !refresh_.is_on())
+    return "which robots hear which is being measured; try again when that has ended";
   for (const std::string& robot : wanted.left_behind) {
     const Node* node = find_robot(robot);
     if (node == nullptr) return unknown_robot(robot);

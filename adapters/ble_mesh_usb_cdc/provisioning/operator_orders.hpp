@@ -21,11 +21,13 @@ class OperatorOrders : private ProvisionerPart {
 
   /// All of them outlive it. `gateway`: `gateway.id`.
   OperatorOrders(const ProvisionerPart& shared, Admission& admission,
-                 NodeConversations& conversations, KeyRefresh& refresh, std::string gateway)
+                 NodeConversations& conversations, KeyRefresh& refresh, HearingSurvey& survey,
+                 std::string gateway)
       : ProvisionerPart(shared),
         admission_(admission),
         conversations_(conversations),
         refresh_(refresh),
+        survey_(survey),
         gateway_(std::move(gateway)) {}
 
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
@@ -51,6 +53,7 @@ class OperatorOrders : private ProvisionerPart {
   void take(const ExportOrder& wanted, TimePoint now);
   void take(const ResetBoardOrder&, TimePoint now);
   void take(const RefreshKeysOrder& wanted, TimePoint now);
+  OrderAnswer measure(const MeasureHearingOrder& wanted, TimePoint now);
   std::string problem_with_refresh(const RefreshKeysOrder& wanted) const;
   void leave_behind(const RefreshKeysOrder& wanted);
   void on_refresh_stored(const std::string& problem);
@@ -70,6 +73,7 @@ class OperatorOrders : private ProvisionerPart {
   Admission& admission_;
   NodeConversations& conversations_;
   KeyRefresh& refresh_;
+  HearingSurvey& survey_;
   const std::string gateway_;
   std::deque<Waiting> waiting_;
 };

@@ -19,8 +19,9 @@ Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState
       lives_(shared_),
       admission_(shared_),
       refresh_(shared_),
-      conversations_(shared_, admission_, refresh_),
-      orders_(shared_, admission_, conversations_, refresh_, std::move(gateway)) {}
+      survey_(shared_),
+      conversations_(shared_, admission_, refresh_, survey_),
+      orders_(shared_, admission_, conversations_, refresh_, survey_, std::move(gateway)) {}
 
 // --- Inputs --------------------------------------------------------------------------------------
 
@@ -36,6 +37,7 @@ void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
   is_scanning_ = false;
   admission_.on_link_down(down, now);
   conversations_.on_link_down();
+  survey_.on_link_down();
   if (is_restart) return;  // on the way to a new robot
   orders_.on_link_down();
   advance(now);

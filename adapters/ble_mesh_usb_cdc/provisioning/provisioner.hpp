@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes robots into the mesh, configures them, and does what operators order. Its parts do the
 // work: NodeTable (what is known), Admission (who joins next), KeyRefresh (the step of a key
-// refresh), NodeConversations (who is configured or reset), OperatorOrders. This class gives them
-// their turns and has the database written. Called by BleMesh.
+// refresh), HearingSurvey (who hears whom), NodeConversations (who is configured or reset),
+// OperatorOrders. This class gives them their turns and has the database written. Called by
+// BleMesh.
 #pragma once
 
 #include <optional>
@@ -62,6 +63,7 @@ class Provisioner {
   SourceLives lives_;
   Admission admission_;
   KeyRefresh refresh_;
+  HearingSurvey survey_;
   NodeConversations conversations_;
   OperatorOrders orders_;
   bool is_scanning_ = false;

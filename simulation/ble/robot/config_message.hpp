@@ -25,6 +25,7 @@ enum class ConfigStatus : std::uint8_t {
   cannot_update = 0x0b,
   cannot_remove = 0x0c,
   cannot_bind = 0x0d,
+  cannot_set = 0x0f,
 };
 
 /// Opcodes have one octet, or two in big-endian order.

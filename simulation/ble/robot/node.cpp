@@ -6,7 +6,6 @@
 namespace slamgw::sim::ble {
 namespace {
 
-constexpr std::uint8_t use_default_ttl = 0xff;
 constexpr std::uint8_t health_current_status = 0x04;
 
 /// The model that publishes this message.
@@ -55,7 +54,10 @@ std::optional<ModelId> receiver_of(ByteView message) {
 }  // namespace
 
 Node::Node(const Settings& settings, Random random)
-    : settings_(settings), random_(random), key_pair_(make_key_pair(random_)) {}
+    : settings_(settings),
+      random_(random),
+      key_pair_(make_key_pair(random_)),
+      heartbeats_(*settings.firmware) {}
 
 void Node::restore(NodeConfiguration configuration, std::uint32_t next_sequence) {
   configuration_ = std::move(configuration);
@@ -73,11 +75,13 @@ Address Node::address() const {
 }
 
 std::optional<TimePoint> Node::deadline() const {
-  return is_gone() ? std::nullopt : first_of(next_beacon_, link_ends_);
+  if (is_gone()) return std::nullopt;
+  return first_of(first_of(next_beacon_, link_ends_), heartbeats_.deadline());
 }
 
 void Node::on_deadline(TimePoint now) {
   if (link_ends_ && *link_ends_ <= now) end_link();
+  heartbeats_.on_deadline(now);
   if (!next_beacon_ || *next_beacon_ > now) return;
   next_beacon_ = now + beacon_interval;
   is_beacon_due_ = !link_;
@@ -195,11 +199,13 @@ bool Node::is_taken_by_model(const MeshMessage& message, std::uint16_t app_key_i
 
 void Node::configure(const MeshMessage& request, TimePoint now) {
   const std::uint16_t net_index = configuration_.network_of(request.encryption->net_key)->index;
+  const auto of_heartbeats = heartbeats_.on_message(request.payload, configuration_, now);
   const ConfigServer::Result result =
-      ConfigServer(*settings_.firmware, configuration_).on_message(request.payload);
+      of_heartbeats ? ConfigServer::Result{*of_heartbeats, false, heartbeats_.failed_assertion()}
+                    : ConfigServer(*settings_.firmware, configuration_).on_message(request.payload);
   failed_assertion_ = result.failed_assertion;
   if (!result.answer) return;
-  configured_at_ = now;
+  if (!of_heartbeats) configured_at_ = now;
   Encryption encryption = *request.encryption;
   encryption.net_key = configuration_.sending_key(*configuration_.find_net_key(net_index));
   MeshMessage answer{address(), request.source, configuration_.ttl, *result.answer, 0, encryption};
@@ -212,6 +218,7 @@ void Node::configure(const MeshMessage& request, TimePoint now) {
 /// as it may come back to the same address.
 void Node::reset(TimePoint now) {
   configuration_ = NodeConfiguration();
+  heartbeats_.reset();
   heard_.clear();
   configured_at_.reset();
   next_beacon_ = now + beacon_interval;
@@ -219,6 +226,7 @@ void Node::reset(TimePoint now) {
 
 void Node::power_cycle() {
   heard_.clear();
+  heartbeats_.reset();
   end_link();
   answers_.clear();
 }
@@ -252,6 +260,22 @@ bool Node::prepare(MeshMessage& message) {
   message.sequence = next_sequence_;
   next_sequence_ += sequence_numbers(message.destination, octets, segment_count(octets) > 1);
   return true;
+}
+
+std::optional<Heartbeats::Heartbeat> Node::next_heartbeat() {
+  auto heartbeat = heartbeats_.next();
+  if (heartbeat) ++next_sequence_;
+  return is_gone() ? std::nullopt : heartbeat;
+}
+
+/// Under the first network key. The source takes a place in the replay list.
+void Node::on_heartbeat(const Node& source, const Heartbeats::Heartbeat& heartbeat,
+                        std::uint8_t hops, TimePoint now) {
+  const auto key = source.net_key();
+  if (is_gone() || !key || !configuration_.has_net_key(*key)) return;
+  if (!heartbeats_.hears(heartbeat.destination, configuration_)) return;
+  if (!heard_.accept(source.address(), source.next_sequence_ - 1)) return;
+  heartbeats_.on_heartbeat(source.address(), heartbeat.destination, hops, now);
 }
 
 /// A model publishes with a key that it is bound to (Mesh Profile 1.0 section 4.2.2.3).

@@ -9,6 +9,7 @@
 
 #include "simulation/ble/replay_list.hpp"
 #include "simulation/ble/robot/config_server.hpp"
+#include "simulation/ble/robot/heartbeats.hpp"
 #include "simulation/ble/robot/provisionee.hpp"
 #include "simulation/ble/robot/robot.hpp"
 
@@ -58,6 +59,14 @@ class Node {
   /// it.
   bool prepare(MeshMessage& message);
 
+  /// A message of the node has left.
+  void on_transmitted() { heartbeats_.on_transmitted(); }
+  std::optional<Heartbeats::Heartbeat> next_heartbeat();
+  /// One of another node has come, over so many hops. False when this node does not hear it.
+  void on_heartbeat(const Node& source, const Heartbeats::Heartbeat& heartbeat, std::uint8_t hops,
+                    TimePoint now);
+  bool is_relay() const { return !is_gone() && address() != 0 && configuration_.relay == 1; }
+
   /// The assertion that its firmware has failed, once: from then on the node is gone.
   const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
 
@@ -105,6 +114,7 @@ class Node {
   std::optional<TimePoint> link_ends_;
   std::optional<Provisionee> provisionee_;
   std::optional<std::string> failed_assertion_;
+  Heartbeats heartbeats_;
   std::deque<LinkSignal> signals_;
   std::deque<MeshMessage> answers_;
 };

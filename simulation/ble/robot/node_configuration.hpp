@@ -33,6 +33,8 @@ constexpr ModelId sensor_update_client{nordic, 0x0006};
 constexpr ModelId pos_cmd_client{nordic, 0x0008};
 constexpr ModelId pos_cmd_server{nordic, 0x0009};
 
+constexpr std::uint8_t use_default_ttl = 0xff;  ///< of a publication
+
 struct ModelPublication {
   Address address = 0;
   std::uint16_t app_key_index = 0;

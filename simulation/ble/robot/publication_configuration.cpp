@@ -11,7 +11,6 @@ constexpr std::uint16_t set_virtual_op = 0x801a;
 
 constexpr std::size_t published_address_at = 2;
 constexpr std::uint8_t max_ttl = 127;
-constexpr std::uint8_t use_default_ttl = 0xff;
 
 /// Nordic's firmware answers with memory that was never written when the model does not publish
 /// periodically. Hosts must not look at it.

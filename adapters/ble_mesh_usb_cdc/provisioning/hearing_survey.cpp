@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/provisioning/hearing_survey.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::uint16_t all_nodes = 0xffff;
+
+ConfigurationStep subscription_step(std::uint16_t source, std::uint16_t destination) {
+  return {.what = "the heartbeat subscription",
+          .request = encode_heartbeat_subscription_set(source, destination),
+          .answer = heartbeat_subscription_status,
+          .echoed_head = ByteWriter{}.write_u16_le(source).write_u16_le(destination).take()};
+}
+
+/// Nordic's robots up to release 3.0 stop on a failed assertion when they are told to publish again
+/// before they have sent anything, so it is not repeated until the heartbeats would be over.
+ConfigurationStep publication_step(std::uint16_t destination, std::uint8_t ttl) {
+  return {.what = "the heartbeat publication",
+          .request = encode_heartbeat_publication_set(destination, ttl),
+          .answer = heartbeat_publication_status,
+          .echoed_head = ByteWriter{}.write_u16_le(destination).take(),
+          .is_sent_once = destination != 0};
+}
+
+ConfigurationStep count_step() {
+  return {.what = "the heartbeats that it has counted",
+          .request = encode_heartbeat_subscription_get(),
+          .answer = heartbeat_subscription_status};
+}
+
+}  // namespace
+
+// --- The order -----------------------------------------------------------------------------------
+
+std::string HearingSurvey::begin(TimePoint now) {
+  if (is_on()) return {};
+  if (!link_.is_up) return "the BLE link is down: " + link_.down_reason;
+  const NodeDatabase& database = *nodes_.database();
+  std::vector<Robot> robots;
+  for (const Node& node : database.nodes)
+    if (node.state == NodeState::configured)
+      robots.push_back({node.address, nodes_.id_of(node.address)});
+  if (robots.size() < 2) return "there are no two configured robots in the mesh";
+  const int former_lives = std::max(link_.source - settings_.address, 0);
+  const std::size_t senders =
+      robots.size() + static_cast<std::size_t>(former_lives) + database.gateways.size();
+  if (senders + spare_places > Admission::replay_list_size)
+    return fmt::format(
+        "each robot would have to keep {} senders in a list of {}, and would hear no new gateway "
+        "afterwards",
+        senders, std::size_t{Admission::replay_list_size});
+  robots_ = std::move(robots);
+  rows_.clear();
+  state_ = "running";
+  is_asking_ = false;
+  due_ = now;
+  go_to_source(0);
+  return {};
+}
+
+void HearingSurvey::on_link_down() {
+  if (!is_on()) return;
+  state_ = "failed";
+  why_ = "the BLE link went down: " + link_.down_reason;
+}
+
+// --- Questions -----------------------------------------------------------------------------------
+
+std::optional<TimePoint> HearingSurvey::due() const {
+  return is_on() && !is_asking_ ? std::optional(due_) : std::nullopt;
+}
+
+std::vector<ConfigurationStep> HearingSurvey::next(TimePoint now) {
+  if (!due() || *due() > now) return {};
+  if (is_skipped()) {
+    while (is_on() && is_skipped()) go_on();
+    return {};
+  }
+  is_asking_ = true;
+  if (phase_ == Phase::publishing) published_at_ = now;
+  return steps();
+}
+
+bool HearingSurvey::is_skipped() const {
+  if (at_ >= robots_.size() || nodes_.find(address()) == nullptr) return true;
+  if (robots_[at_].misses >= max_misses) return true;
+  return (phase_ == Phase::subscribing && at_ == source_) ||
+         (phase_ == Phase::counting && !robots_[at_].counts);
+}
+
+/// The next robot, or what comes after the last one.
+void HearingSurvey::go_on() {
+  if (phase_ != Phase::publishing && ++at_ < robots_.size()) return;
+  if (phase_ == Phase::subscribing) return go_to(Phase::publishing);
+  if (phase_ != Phase::closing) return go_to_source(source_ + 1);
+  state_ = "done";
+}
+
+void HearingSurvey::go_to(Phase phase) {
+  phase_ = phase;
+  at_ = phase == Phase::publishing ? source_ : 0;
+}
+
+void HearingSurvey::go_to_source(std::size_t source) {
+  while (source < robots_.size() && robots_[source].misses >= max_misses) ++source;
+  source_ = source;
+  attempts_ = 0;
+  for (Robot& robot : robots_) robot.counts = false;
+  go_to(source < robots_.size() ? Phase::subscribing : Phase::closing);
+}
+
+/// Robots' servers are subscribed to `ble_mesh.groups`: Nordic's code up to release 3.0 hears a
+/// heartbeat only in the group of a model.
+std::vector<ConfigurationStep> HearingSurvey::steps() const {
+  const std::uint16_t group = settings_.groups.empty() ? all_nodes : settings_.groups.front();
+  switch (phase_) {
+    case Phase::subscribing: return {subscription_step(robots_[source_].address, group)};
+    case Phase::publishing:
+      return {publication_step(group, nodes_.find(address())->wishes.ttl.value_or(settings_.ttl))};
+    case Phase::counting: return {count_step()};
+    case Phase::closing: return {subscription_step(0, 0), publication_step(0, 0)};
+  }
+  return {};
+}
+
+// --- Answers -------------------------------------------------------------------------------------
+
+void HearingSurvey::on_asked(const NodeConfiguration& question, TimePoint now) {
+  is_asking_ = false;
+  if (!is_on()) return;
+  due_ = now;
+  Robot& robot = robots_[at_];
+  const bool is_answered = question.state() == NodeConfiguration::State::succeeded;
+  if (phase_ == Phase::publishing) return on_published(is_answered);
+  robot.misses = is_answered ? 0 : robot.misses + 1;
+  robot.counts = phase_ == Phase::subscribing && is_answered;
+  const bool is_kept = phase_ != Phase::counting || (is_answered && keep_count(question));
+  if (!is_answered || !is_kept) robot.is_silent = true;
+  go_on();
+}
+
+void HearingSurvey::on_published(bool is_answered) {
+  due_ = published_at_ + heartbeat_time;
+  if (is_answered) return go_to(Phase::counting);
+  Robot& source = robots_[source_];
+  if (source.misses == 0 && ++attempts_ < max_attempts) return go_to(Phase::subscribing);
+  ++source.misses;
+  source.is_silent = true;
+  go_to_source(source_ + 1);
+}
+
+/// False when the robot has not counted this source, because it was switched off and on.
+bool HearingSurvey::keep_count(const NodeConfiguration& question) {
+  const auto count = decode_heartbeat_count(question.answers().front().params);
+  if (!count || count->source != robots_[source_].address) return false;
+  rows_.push_back({source_, at_, *count});
+  return true;
+}
+
+std::string HearingSurvey::json() const {
+  nlohmann::ordered_json rows = nlohmann::ordered_json::array();
+  nlohmann::ordered_json silent = nlohmann::ordered_json::array();
+  for (const auto& [source, listener, count] : rows_) {
+    if (is_on()) break;  // told at the end
+    rows.push_back({{"source", robots_[source].id},
+                    {"listener", robots_[listener].id},
+                    {"sent", heartbeats},
+                    {"heard", std::min(count.least, heartbeats)},
+                    {"heard_at_most", std::min(count.most, heartbeats)},
+                    {"min_hops", nullptr},
+                    {"max_hops", nullptr}});
+    if (count.least == 0) continue;
+    rows.back()["min_hops"] = count.min_hops;
+    rows.back()["max_hops"] = count.max_hops;
+  }
+  for (const Robot& robot : robots_)
+    if (robot.is_silent) silent.push_back(robot.id);
+  const std::size_t robots = robots_.size();
+  const Duration of_source = heartbeat_time + question_time * (2 * robots);
+  const Duration left = of_source * (robots - source_) + question_time * (2 * robots);
+  const auto seconds = std::chrono::ceil<std::chrono::seconds>(is_on() ? left : Duration{});
+  nlohmann::ordered_json json{{"state", state_},
+                              {"robots", robots},
+                              {"measured", source_},
+                              {"seconds_left", seconds.count()},
+                              {"silent", std::move(silent)},
+                              {"rows", std::move(rows)}};
+  if (state_ == "failed") json["why"] = why_;
+  return json.dump();
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// Measures which robots hear which, by heartbeats (Mesh Profile 1.0 section 3.6.7): one robot after
+// the other publishes some, the others count them, and then tell. Each robot ends both by itself,
+// so nothing has to survive a restart. NodeConversations asks. Part of Provisioner.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_part.hpp"
+
+namespace slamgw::ble {
+
+class HearingSurvey : private ProvisionerPart {
+ public:
+  /// From the request to the last heartbeat, and on their way.
+  static constexpr Duration heartbeat_time = std::chrono::seconds{9};
+  /// A typical one, for the forecast.
+  static constexpr Duration question_time = std::chrono::milliseconds{150};
+  /// A robot that leaves so many questions in a row unanswered is not asked any more.
+  static constexpr unsigned max_misses = 2;
+  /// How often a robot is told to publish, when it does not answer.
+  static constexpr unsigned max_attempts = 3;
+  /// In robots' replay lists, after each source has taken a place there.
+  static constexpr std::size_t spare_places = 4;
+
+  explicit HearingSurvey(const ProvisionerPart& shared) : ProvisionerPart(shared) {}
+
+  /// Goes on with the one that runs. Returns why none can begin, else nothing.
+  std::string begin(TimePoint now);
+  bool is_on() const { return state_ == "running"; }
+  void on_link_down();
+
+  /// When and whom to ask next; nothing while an answer is waited for.
+  std::optional<TimePoint> due() const;
+  std::uint16_t address() const { return at_ < robots_.size() ? robots_[at_].address : 0; }
+  /// The question; nothing when another robot is next.
+  std::vector<ConfigurationStep> next(TimePoint now);
+  void on_asked(const NodeConfiguration& question, TimePoint now);
+
+  /// `{"state", "why", "robots", "measured", "seconds_left", "silent": [...], "rows": [{"source",
+  /// "listener", "sent", "heard", "heard_at_most", "min_hops", "max_hops"}]}`; "state" is `none`,
+  /// `running`, `done` or `failed`. Without relays there is one hop.
+  std::string json() const;
+
+ private:
+  enum class Phase : std::uint8_t {
+    subscribing,  ///< the others get ready to count
+    publishing,   ///< the source sends
+    counting,     ///< the others tell
+    closing,      ///< all switch it off
+  };
+  struct Robot {
+    std::uint16_t address = 0;
+    std::string id;
+    unsigned misses = 0;     ///< in a row
+    bool is_silent = false;  ///< it has left a question unanswered
+    bool counts = false;     ///< the heartbeats of the present source
+  };
+  struct Row {
+    std::size_t source;
+    std::size_t listener;
+    HeartbeatCount count;
+  };
+
+  bool is_skipped() const;
+  void go_on();
+  void go_to(Phase phase);
+  void go_to_source(std::size_t source);
+  std::vector<ConfigurationStep> steps() const;
+  void on_published(bool is_answered);
+  bool keep_count(const NodeConfiguration& question);
+
+  std::vector<Robot> robots_;
+  std::vector<Row> rows_;
+  std::string state_ = "none";
+  std::string why_;
+  Phase phase_ = Phase::closing;
+  std::size_t source_ = 0;
+  std::size_t at_ = 0;  ///< the robot that is asked
+  unsigned attempts_ = 0;
+  bool is_asking_ = false;
+  TimePoint published_at_{};
+  TimePoint due_{};
+};
+
+}  // namespace slamgw::ble
