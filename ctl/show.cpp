@@ -202,8 +202,7 @@ std::string Screen::paint(std::string_view state, std::string text) const {
     colour = "32";
   if (is("asleep") || is("superseded") || is("provisioned") || is("repeat")) colour = "33";
   if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
-      is("deaf") || is("contested") || is("refusing") || is("lost") || is("silent") ||
-      is("cut off"))
+      is("deaf") || is("contested") || is("refusing") || is("lost") || is("gone") || is("cut off"))
     colour = "31";
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }
@@ -582,7 +581,7 @@ std::string fleet(const json& fleet, const Screen& screen) {
     if (served != robot.end() && *served == false)
       trouble = fmt::format(" ({})",
                             screen.paint("down", is_here ? "its session at the broker is not held"
-                                                         : "that gateway is silent"));
+                                                         : "that gateway is gone"));
     if (is_true(robot, "contested"))
       trouble += fmt::format(" ({})", screen.paint("contested", std::string(contested_words)));
     out += fmt::format("{} {} {}{}\n", pad(cut_end(text_at(robot, "robot"), id), id),

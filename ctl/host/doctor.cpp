@@ -361,7 +361,7 @@ class Examination {
                        : "");
   }
 
-  /// This gateway is the first row (FleetMember::status). Without a broker all gateways are silent.
+  /// This gateway is the first row (FleetMember::status). Without a broker all gateways are gone.
   void fleet() {
     if (text_at(group_at(facts_.status, "broker"), "state") == "down") return;
     const auto rows = facts_.fleet.is_object() ? facts_.fleet.find("gateways") : facts_.fleet.end();
@@ -372,7 +372,7 @@ class Examination {
       const std::string state = text_at(row, "state");
       if (&row == &rows->front()) continue;
       if (state == "member") members += (members.empty() ? "" : ", ") + name;
-      if (state == "silent")
+      if (state == "gone")
         add("fleet", Health::warning, name + " has gone: others answer for its robots",
             "on its host: systemctl status slam-gateway; gone for good: "
             "/usr/share/doc/slam-gateway/fleet.md");

@@ -403,7 +403,7 @@ Json FleetMember::gateways() const {
                             {"since", to_iso8601(started_)}}});
   for (const auto& [id, other] : neighbours_.gateways())
     rows.push_back({{"gateway", id},
-                    {"state", other.is_online ? "member" : "silent"},
+                    {"state", other.is_online ? "member" : "gone"},
                     {"robots", counts[id]},
                     {"version", other.version},
                     {"since", other.since}});

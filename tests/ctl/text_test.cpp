@@ -187,7 +187,7 @@ TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
                          {"robots", 2},
                          {"version", "1.2.3"},
                          {"since", "1970-01-01T11:00:00Z"}},
-                        {{"gateway", "room-bb"}, {"state", "silent"}, {"robots", 1}}}},
+                        {{"gateway", "room-bb"}, {"state", "gone"}, {"robots", 1}}}},
                       {"robots",
                        {{{"robot", "lego-1"},
                          {"gateway", "room-a"},
@@ -205,12 +205,12 @@ TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
   EXPECT_EQ(ctl::show::fleet(fleet, {false, noon}),
             "GATEWAY STATE   ROBOTS UP   VERSION\n"
             "room-a  member       2 1h   1.2.3\n"
-            "room-bb silent       1\n"
+            "room-bb gone         1\n"
             "\n"
             "ROBOT    GATEWAY SINCE\n"
             "lego-1   room-a  30s (contested: another client uses its name)\n"
             "lego-2   room-a  30s (its session at the broker is not held)\n"
-            "r\\x1b[2J room-bb 30m (that gateway is silent)\n");
+            "r\\x1b[2J room-bb 30m (that gateway is gone)\n");
 }
 
 TEST(CtlShow, MarksRobotsThatAreDeafOrContested) {

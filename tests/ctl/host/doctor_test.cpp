@@ -172,10 +172,10 @@ TEST(Doctor, LooksAtTheOtherGateways) {
   EXPECT_EQ(problems_of(facts), "");
   EXPECT_NE(to_text(examine(facts)).find("fleet: shares the broker with room-b, room-c"),
             std::string::npos);
-  facts.fleet = fleet_of({{"room-a", "member"}, {"room-b", "silent"}});
+  facts.fleet = fleet_of({{"room-a", "member"}, {"room-b", "gone"}});
   EXPECT_EQ(problems_of(facts), "fleet; ");
   EXPECT_FALSE(has_problem(examine(facts)));
-  facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "silent"}});
+  facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "gone"}});
   facts.status["broker"]["state"] = "down";
   EXPECT_EQ(problems_of(facts), "broker; ") << "the rest follows from it";
 }
