@@ -15,19 +15,23 @@ class WebMetrics : public testing::Test {
  protected:
   Topics topics{"ntnu-slam"};
   LastKnown known;
+  static constexpr std::int64_t now = 1'795'269'500'000;  // 2026-11-21T13:58:20Z
+  Roster roster;
   OutcomeCounts outcomes;
   LastHeard heard;
 
   void hear(const std::string& rest, const std::string& payload) {
     const std::string topic = "ntnu-slam/gateway/" + rest;
-    known.keep(topic, std::make_shared<const std::string>(
-                          *to_page({topic, payload, 0, false, {}, {}, {}}, topics.kind_of(topic))));
+    known.keep(topic, std::make_shared<const std::string>(*to_page(
+                          {topic, payload, now, false, {}, {}, {}}, topics.kind_of(topic))));
+    roster.on_document(topics.gateway_topic(topic), payload, now, false);
+    roster.update(now);
   }
   void hear_robot(const std::string& topic, const std::string& gateway, const std::string& at) {
-    heard.add(topics, {"ntnu-slam/robot/" + topic, "", 1'795'269'500'000, false, {}, gateway, at});
+    heard.add(topics, {"ntnu-slam/robot/" + topic, "", now, false, {}, gateway, at});
   }
   std::string text() const {
-    return metrics_text({.version = "0.1.0"}, topics, known, outcomes, heard);
+    return metrics_text({.version = "0.1.0"}, topics, known, roster, outcomes, heard);
   }
   bool has(const std::string& line) const {
     return text().find("\n" + line + "\n") != std::string::npos;
@@ -120,6 +124,16 @@ TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {
   EXPECT_TRUE(has(R"(slamgw_gateway_up{gateway="g"} 0)"));
   EXPECT_EQ(text().find("uptime"), std::string::npos);
   EXPECT_EQ(text().find("slamgw_robot_"), std::string::npos);
+}
+
+TEST_F(WebMetrics, TellAClockThatIsWrongAndCorrectTimesByIt) {
+  hear("g/state", R"({"state":"online","since":"2026-11-21T16:58:20Z"})");
+  hear("g/robots/r", R"({"state":"online","mesh":"ble","last_seen":"2026-11-21T16:58:20Z"})");
+  hear("g/numbers", R"({"robots":{"r":{"mesh":"ble","last_heard":"2026-11-21T16:58:20Z"}}})");
+  EXPECT_TRUE(has(R"(slamgw_gateway_clock_ahead_seconds{gateway="g"} 10800)")) << text();
+  EXPECT_TRUE(has(
+      R"(slamgw_robot_last_heard_timestamp_seconds{gateway="g",robot="r",mesh="ble"} 1795269500)"))
+      << text();
 }
 
 TEST_F(WebMetrics, EscapeWhatRobotsAreCalled) {

@@ -3,11 +3,12 @@
 import { encodeCmd } from './decode.js';
 import { $, attempt, csv, element, keep, save, setText, stamp, toast } from './dom.js';
 import { Link } from './link.js';
-import { WorldMap, words } from './map.js';
+import { WorldMap } from './map.js';
 import { Model } from './model.js';
-import { RobotsView, problems } from './robots.js';
+import { RobotsView, goneWords, isThere, problems } from './robots.js';
 import { shown } from './shown.js';
 import { TraceView } from './trace.js';
+import { lifeWords, meshNames, outcomeWords } from './words.js';
 
 const VIEWS = ['map', 'robots', 'trace'];
 const TABLES_MS = 500;
@@ -33,14 +34,19 @@ model.onRay = (...ray) => map.grid.ray(...ray);
 model.mayLeave = (robot) => robot !== map.chosen;
 model.onMessage = (row) => traceView.take(row);
 model.onOutcome = (robot, command) => {
-  if (!robot || (robot !== map.chosen && command.outcome !== 'delivered')) toast(`${robot ? `${robot.id}: ` : ''}${words(command)}`);
+  if (!robot || (robot !== map.chosen && command.outcome !== 'delivered')) toast(`${robot ? `${robot.id}: ` : ''}${outcomeWords(command)}`);
   if (robot === map.chosen) drawPilot();
   map.change();
 };
 
 const link = new Link({
   onOpen: () => { model.isOpen = true; drawLink(); },
-  onClose: () => { model.isOpen = false; model.maySend = false; model.holder = ''; drawLink(); },
+  onClose: () => {
+    Object.assign(model, { isOpen: false, maySend: false, holder: '' });
+    model.lose();
+    drawTables();
+    map.change();
+  },
   onMessage: (message) => {
     model.take(message);
     if (message.topic.startsWith('$web/')) takeOwn(message);
@@ -49,6 +55,7 @@ const link = new Link({
 });
 
 function takeOwn({ topic, payload }) {
+  if (/^.web.(robot|gateway)\//.test(topic)) return;
   drawLink();
   if (topic === '$web/hello' && model.isLocked && !link.hasToken()) askToken();
   if (topic !== '$web/token') return;
@@ -113,14 +120,15 @@ function drawList() {
     const [box, button] = line.children;
     line.robot = robot;
     line.toggleAttribute('data-chosen', robot === map.chosen);
-    line.className = robot.state === 'offline' ? 'gone' : '';
+    line.className = robot.isGone ? 'gone' : '';
     box.checked = robot.isShown;
     box.style.accentColor = `rgb(${robot.colour})`;
     const label = `Show ${shown(robot.id)}`;
     if (box.ariaLabel !== label) box.ariaLabel = label;
     button.ariaPressed = robot === map.chosen;
     setText(button.firstChild, robot.id);
-    setText(button.lastChild, robot.state === 'online' || robot.state === 'unknown' ? `${robot.pulse.rate(now).toFixed(1)}/s` : robot.state);
+    setText(button.lastChild, robot.state === 'online' || !robot.life ? `${robot.pulse.rate(now).toFixed(1)}/s` : robot.state);
+    button.title = robot.life ? lifeWords(robot.life, now) : '';
   });
 }
 $('list').addEventListener('change', (event) => {
@@ -143,14 +151,26 @@ function drawPilot() {
   robot.outcomes.forEach((command, i) => {
     const line = $('outcomes').children[i];
     line.className = !command.outcome ? '' : command.outcome === 'delivered' || command.outcome === 'sent' ? 'good' : 'bad';
-    setText(line, `${command.text}: ${words(command)}`);
+    setText(line, `${command.text}: ${outcomeWords(command)}`);
   });
 }
 
 // ---- the head
+// The first thing on the way from the robots to this page that is not there.
+function linkWords() {
+  if (!model.isOpen) return 'No connection';
+  if (model.isLocked) return 'Locked';
+  if (model.broker.state !== 'up') return 'Broker away';
+  if (Object.keys(model.broker.unreadable ?? {}).length > 0) return 'Rights missing';
+  const gateways = model.orderedGateways();
+  const gone = gateways.filter((gateway) => gateway.life && !isThere(gateway));
+  if (gone.length) return gone.length === 1 ? goneWords(gone[0], model) : `${gone.length} gateways are gone`;
+  for (const { id, stats } of gateways)
+    for (const [mesh, link] of Object.entries(stats?.meshes ?? {})) if (link?.state === 'down') return `${meshNames[mesh] ?? mesh} of ${id} is down`;
+  return 'Live';
+}
 function drawLink() {
-  const lacksRights = Object.keys(model.broker.unreadable ?? {}).length > 0;
-  const state = !model.isOpen ? 'No connection' : model.isLocked ? 'Locked' : model.broker.state !== 'up' ? 'Broker away' : lacksRights ? 'Rights missing' : 'Live';
+  const state = linkWords();
   $('link').className = `chip ${state === 'Live' ? 'good' : 'bad'}`;
   setText($('link'), state);
   $('link').title = model.isLocked ? 'This page shows nothing before it has a token' : model.isOpen ? `${model.broker.uri ?? ''} ${model.broker.why ?? ''}` : 'slam-gateway-web does not answer; the page tries again';
@@ -190,8 +210,8 @@ function show(name) {
   drawTables();
 }
 function drawTables() {
-  attempt(() => model.expire(), drawTrouble);
-  if (view === 'map') attempt(drawList, drawPilot);
+  attempt(() => model.expire(), drawTrouble, drawLink);
+  if (view === 'map') attempt(drawList, drawPilot, () => map.fade());
   if (view === 'robots') robotsView.draw();
   if (view === 'trace' && !traceView.isPaused) attempt(() => traceView.draw());
 }

@@ -5,6 +5,7 @@ import { Grid } from './grid.js';
 import { MAX_POINTS } from './model.js';
 import { Points } from './points.js';
 import { shown } from './shown.js';
+import { outcomeWords } from './words.js';
 
 const FIT_MARGIN_PX = 70;
 const MIN_SCALE = 0.01;
@@ -98,6 +99,12 @@ export class WorldMap {
       this.isAsked = false;
       if (this.isVisible && this.width > 0) this.draw();
     });
+  }
+  // Robots that have been silent for a while are fainter.
+  fade() {
+    const look = this.robots.map((robot) => robot.freshness(this.model.now()) + robot.isGone).join();
+    if (look !== this.look) this.change();
+    this.look = look;
   }
   setVisible(isVisible) {
     this.isVisible = isVisible;
@@ -307,7 +314,8 @@ export class WorldMap {
     const { context, view } = this;
     const [x, y] = [view.px(robot.pose.x), view.py(robot.pose.y)];
     const size = robot === this.chosen ? 8 : 6;
-    const isGone = robot.state === 'offline';
+    const { isGone } = robot;
+    context.globalAlpha = robot.freshness(this.model.now());
     if (robot === this.chosen) {
       context.beginPath();
       context.arc(x, y, 15, 0, 7);
@@ -324,6 +332,7 @@ export class WorldMap {
       context.fill();
     }
     context.drawImage(this.sprite(robot, size, isGone), x - size - 2, y - size - 2, 2 * size + 4, 2 * size + 4);
+    context.globalAlpha = 1;
   }
   drawNames(robots) {
     const { context, view } = this;
@@ -364,7 +373,7 @@ export class WorldMap {
       context.moveTo(px, py - 3);
       context.lineTo(px, py + 3);
       context.stroke();
-      this.tag(words(command), px + 14, py + 1, colour);
+      this.tag(outcomeWords(command), px + 14, py + 1, colour);
     }
     if (!this.marks.length || this.markTimer) return;
     this.markTimer = setTimeout(() => {
@@ -466,10 +475,4 @@ export class WorldMap {
     if (command) this.marks.push({ command, robot: this.chosen, ...place });
     this.change();
   }
-}
-
-export function words(command) {
-  if (!command.outcome) return 'on its way …';
-  const after = Number.isFinite(command.after) ? ` after ${command.after} ms` : '';
-  return `${command.outcome}${after}${command.why ? `: ${command.why}` : ''}`;
 }

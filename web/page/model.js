@@ -8,13 +8,14 @@ const MAX_LEFT_OUT = 20000; // robots that are not kept: their names and presenc
 const MAX_ID = 64; // docs/topics.md
 const QUIET_MS = 10000; // whom a newcomer may replace: else a thousand and one would push each other out
 const LOOK_MS = 1000; // between two searches for the quiet ones
-const MAX_AHEAD_MS = 60000; // a gateway's clock; what was heard later than that is a lie
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
 const MAX_MESSAGES = 3000;
 const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
 const MAX_GATEWAYS = 100;
 const SECONDS = 60;
+const FADES_FROM_MS = 10000; // of silence
+const FADED_AT_MS = 60000;
 const SENSOR_LIMIT_CM = 80;
 const FADES_FROM_CM = 60;
 
@@ -69,6 +70,7 @@ export class Robot {
     this.number = number;
     this.colour = colourOf(number);
     this.presence = new Map(); // gateway: what it says
+    this.life = null; // what the program has decided: {state, since, heard, gateway}
     this.numbers = null;
     this.pulse = new Pulse();
     this.heard = 0; // ms, this page's program's clock
@@ -133,35 +135,39 @@ export class Robot {
     this.trail = [];
   }
 
-  // Of several gateways the one that has it online, else the one that heard it last.
+  // What the gateway that knows best says.
   get best() {
-    let best = null;
-    for (const [gateway, said] of this.presence) {
-      const here = { gateway, ...said };
-      if (!best || rank(here) > rank(best) || (rank(here) === rank(best) && String(here.last_seen) > String(best.last_seen))) best = here;
-    }
-    return best;
+    const said = this.presence.get(this.life?.gateway);
+    return said ? { gateway: this.life.gateway, ...said } : null;
   }
   get state() {
-    return this.best?.state ?? 'unknown';
+    return this.life?.state ?? 'unknown';
+  }
+  // A robot that no gateway has ever named is not gone while it speaks.
+  get isGone() {
+    return this.life !== null && (this.state === 'offline' || this.state === 'unknown');
+  }
+  // Of a gateway that is gone, what it measured last is out of date.
+  get figures() {
+    return this.state === 'unknown' ? null : this.numbers;
   }
   // Any sign of life, here or at its gateway; 0: none.
-  lastHeard(now) {
-    return Math.max(this.heard, past(this.numbers?.last_heard, now), past(this.best?.last_seen, now));
+  get lastHeard() {
+    return Math.max(this.heard, this.life?.heard ?? 0);
+  }
+  // 1, and less the longer it has been silent.
+  freshness(now) {
+    const silent = (now - this.lastHeard - FADES_FROM_MS) / (FADED_AT_MS - FADES_FROM_MS);
+    return Math.round(20 * (1 - 0.6 * Math.max(0, Math.min(1, silent)))) / 20;
   }
 }
 
-const past = (text, now) => {
-  const at = Date.parse(text);
-  return at <= now + MAX_AHEAD_MS ? at : 0;
-};
 // What is kept of a long document; 3000 of them are.
 const shortened = (message) => {
   const { payload } = message;
   const bytes = typeof payload === 'string' ? payload.length : JSON.stringify(payload).length;
   return bytes > MAX_NOTED ? { ...message, payload: '', encoding: 'text', bytes } : message;
 };
-const rank = (said) => ['offline', 'asleep', 'online'].indexOf(said.state);
 const isObject = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
 
 export class Model {
@@ -176,7 +182,7 @@ export class Model {
     this.broker = { state: 'down', why: 'connecting' };
     this.robots = new Map();
     this.roster = 0; // changes with the set of robots
-    this.leftOut = new Map(); // robots that there is no room for: presence
+    this.leftOut = new Map(); // robots that there is no room for: presence and life
     this.quiet = []; // those that may make room, the quietest last
     this.lookedAt = -Infinity;
     this.gateways = new Map();
@@ -202,34 +208,35 @@ export class Model {
     if (known) return known;
     const number = this.robots.size < MAX_ROBOTS ? this.robots.size : this.makeRoom(heard);
     if (number === null) {
-      this.leaveOut(id, new Map());
+      this.leaveOut(id, { presence: new Map(), life: null });
       return null;
     }
     const robot = new Robot(id, number, Object.hasOwn(this.origins, id) ? this.origins[id] : null);
-    robot.presence = this.leftOut.get(id) ?? robot.presence;
+    const { presence = robot.presence, life = null } = this.leftOut.get(id) ?? {};
+    Object.assign(robot, { presence, life });
     this.robots.set(id, robot);
     this.leftOut.delete(id);
     this.roster++;
     return robot;
   }
-  leaveOut(id, presence) {
-    if (!this.leftOut.has(id) && this.leftOut.size < MAX_LEFT_OUT && id.length <= MAX_ID) this.leftOut.set(id, presence);
+  leaveOut(id, { presence, life }) {
+    if (!this.leftOut.has(id) && this.leftOut.size < MAX_LEFT_OUT && id.length <= MAX_ID) this.leftOut.set(id, { presence, life });
   }
   // The number, and with it the colour, of the least recently heard robot, which goes. Null when all are livelier than
   // one that was heard at `heard`.
   makeRoom(heard) {
     if (performance.now() - this.lookedAt > LOOK_MS) {
       this.lookedAt = performance.now();
-      this.quiet = [...this.robots.values()].map((robot) => [robot, robot.lastHeard(this.now())]).sort(([, a], [, b]) => b - a);
+      this.quiet = [...this.robots.values()].map((robot) => [robot, robot.lastHeard]).sort(([, a], [, b]) => b - a);
     }
     while (this.quiet.length) {
       const [robot, was] = this.quiet.at(-1);
-      const isQuiet = robot.lastHeard(this.now()) === was && robot.pending.length === 0 && this.mayLeave(robot);
+      const isQuiet = robot.lastHeard === was && robot.pending.length === 0 && this.mayLeave(robot);
       if (isQuiet && !(was + QUIET_MS < heard)) return null;
       this.quiet.pop();
       if (!isQuiet) continue;
       this.robots.delete(robot.id);
-      this.leaveOut(robot.id, robot.presence);
+      this.leaveOut(robot.id, robot);
       return robot.number;
     }
     return null;
@@ -242,7 +249,7 @@ export class Model {
     let gateway = this.gateways.get(id);
     if (!gateway && id !== this.own && this.gateways.size >= MAX_GATEWAYS) this.gatewaysLeftOut = true;
     else if (!gateway) {
-      gateway = { id, state: null, stats: null, statsAt: 0 };
+      gateway = { id, state: null, stats: null, life: null };
       this.gateways.set(id, gateway);
     }
     return gateway;
@@ -281,10 +288,14 @@ export class Model {
       this.own = said.gateway;
       for (const robot of this.robots.values()) {
         robot.presence.clear();
-        robot.numbers = null;
+        Object.assign(robot, { life: null, numbers: null });
       }
       this.leftOut.clear();
       for (const robot of this.robots.values()) robot.setOrigin(Object.hasOwn(said.origins, robot.id) ? said.origins[robot.id] : null);
+    } else if (name.startsWith('robot/')) this.takeLife(name.slice(6), said);
+    else if (name.startsWith('gateway/')) {
+      const gateway = this.gateway(name.slice(8));
+      if (gateway) gateway.life = said;
     } else if (name === 'broker') this.broker = said;
     else if (name === 'token') {
       this.holder = said.accepted ? said.name : '';
@@ -292,6 +303,16 @@ export class Model {
     }
     else if (name === 'dropped') this.lost += said.messages;
     else if (name === 'refused') this.refuse(said);
+  }
+
+  takeLife(id, said) {
+    const known = this.robot(id, said.heard) ?? this.leftOut.get(id);
+    if (known) known.life = said;
+  }
+  // Without the program nothing is known.
+  lose() {
+    const lost = { state: 'unknown', since: this.now() };
+    for (const each of [...this.robots.values(), ...this.leftOut.values(), ...this.gateways.values()]) if (each.life) Object.assign(each.life, lost);
   }
 
   takeRobot(message, id, type) {
@@ -313,7 +334,7 @@ export class Model {
     const said = message.encoding === 'json' && isObject(message.payload) ? message.payload : null;
     if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // taken back
     else if (what === 'state') gateway.state = said;
-    else if (what === 'stats') Object.assign(gateway, { stats: said, statsAt: message.at });
+    else if (what === 'stats') gateway.stats = said;
     else if (what === 'numbers') this.takeNumbers(id, said);
     else if (what === 'robots') this.takePresence(id, rest, said);
     else if (what === 'commands' && said) this.takeOutcome(rest, said);
@@ -321,16 +342,17 @@ export class Model {
   }
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {
-      const robot = isObject(numbers) ? this.robot(id, past(numbers.last_heard, this.now())) : null;
+      const robot = isObject(numbers) ? this.robot(id, 0) : null;
       if (robot) robot.numbers = { ...numbers, gateway };
     }
   }
   takePresence(gateway, id, said) {
-    const robot = said ? this.robot(id, past(said.last_seen, this.now())) : this.robots.get(id);
-    const presence = robot?.presence ?? this.leftOut.get(id);
-    if (said) presence?.set(gateway, said);
-    else presence?.delete(gateway);
-    if (!said && presence?.size === 0) this.leftOut.delete(id);
+    const robot = (said ? this.robot(id, 0) : this.robots.get(id)) ?? this.leftOut.get(id);
+    if (said) robot?.presence.set(gateway, said);
+    else if (robot?.presence.delete(gateway) && robot.presence.size === 0) {
+      robot.life = null;
+      this.leftOut.delete(id);
+    }
   }
 
   // ---- commands: an outcome names robot and type, so the oldest that waits for one of this type gets it

@@ -2,27 +2,17 @@
 // Robots and gateways: what is wrong first, with its remedy; which robot is on which gateway; a table with sparklines.
 import { $, attempt, colour, element, keep, setText, surface, svg } from './dom.js';
 import { shown } from './shown.js';
+import { age, bytes, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
-const STALE_STATS_MS = 35000; // three of a gateway's stats are missing
 const NAMED_IN_PICTURE = 40;
 const order = ['offline', 'unknown', 'asleep', 'online'];
-const meshNames = { ble: 'BLE Mesh', thread: 'Thread' };
-const number = (value, digits = 0) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 
-export function age(ms) {
-  if (!(ms >= 0)) return '–';
-  const seconds = ms / 1000;
-  if (seconds < 10) return `${seconds.toFixed(1)} s`;
-  if (seconds < 120) return `${Math.round(seconds)} s`;
-  if (seconds < 7200) return `${Math.round(seconds / 60)} min`;
-  return `${Math.round(seconds / 3600)} h`;
-}
-const bytes = (value) => (!Number.isFinite(value) ? '–' : value < 1e6 ? `${(value / 1024).toFixed(0)} KiB` : `${(value / 1048576).toFixed(1)} MiB`);
-
-const trouble = (robot) => ['contested', 'deaf'].find((word) => robot.best?.[word] === true) ?? robot.state;
 const deceives = (name) => shown(name) !== name;
 const cut = (name, length) => (shown(name).length > length ? shown(name).slice(0, length - 1) + '…' : name);
-const rssi = (robot) => robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm;
+const rssi = (robot) => (robot.state === 'unknown' ? null : robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm);
+
+// "Gateway pi is gone since 14:02"
+export const goneWords = (gateway, model) => `Gateway ${gateway.id} is ${lifeWords(gateway.life, model.now())}`;
 
 // {title, remedy, isWarning}: worst first.
 export function problems(model) {
@@ -38,7 +28,7 @@ export function problems(model) {
   if (model.gatewaysLeftOut) add(`More gateways are not shown: a page keeps ${model.gateways.size}`, 'Does somebody invent some? At the broker: topic write <prefix>/gateway/<gateway>/# for each gateway alone', true);
   for (const robot of model.robots.values()) {
     if (robot.best?.contested === true) add(`${robot.id} is contested: another client uses its name`, 'Two robots, or a foreign client, of that name: /usr/share/doc/slam-gateway/security.md', true);
-    if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - robot.lastHeard(model.now()))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
+    if (robot.state === 'offline') add(`${robot.id} is offline`, `${robot.lastHeard ? `Silent for ${age(Math.max(0, model.now() - robot.lastHeard))}. ` : ''}Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
   }
   const deceptive = [...model.robots.keys(), ...model.gateways.keys()].filter(deceives);
   if (deceptive.length) add(`${deceptive.length} name${deceptive.length === 1 ? ' is' : 's are'} made to look like another: ${deceptive.slice(0, 5).join(', ')}`, 'Characters that hide, or look like others, are shown as \\u and digits. slam-gatewayctl robots shows the addresses; slam-gatewayctl ban refuses one.', true);
@@ -46,14 +36,16 @@ export function problems(model) {
   if (model.lost > 0) add(`This page was too slow for ${model.lost} messages`, 'They are missing in the map and the trace; the numbers are right.', true);
   return found.sort((a, b) => a.isWarning - b.isWarning);
 }
-const gatewayIsThere = (model, robot) => model.gateways.get(robot.best?.gateway)?.state?.state === 'online';
+export const isThere = (gateway) => gateway.life?.state === 'online';
 
 function problemsOf(gateway, model, add) {
   const name = `Gateway ${gateway.id}`;
-  if (gateway.state?.state !== 'online') return add(`${name} is offline`, 'The broker has lost it. On its host: systemctl status slam-gateway');
+  const ahead = gateway.life?.clock_ahead_ms ?? 0;
+  if (ahead) add(`The clock of gateway ${gateway.id} is ${age(Math.abs(ahead))} ${ahead > 0 ? 'ahead' : 'behind'}`, 'Times of its robots are corrected by that here. On its host: timedatectl', true);
+  if (gateway.life?.state === 'gone') return add(goneWords(gateway, model), 'The broker has lost it, so nothing is known of its robots. On its host: systemctl status slam-gateway');
+  if (gateway.life?.state === 'silent') return add(goneWords(gateway, model), 'The broker has its connection, and nothing comes over it: it may hang. On its host: slam-gatewayctl status');
   const { stats } = gateway;
-  if (!stats) return;
-  if (model.now() - gateway.statsAt > STALE_STATS_MS) add(`${name} has sent no stats for ${age(model.now() - gateway.statsAt)}`, 'It may hang. On its host: slam-gatewayctl status', true);
+  if (!stats || !isThere(gateway)) return;
   if (stats.broker?.state && stats.broker.state !== 'up') add(`${name}: broker ${stats.broker.state}`, stats.broker.why);
   const rights = stats.broker?.missing_rights;
   for (const right of Array.isArray(rights) ? rights.slice(0, 10) : []) add(`${name} lacks a right at the broker: ${right?.what}`, `In the access control list: ${right?.grant}`);
@@ -69,30 +61,31 @@ function problemsOf(gateway, model, add) {
 // ---- the table
 const COLUMNS = [
   ['Robot', (r) => r.id, (r) => r.id],
-  ['State', trouble, (r) => order.indexOf(r.state)],
+  ['State', stateWords, (r) => order.indexOf(r.state)],
   ['Mesh', (r) => meshNames[r.best?.mesh] ?? r.best?.mesh ?? '–'],
   ['Gateway', (r) => r.best?.gateway ?? r.numbers?.gateway ?? '–'],
   ['Last minute', null, (r, now) => -r.pulse.rate(now)],
   ['Rate', (r, now) => `${number(r.pulse.rate(now), 1)} /s`, (r, now) => -r.pulse.rate(now), true],
-  ['Latency p50', (r) => ms(r.numbers?.latency_p50_us), (r) => -(r.numbers?.latency_p50_us ?? -1), true],
-  ['p99', (r) => ms(r.numbers?.latency_p99_us), (r) => -(r.numbers?.latency_p99_us ?? -1), true],
-  ['RSSI', (r) => (Number.isFinite(rssi(r)) ? `${rssi(r)} dBm` : '–'), (r) => rssi(r) ?? 1, true],
-  ['Silent', (r, now) => (r.lastHeard(now) ? age(Math.max(0, now - r.lastHeard(now))) : '–'), (r, now) => r.lastHeard(now), true],
-  ['Messages', (r) => String(r.numbers?.up ?? r.messages), (r) => -(r.numbers?.up ?? r.messages), true],
-  ['Repeats', (r) => number(r.numbers?.repeats), (r) => -(r.numbers?.repeats ?? 0), true],
+  ['Latency p50', (r) => ms(r.figures?.latency_p50_us), (r) => -(r.figures?.latency_p50_us ?? -1), true],
+  ['p99', (r) => ms(r.figures?.latency_p99_us), (r) => -(r.figures?.latency_p99_us ?? -1), true],
+  ['RSSI', (r) => dbm(rssi(r)), (r) => rssi(r) ?? 1, true],
+  ['Silent', (r, now) => (r.lastHeard ? age(Math.max(0, now - r.lastHeard)) : '–'), (r) => r.lastHeard, true],
+  ['Messages', (r) => String(r.figures?.up ?? r.messages), (r) => -(r.figures?.up ?? r.messages), true],
+  ['Repeats', (r) => number(r.figures?.repeats), (r) => -(r.figures?.repeats ?? 0), true],
 ];
-const ms = (us) => (Number.isFinite(us) ? `${(us / 1000).toFixed(us < 10000 ? 1 : 0)} ms` : '–');
 
+// Of a gateway that is gone, nothing that it said last is shown as if it were so now.
+const now = (show) => (gateway) => (gateway.stats && isThere(gateway) ? show(gateway) : '–');
 const GATEWAY_COLUMNS = [
   ['Gateway', (g) => g.id],
-  ['State', (g) => g.state?.state ?? 'unknown'],
+  ['State', (g, now) => lifeWords(g.life, now)],
   ['Version', (g) => String(g.stats?.version ?? g.state?.version ?? '–')],
-  ['Broker', (g) => String(g.stats?.broker?.state ?? '–')],
-  ['Up for', (g) => age((g.stats?.uptime_s ?? NaN) * 1000), true],
-  ['From robots', (g) => number(g.stats?.messages?.up), true],
-  ['To robots', (g) => number(g.stats?.messages?.down), true],
-  ['On disk', (g) => number(g.stats?.store?.depth), true],
-  ['Memory', (g) => bytes(g.stats?.memory_rss_bytes), true],
+  ['Broker', now((g) => String(g.stats.broker?.state ?? '–'))],
+  ['Up for', now((g) => age((g.stats.uptime_s ?? NaN) * 1000)), true],
+  ['From robots', now((g) => number(g.stats.messages?.up)), true],
+  ['To robots', now((g) => number(g.stats.messages?.down)), true],
+  ['On disk', now((g) => number(g.stats.store?.depth)), true],
+  ['Memory', now((g) => bytes(g.stats.memory_rss_bytes)), true],
 ];
 
 const byText = new Intl.Collator(undefined, { numeric: true }).compare;
@@ -163,7 +156,7 @@ export class RobotsView {
     const body = $('gateways').tBodies[0];
     const gateways = this.model.orderedGateways();
     keep(body, gateways.length, () => element('tr', {}, ...GATEWAY_COLUMNS.map(([name, , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }))));
-    gateways.forEach((gateway, row) => GATEWAY_COLUMNS.forEach(([, show], i) => setText(body.rows[row].cells[i], show(gateway))));
+    gateways.forEach((gateway, row) => GATEWAY_COLUMNS.forEach(([, show], i) => setText(body.rows[row].cells[i], show(gateway, this.model.now()))));
   }
 
   // ---- the picture: broker, gateways, meshes, robots, from left to right
@@ -180,7 +173,7 @@ export class RobotsView {
       }
       branches.push({ gateway, meshes: [...meshes] });
     }
-    const sketch = JSON.stringify([this.model.broker.state, branches.map(({ gateway, meshes }) => [gateway.id, gateway.state?.state, meshes.map(([name, m]) => [name, m.link?.state, m.robots.map((r) => [r.id, r.state])])])]);
+    const sketch = JSON.stringify([this.model.isOpen, this.model.broker.state, branches.map(({ gateway, meshes }) => [gateway.id, gateway.life?.state, meshes.map(([name, m]) => [name, m.link?.state, m.robots.map((r) => [r.id, r.state, r.life?.since])])])]);
     if (sketch === this.sketch) return;
     this.sketch = sketch;
     $('picture').replaceChildren(picture(branches, this.model));
@@ -200,7 +193,7 @@ function fillRow(row, robot, now) {
     if (name === 'Robot') cell.className = deceives(robot.id) ? 'deceptive' : '';
     if (name === 'State') {
       cell.firstChild.firstChild.className = `dot ${order.includes(robot.state) ? robot.state : 'unknown'}`;
-      setText(cell.firstChild.lastChild, show(robot));
+      setText(cell.firstChild.lastChild, show(robot, now));
     } else if (show) setText(cell, show(robot, now));
   });
 }
@@ -233,25 +226,25 @@ function picture(branches, model) {
   const rowsOf = (robots) => Math.max(1, Math.ceil(robots.length / (robots.length > NAMED_IN_PICTURE ? 20 : 4)));
   const heights = branches.map(({ meshes }) => meshes.reduce((sum, [, m]) => sum + rowsOf(m.robots) * (m.robots.length > NAMED_IN_PICTURE ? cell : row) + 12, 0) || 44);
   const tall = Math.max(60, heights.reduce((a, b) => a + b, 0) + 24);
-  box(6, tall / 2, 'Broker', model.broker.state === 'up' ? 'online' : 'offline');
+  box(6, tall / 2, 'Broker', !model.isOpen ? 'unknown' : model.broker.state === 'up' ? 'online' : 'offline');
   branches.forEach(({ gateway, meshes }, i) => {
     const middle = y + heights[i] / 2 - 12;
-    const isUp = gateway.state?.state === 'online';
+    const isUp = isThere(gateway);
     join(142, tall / 2, 188, middle, !isUp);
-    box(188, middle, gateway.id, isUp ? 'online' : 'offline');
+    box(188, middle, gateway.id, isUp ? 'online' : gateway.life?.state === 'gone' ? 'offline' : 'unknown');
     for (const [mesh, { link, robots }] of meshes) {
       const isMany = robots.length > NAMED_IN_PICTURE;
       const height = rowsOf(robots) * (isMany ? cell : row);
       const at = y + height / 2 - 8;
       const isDown = link?.state === 'down';
       join(324, middle, 370, at, isDown || !isUp);
-      box(370, at, meshNames[mesh] ?? String(mesh), isDown ? 'offline' : 'online');
+      box(370, at, meshNames[mesh] ?? String(mesh), !isUp ? 'unknown' : isDown ? 'offline' : 'online');
       robots.forEach((robot, n) => {
         const across = isMany ? 20 : 4;
         const x = 530 + (n % across) * (isMany ? 16 : 84);
         const down = y + Math.floor(n / across) * (isMany ? cell : row) + (isMany ? 2 : 7);
         const dot = svg('circle', { cx: x, cy: down, r: 5, class: robot.state });
-        dot.append(svg('title', {}, `${robot.id}: ${robot.state}`));
+        dot.append(svg('title', {}, `${robot.id}: ${stateWords(robot, model.now())}`));
         nodes.append(dot);
         if (n === 0) join(506, at, x - 8, down, false);
         if (!isMany) nodes.append(svg('text', { x: x + 10, y: down + 4 }, cut(robot.id, 9)));

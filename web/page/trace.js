@@ -4,15 +4,10 @@ import { Histogram } from './charts.js';
 import { describe } from './decode.js';
 import { $, csv, element, keep, save, setText, stamp } from './dom.js';
 import { shown } from './shown.js';
+import { clock } from './words.js';
 
 const ROWS = 150;
 const MAX_TYPES = 50;
-
-const clock = (ms) => {
-  const time = new Date(ms);
-  const two = (n) => String(n).padStart(2, '0');
-  return `${two(time.getHours())}:${two(time.getMinutes())}:${two(time.getSeconds())}.${String(time.getMilliseconds()).padStart(3, '0')}`;
-};
 
 export class TraceView {
   constructor(model) {

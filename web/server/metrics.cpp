@@ -161,19 +161,10 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
   }
 }
 
-/// "2026-11-21T13:57:43.613Z" as Unix time.
 std::optional<double> unix_time(const std::string& iso8601) {
-  int year = 0, month = 0, day = 0, hour = 0, minute = 0;
-  double second = 0;
-  if (std::sscanf(iso8601.c_str(), "%4d-%2d-%2dT%2d:%2d:%lf", &year, &month, &day, &hour, &minute,
-                  &second) != 6)
-    return std::nullopt;
-  // Days since 1970 of the Gregorian calendar, years beginning in March.
-  const int months = (month + 9) % 12;
-  const int years = year - months / 10;
-  const int days =
-      365 * years + years / 4 - years / 100 + years / 400 + (months * 306 + 5) / 10 + day - 719469;
-  return days * 86400.0 + hour * 3600 + minute * 60 + second;
+  const auto ms = unix_ms(iso8601);
+  if (!ms) return std::nullopt;
+  return static_cast<double>(*ms) / 1000;
 }
 
 /// Of each mesh that the robot was on. A gateway of an older version has only the sums.
@@ -205,8 +196,9 @@ void add_quantiles(Exposition& out, Labels labels, const json& numbers) {
   }
 }
 
+/// `clock_ahead_s`: of the gateway, by whose clock both times are.
 void add_robot(Exposition& out, const Labels& robot, const json& numbers,
-               std::optional<double> heard) {
+               std::optional<double> heard, double clock_ahead_s) {
   Labels labels = robot;
   const std::string mesh = text(numbers, {"mesh"});
   labels.emplace_back("mesh", mesh);
@@ -226,7 +218,7 @@ void add_robot(Exposition& out, const Labels& robot, const json& numbers,
         "slamgw_robot_last_heard_timestamp_seconds",
         "When the robot was heard last: its last message here, or a later sign of life that its "
         "gateway reports every 10 s.",
-        labels, std::max(told.value_or(0), heard.value_or(0)));
+        labels, std::max(told.value_or(0), heard.value_or(0)) - clock_ahead_s);
 }
 
 json payload_of(const SharedText& message) {
@@ -239,42 +231,46 @@ json payload_of(const SharedText& message) {
 /// Reads each document once.
 class Gateways {
  public:
-  Gateways(const Topics& topics, const LastKnown& known, const LastHeard& heard)
-      : topics_(topics), known_(known), heard_(heard) {}
+  Gateways(const Topics& topics, const LastKnown& known, const Roster& roster,
+           const LastHeard& heard)
+      : topics_(topics), known_(known), roster_(roster), heard_(heard) {}
 
   void add_to(Exposition& out) {
-    for (const auto& [topic, message] : known_.topics()) {
-      const auto [name, rest] = topics_.gateway_topic(topic);
-      if (rest != "state") continue;
-      const bool is_up = is_online(payload_of(message));
-      if (!is_up) gone_.insert(name);
-      out.add("slamgw_gateway_up", "Whether the gateway is there.",
-              {{"gateway", std::string(name)}}, is_up ? 1 : 0);
+    for (const auto& entry : known_.topics()) {
+      const auto [name, rest] = topics_.gateway_topic(entry.first);
+      if (rest == "state") add_life(out, std::string(name));
     }
-    for (const auto& [topic, message] : known_.topics()) add_presence(out, topic, message);
+    for (const auto& entry : known_.topics()) add_presence(out, entry.first);
     for (const auto& [topic, message] : known_.topics()) add_document(out, topic, message);
   }
 
  private:
-  static bool is_online(const json& state) { return text(state, {"state"}) == "online"; }
+  void add_life(Exposition& out, const std::string& gateway) const {
+    const GatewayLife life = roster_.gateway(gateway);
+    out.add("slamgw_gateway_up", "Whether the gateway is there.", {{"gateway", gateway}},
+            life.state == "online" ? 1 : 0);
+    out.add("slamgw_gateway_clock_ahead_seconds",
+            "How far the gateway's clock is ahead of that of slam-gateway-web; 0 within a minute.",
+            {{"gateway", gateway}}, static_cast<double>(life.clock_ahead_ms) / 1000);
+  }
 
-  void add_presence(Exposition& out, std::string_view topic, const SharedText& message) {
+  /// Of several gateways only the one that tells where the robot is.
+  void add_presence(Exposition& out, std::string_view topic) {
     constexpr std::string_view robots = "robots/";
     const auto [gateway, rest] = topics_.gateway_topic(topic);
-    if (!rest.starts_with(robots) || gone_.contains(gateway)) return;
+    if (!rest.starts_with(robots) || roster_.gateway(gateway).state != "online") return;
     const std::string_view robot = rest.substr(robots.size());
-    const json presence = payload_of(message);
-    if (text(presence, {"state"}) == "offline") offline_.emplace(gateway, robot);
+    const RobotLife life = roster_.robot(robot);
+    if (life.gateway != gateway) return;
+    if (life.state == "offline") offline_.emplace(gateway, robot);
     out.add("slamgw_robot_online", "Whether the robot is there (1), or asleep or gone (0).",
-            {{"gateway", std::string(gateway)},
-             {"robot", std::string(robot)},
-             {"mesh", text(presence, {"mesh"})}},
-            is_online(presence) ? 1 : 0);
+            {{"gateway", std::string(gateway)}, {"robot", std::string(robot)}, {"mesh", life.mesh}},
+            life.state == "online" ? 1 : 0);
   }
 
   void add_document(Exposition& out, std::string_view topic, const SharedText& message) const {
     const auto [name, rest] = topics_.gateway_topic(topic);
-    if (gone_.contains(name)) return;
+    if (roster_.gateway(name).state != "online") return;
     const std::string gateway(name);
     if (rest == "stats") add_stats(out, gateway, payload_of(message));
     if (rest == "numbers") add_robots(out, gateway, payload_of(message));
@@ -287,15 +283,16 @@ class Gateways {
       // What came last of a robot that is offline is its last will.
       const bool is_offline = offline_.contains({gateway, robot});
       add_robot(out, {{"gateway", gateway}, {"robot", robot}}, values,
-                is_offline ? std::nullopt : heard_.at(robot, gateway));
+                is_offline ? std::nullopt : heard_.at(robot, gateway),
+                static_cast<double>(roster_.gateway(gateway).clock_ahead_ms) / 1000);
     }
   }
 
   const Topics& topics_;
   const LastKnown& known_;
+  const Roster& roster_;
   const LastHeard& heard_;
-  std::set<std::string_view> gone_;                                  ///< views of the topics
-  std::set<std::pair<std::string_view, std::string_view>> offline_;  ///< the same: gateway, robot
+  std::set<std::pair<std::string_view, std::string_view>> offline_;  ///< gateway, robot: in topics
 };
 
 }  // namespace
@@ -330,9 +327,10 @@ std::optional<double> LastHeard::at(std::string_view robot, std::string_view gat
 }
 
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
-                         const OutcomeCounts& outcomes, const LastHeard& heard) {
+                         const Roster& roster, const OutcomeCounts& outcomes,
+                         const LastHeard& heard) {
   Exposition gateways;
-  Gateways(topics, known, heard).add_to(gateways);
+  Gateways(topics, known, roster, heard).add_to(gateways);
   Exposition out;
   add_own(out, own);
   out.add("slamgw_web_left_out_samples", "Samples left out here because there are too many.", {},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `/metrics`: what the gateways publish about themselves, in Prometheus's text format 0.0.4. Pure.
 // Every name begins with `slamgw_`; seconds and bytes; counters end in `_total`. What a gateway
-// that is offline sent last is not shown as if it were current.
+// that is gone or silent sent last is not shown as if it were current.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@
 
 #include "web/server/last_known.hpp"
 #include "web/server/mirror.hpp"
+#include "web/server/roster.hpp"
 #include "web/server/topics.hpp"
 
 namespace slamgw::web {
@@ -65,6 +66,7 @@ class LastHeard {
 };
 
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
-                         const OutcomeCounts& outcomes, const LastHeard& heard);
+                         const Roster& roster, const OutcomeCounts& outcomes,
+                         const LastHeard& heard);
 
 }  // namespace slamgw::web

@@ -177,8 +177,9 @@ std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind)
 }
 
 std::string own_message(std::string_view name, std::string_view payload_json) {
-  std::string out = R"({"topic":"$web/)";
-  return out.append(name).append(R"(","payload":)").append(payload_json).append("}");
+  std::string out = R"({"topic":)";
+  append_json_text(out, std::string("$web/").append(name));
+  return out.append(R"(,"payload":)").append(payload_json).append("}");
 }
 
 std::variant<TokenOffer, CommandRequest, BadRequest> parse_page_message(std::string_view text) {

@@ -19,9 +19,9 @@ class PageQueue {
   /// About two seconds of a hundred robots: a page that is further behind is better off with what
   /// is new.
   static constexpr std::size_t max_event_bytes = 256 * 1024;
-  /// What LastKnown may hold, and more than half as much for what was taken back meanwhile. A page
-  /// that lets more wait is not there any more.
-  static constexpr std::size_t max_state_bytes = 32 << 20;
+  /// What LastKnown and Roster may hold, and more than half as much for what was taken back
+  /// meanwhile. A page that lets more wait is not there any more.
+  static constexpr std::size_t max_state_bytes = 40 << 20;
 
   /// Replaces the text of `topic` that waits, if one does. False when too many wait: the page is to
   /// be given up, for what it shows would be wrong for ever.

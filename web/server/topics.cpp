@@ -28,6 +28,11 @@ Topics::GatewayTopic Topics::gateway_topic(std::string_view topic) const {
   return {levels.substr(0, slash), levels.substr(slash + 1)};
 }
 
+std::string_view Topics::robot_of(std::string_view topic) const {
+  const std::string_view levels = below(topic, "/robot/");
+  return levels.substr(0, levels.find('/'));
+}
+
 bool Topics::is_command_topic(std::string_view topic) const {
   return TopicScheme(prefix_, "").parse_command_topic(topic).has_value();
 }

@@ -27,6 +27,8 @@ class Topics {
     std::string_view rest;
   };
   GatewayTopic gateway_topic(std::string_view topic) const;
+  /// `<id>` of a topic under `<prefix>/robot/`; empty for others.
+  std::string_view robot_of(std::string_view topic) const;
   /// Whether a page may publish here: `<prefix>/server/<id>/<type>` with two valid levels.
   bool is_command_topic(std::string_view topic) const;
   const std::string& prefix() const { return prefix_; }

@@ -573,9 +573,9 @@ pageTest('nonsense on the topics harms nothing', {}, async (page) => {
     await page.click(`#tab-${view}`);
     await page.waitForTimeout(700);
   }
-  assert.equal(await page.textContent('#link'), 'Live');
+  await world.publish('ntnu-slam/gateway/odd/state', '', '-r');
+  await until(page, () => document.querySelector('#link').textContent === 'Live');
 });
-
 
 pageTest('of more than a thousand robots the least recently heard makes room, and the page says that there are more', {}, async (page) => {
   await until(page, () => [...window.slamgw.model.robots.keys()].filter((id) => /^robot\d$/.test(id)).length === 6);
@@ -712,14 +712,36 @@ pageTest('slam-gateway-web goes and comes back, and the page is still unlocked',
   page.errors.length = 0; // the browser tells of each try
 });
 
-pageTest('a gateway that died comes first in what is wrong, with the remedy', { view: 'robots' }, async (page) => {
-  await until(page, () => document.querySelector('#gateways tbody').textContent.includes('online'));
+pageTest('* of a gateway that died nothing is shown as alive: its robots are unknown since then', { view: 'robots' }, async (page) => {
+  await until(page, () => document.querySelector('#gateways tbody').textContent.includes('MiB'));
   await world.end('daemon', 'SIGKILL');
-  await until(page, () => /^Gateway here is offline.*systemctl status slam-gateway/.test(document.querySelector('#problems li').textContent));
+  await until(page, () => /^Gateway here is gone since \d\d:\d\d.*systemctl status slam-gateway/.test(document.querySelector('#problems li').textContent));
+  await until(page, () => /^Gateway here is gone since \d\d:\d\d$/.test(document.querySelector('#link').textContent));
   await until(page, () => !document.querySelector('#trouble').hidden);
+  const states = () => page.$$eval('#table tbody tr', (rows) => rows.filter((row) => /^robot\d$/.test(row.cells[0].textContent)).map((row) => row.cells[1].textContent));
+  await eventually('no robot is online', async () => (await states()).filter((state) => /^unknown since \d\d:\d\d$/.test(state)).length === 6);
+  assert.equal(await page.$$eval('#picture circle.online', (all) => all.length), 1, 'the broker alone');
+  assert.deepEqual(await page.$$eval('#gateways tbody td', (cells) => cells.slice(3).map((cell) => cell.textContent)), Array(6).fill('–'));
+  await shot(page, 'gone.png');
+  await page.click('#tab-map');
+  assert.ok(await page.evaluate(() => [...window.slamgw.model.robots.values()].filter(({ id }) => /^robot\d$/.test(id)).every((robot) => robot.isGone)));
+  await shot(page, 'gone-map.png');
   assert.equal(await world.metric('slamgw_gateway_up'), 0);
+  assert.equal(await world.metric('slamgw_robot_online'), null);
   world.startDaemon();
-  await until(page, () => ![...document.querySelectorAll('#problems li')].some((line) => line.textContent.includes('Gateway here is offline')));
+  await until(page, () => document.querySelector('#link').textContent === 'Live');
+  await until(page, () => window.slamgw.model.robots.get('robot1').state === 'online');
+});
+
+pageTest('a gateway whose clock is 3 h ahead is told so, and its robots have been silent for no time', { view: 'robots' }, async (page) => {
+  const ahead = new Date(Date.now() + 3 * 3600e3).toISOString();
+  await world.publish('ntnu-slam/gateway/fast/state', JSON.stringify({ state: 'online', since: ahead }), '-r');
+  await world.publish('ntnu-slam/gateway/fast/robots/early', JSON.stringify({ state: 'online', mesh: 'ble', since: ahead, last_seen: ahead }), '-r');
+  await until(page, () => /The clock of gateway fast is 3 h ahead/.test(document.querySelector('#problems').textContent));
+  const row = await page.locator('#table tbody tr', { hasText: 'early' }).textContent();
+  assert.match(row, /online.*fast.*\d s/);
+  for (const topic of ['robots/early', 'state']) await world.publish(`ntnu-slam/gateway/fast/${topic}`, '', '-r');
+  await until(page, () => document.querySelector('#link').textContent === 'Live');
 });
 
 test('every program has ended well at the end, with pages open', async () => {

@@ -58,6 +58,12 @@ double cpu_seconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
+/// The clock of BrokerMessage::at_ms.
+std::int64_t now_ms() {
+  using namespace std::chrono;
+  return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
+}
+
 SharedText share(std::string text) { return std::make_shared<const std::string>(std::move(text)); }
 
 std::vector<std::string> filters(const std::string& prefix) {
@@ -75,13 +81,16 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, Tokens token
       known_(fmt::format("{}/gateway/{}/", config.topics.prefix, config.gateway_id)),
       own_{.version = std::move(version)},
       io_(io),
+      roster_timer_(io),
       link_(io, config.broker, filters(config.topics.prefix),
             {[this](const BrokerMessage& message) { on_message(message); },
              [this](bool is_up, const std::string& why) { on_broker(is_up, why); },
              [this](std::uint64_t command, const std::string& why) { on_refused(command, why); },
              [this](const std::string& filter, const std::string& why) {
                on_unreadable(filter, why);
-             }}) {}
+             }}) {
+  update_roster_later();
+}
 
 std::string PageHub::locked_greeting() {
   return own_message("hello", R"({"takes_token":true,"needs_token":true})");
@@ -92,6 +101,7 @@ void PageHub::join(PageConnection& page) {
   page.send_state("$web/hello", share(greeting()));
   page.send_state("$web/broker", share(broker_state()));
   for (const auto& [topic, text] : known_.topics()) page.send_state(topic, text);
+  for (const auto& [name, text] : roster_.texts()) page.send_state("$web/" + name, text);
 }
 
 void PageHub::leave(PageConnection& page) {
@@ -123,11 +133,17 @@ void PageHub::on_message(const BrokerMessage& message) {
     const auto [gateway, rest] = topics_.gateway_topic(message.topic);
     if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
   }
+  if (kind == TopicKind::robot && !message.is_retained)
+    roster_.on_robot_message(topics_.robot_of(message.topic), message.gateway, message.received_at,
+                             message.at_ms);
   if (kind != TopicKind::state && pages_.empty()) return;
   auto page_text = to_page(message, kind);
   if (kind == TopicKind::foreign || !page_text) return;
   const SharedText text = share(std::move(*page_text));
   if (kind == TopicKind::state && !keep(message, text)) return;
+  if (kind == TopicKind::state)
+    roster_.on_document(topics_.gateway_topic(message.topic), message.payload, message.at_ms,
+                        message.is_retained);
   for (PageConnection* page : pages_) {
     if (kind == TopicKind::state)
       page->send_state(message.topic, text);
@@ -147,6 +163,20 @@ bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
   return true;
 }
 
+void PageHub::update_roster() {
+  for (const auto& [name, text] : roster_.update(now_ms()))
+    for (PageConnection* page : pages_) page->send_state("$web/" + name, text);
+}
+
+void PageHub::update_roster_later() {
+  roster_timer_.expires_after(roster_period);
+  roster_timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    update_roster();
+    update_roster_later();
+  });
+}
+
 /// What was withdrawn while the connection was away is unknown: all states come again now.
 void PageHub::reset_pages() {
   known_.forget_all();
@@ -157,6 +187,10 @@ void PageHub::reset_pages() {
 void PageHub::on_broker(bool is_up, const std::string& why) {
   own_.broker_is_connected = is_up;
   why_ = why;
+  if (is_up)
+    roster_.on_broker_found();
+  else
+    roster_.on_broker_lost(now_ms());
   if (is_up && std::exchange(was_connected_, true)) reset_pages();
   if (is_up)
     log_event(Severity::notice, "connected to the broker at " + broker_);
@@ -218,15 +252,17 @@ std::shared_ptr<void> PageHub::begin_scrape() {
 }
 
 void PageHub::make_metrics(std::function<void(std::string)> done) {
+  update_roster();
   own_.pages = pages_.size();
   own_.wrong_tokens = guesses_.total();
   own_.messages_dropped = dropped_by_gone_;
   for (const PageConnection* page : pages_) own_.messages_dropped += page->dropped();
   own_.cpu_seconds = cpu_seconds();
   own_.resident_bytes = resident_bytes();
-  boost::asio::post(metrics_thread_, [this, own = own_, known = known_, outcomes = outcomes_,
-                                      heard = heard_, done = std::move(done)]() mutable {
-    std::string text = metrics_text(own, topics_, known, outcomes, heard);
+  boost::asio::post(metrics_thread_, [this, own = own_, known = known_, roster = roster_,
+                                      outcomes = outcomes_, heard = heard_,
+                                      done = std::move(done)]() mutable {
+    std::string text = metrics_text(own, topics_, known, roster, outcomes, heard);
     boost::asio::post(
         io_, [text = std::move(text), done = std::move(done)]() mutable { done(std::move(text)); });
   });

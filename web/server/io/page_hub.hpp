@@ -5,6 +5,7 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <deque>
 #include <functional>
@@ -19,6 +20,7 @@
 #include "web/server/metrics.hpp"
 #include "web/server/page_session.hpp"
 #include "web/server/places.hpp"
+#include "web/server/roster.hpp"
 #include "web/server/topics.hpp"
 
 namespace slamgw::web {
@@ -29,6 +31,8 @@ class PageHub {
  public:
   /// Each page costs a copy of all traffic on the wire. A lab has a handful.
   static constexpr std::size_t max_pages = 32;
+  /// Who is alive is decided so often, however much comes.
+  static constexpr std::chrono::milliseconds roster_period{250};
 
   PageHub(boost::asio::io_context& io, const Config& config, Tokens tokens, std::string version);
 
@@ -67,6 +71,8 @@ class PageHub {
   void send_broker_state();
   /// Whether pages get it: false where there is no room, or when it withdraws what was not known.
   bool keep(const BrokerMessage& message, const SharedText& text);
+  void update_roster();
+  void update_roster_later();
   void reset_pages();
   std::string greeting() const;
   std::string broker_state() const;
@@ -79,6 +85,7 @@ class PageHub {
   bool was_connected_ = false;
   std::map<std::string, std::string> unreadable_;  ///< filters that the broker refuses: why
   LastKnown known_;
+  Roster roster_;
   OutcomeCounts outcomes_;
   LastHeard heard_;
   OwnNumbers own_;
@@ -90,6 +97,7 @@ class PageHub {
   std::deque<std::pair<std::uint64_t, std::string>> sent_;  ///< topics of the newest commands
   std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);
   boost::asio::io_context& io_;
+  boost::asio::steady_timer roster_timer_;
   BrokerLink link_;
   boost::asio::thread_pool metrics_thread_{1};
 };
