@@ -17,7 +17,7 @@ namespace slamgw {
 namespace {
 
 using Row = std::map<std::string, Robot>::value_type;
-constexpr std::size_t usual_row_octets = 224;
+constexpr std::size_t usual_row_octets = 256;
 
 /// All of them, or those that were heard last.
 std::vector<const Row*> choose(const std::map<std::string, Robot>& robots) {
@@ -66,16 +66,17 @@ void append(const Row& row, TimePoint now, fmt::memory_buffer& text) {
     p50 = latency->p50.count();
     p99 = latency->p99.count();
   }
-  std::optional<int> rssi_dbm;
-  if (robot.radio) rssi_dbm = robot.radio->rssi_dbm;
+  const RadioFacts radio = robot.radio.value_or(RadioFacts{});
   const auto hundredths = static_cast<unsigned>(robot.numbers.rate_hz(now) * 100 + 0.5);
   fmt::format_to(
       std::back_inserter(text),
-      FMT_COMPILE(R"({}:{{"up":{},"down":{},"repeats":{},"rate_hz":{}.{:02},"latency_p50_us":{},)"
-                  R"("latency_p99_us":{},"rssi_dbm":{},"last_heard":"{}","mesh":"{}")"),
+      FMT_COMPILE(R"({}:{{"up":{},"down":{},"repeats":{},"gaps":{},"rate_hz":{}.{:02},)"
+                  R"("latency_p50_us":{},"latency_p99_us":{},"rssi_dbm":{},"hops":{},"ttl":{},)"
+                  R"("last_heard":"{}","mesh":"{}")"),
       quoted(id), robot.numbers.up(), robot.numbers.down(), robot.numbers.repeats(),
-      hundredths / 100, hundredths % 100, or_null(p50), or_null(p99), or_null(rssi_dbm),
-      to_iso8601(robot.last_seen), to_string(robot.mesh()));
+      robot.numbers.gaps(), hundredths / 100, hundredths % 100, or_null(p50), or_null(p99),
+      or_null(radio.rssi_dbm), or_null(radio.hops), or_null(radio.ttl), to_iso8601(robot.last_seen),
+      to_string(robot.mesh()));
   append_meshes(robot, text);
 }
 

@@ -30,8 +30,8 @@ TEST(NumbersText, IsWhatTheDocumentationSays) {
   for (int i = 0; i < 2; ++i) robot.numbers.on_down(4);
   robot.numbers.on_repeat();
   EXPECT_EQ(read(robots), json::parse(R"({"robots": {"r": {"up": 7, "down": 2,
-      "repeats": 1, "rate_hz": 1.4, "latency_p50_us": null, "latency_p99_us": null,
-      "rssi_dbm": null, "last_heard": "2023-11-14T22:13:20Z", "mesh": "ble",
+      "repeats": 1, "gaps": 0, "rate_hz": 1.4, "latency_p50_us": null, "latency_p99_us": null,
+      "rssi_dbm": null, "hops": null, "ttl": null, "last_heard": "2023-11-14T22:13:20Z", "mesh": "ble",
       "meshes": {"ble": {"up": 6, "down": 0, "repeats": 0},
                  "thread": {"up": 1, "down": 2, "repeats": 1}}}}})"));
   for (int i = 0; i < 98; ++i) robot.numbers.on_safe(1500us, now);
@@ -41,6 +41,8 @@ TEST(NumbersText, IsWhatTheDocumentationSays) {
   EXPECT_EQ(row["latency_p50_us"], 1500);
   EXPECT_EQ(row["latency_p99_us"], 9000);
   EXPECT_EQ(row["rssi_dbm"], -61);
+  EXPECT_EQ(row["hops"], 2);
+  EXPECT_EQ(row["ttl"], 3);
 }
 
 TEST(NumbersText, RoundsRatesToHundredths) {

@@ -64,3 +64,50 @@ export class Histogram {
     context.fillText(highest > 1 ? `${highest}` : '', 0, 10);
   }
 }
+
+// One robot's last 24 hours: bars of the share that it was online, and lines of its signal and latency; a tick for each
+// slot with repeats or gaps. Hours before the program started stay empty.
+const DAY_MS = 24 * 3600000;
+export function drawDay({ context, width, height }, day, now, hasSignal) {
+  const rows = [['online', 'Online'], ...(hasSignal ? [['rssi_dbm', 'Signal']] : []), ['latency_us', 'Latency p50'], ['repeats', 'Repeats'], ['gaps', 'Gaps']];
+  const tall = (height - 18) / rows.length;
+  const x = (slot) => width * (1 - (now - day.from - slot * day.slot_ms) / DAY_MS);
+  context.font = '11px system-ui, "DejaVu Sans", sans-serif';
+  rows.forEach(([key, label], row) => {
+    const values = day[key] ?? [];
+    const top = row * tall + 15;
+    const base = (row + 1) * tall;
+    const seen = values.filter(Number.isFinite);
+    const [low, high] = key === 'online' ? [0, 100] : key === 'rssi_dbm' ? [-100, -30] : [0, Math.max(1, ...seen)];
+    const y = (value) => base - (Math.max(low, Math.min(high, value)) - low) / (high - low) * (base - top);
+    const step = Math.max(1.5, width * day.slot_ms / DAY_MS - 1);
+    context.fillStyle = context.strokeStyle = colour(key === 'online' ? '--good' : key === 'repeats' || key === 'gaps' ? '--warn' : '--accent');
+    if (key === 'rssi_dbm' || key === 'latency_us') line(context, values, (i) => Math.min(width - 1, x(i + 0.5)), y);
+    else values.forEach((value, i) => value > 0 && context.fillRect(x(i), y(value), Math.min(step, width - x(i)), base - y(value)));
+    if (key === 'online') { // what it was not online: a thin mark, so that it differs from what nobody saw
+      context.fillStyle = colour('--bad');
+      values.forEach((value, i) => value !== null && value < 100 && context.fillRect(x(i), base - 2, Math.min(step, width - x(i)), 2));
+    }
+    context.fillStyle = colour('--line');
+    context.fillRect(0, base, width, 1);
+    context.fillStyle = colour('--muted');
+    context.fillText(`${label}${seen.length && key !== 'online' ? `  ${newest(key, seen)}` : ''}`, 0, top - 4);
+  });
+  for (let hours = 24; hours >= 0; hours -= 6) {
+    const text = hours ? `−${hours} h` : 'now';
+    const at = width * (1 - hours / 24) - (hours === 24 ? 0 : hours ? context.measureText(text).width / 2 : context.measureText(text).width);
+    context.fillText(text, at, height - 4);
+  }
+}
+const newest = (key, seen) => (key === 'rssi_dbm' ? `${seen.at(-1)} dBm` : key === 'latency_us' ? `${(seen.at(-1) / 1000).toFixed(1)} ms` : String(seen.reduce((a, b) => a + b, 0)));
+// Points beside each other are joined; one alone is a dot.
+function line(context, values, x, y) {
+  context.lineWidth = 1.5;
+  context.beginPath();
+  values.forEach((value, i) => {
+    if (!Number.isFinite(value)) return;
+    if (Number.isFinite(values[i - 1])) context.lineTo(x(i), y(value));
+    else context.moveTo(x(i) - 1, y(value)), context.lineTo(x(i), y(value));
+  });
+  context.stroke();
+}

@@ -5,6 +5,7 @@ import { $, attempt, csv, element, keep, save, setText, stamp, toast } from './d
 import { Link } from './link.js';
 import { WorldMap } from './map.js';
 import { Model } from './model.js';
+import { RobotView, rightsWords } from './robot.js';
 import { RobotsView, goneWords, isThere, problems } from './robots.js';
 import { shown } from './shown.js';
 import { TraceView } from './trace.js';
@@ -25,9 +26,15 @@ const map = new WorldMap($('world'), model, {
     return { left: isBelow ? 0 : side.width + 14, top: 56, bottom: isBelow ? side.height : 0 };
   },
 });
-const robotsView = new RobotsView(model, (id) => {
-  show('map');
-  choose(model.robots.get(id));
+const hashOf = (id) => `#/robot/${encodeURIComponent(id)}`;
+const robotsView = new RobotsView(model, (id) => { location.hash = hashOf(id); });
+const robotView = new RobotView(model, {
+  send,
+  ask: (robots) => link.say('$web/history', robots),
+  point: (robot) => {
+    show('map');
+    choose(robot);
+  },
 });
 const traceView = new TraceView(model);
 model.onRay = (...ray) => map.grid.ray(...ray);
@@ -55,7 +62,7 @@ const link = new Link({
 });
 
 function takeOwn({ topic, payload }) {
-  if (/^.web.(robot|gateway)\//.test(topic)) return;
+  if (/^.web.(robot.|gateway.|history)/.test(topic)) return;
   drawLink();
   if (topic === '$web/hello' && model.isLocked && !link.hasToken()) askToken();
   if (topic !== '$web/token') return;
@@ -145,8 +152,9 @@ function drawPilot() {
   $('pilot').hidden = !robot;
   if (!robot) return;
   setText($('pilot-name'), robot.id);
+  $('pilot-name').href = hashOf(robot.id);
   setText($('pilot-pose'), robot.pose ? `${robot.pose.x.toFixed(0)}, ${robot.pose.y.toFixed(0)} cm` : '');
-  setText($('pilot-hint'), !robot.best ? 'No gateway serves it: commands will not arrive.' : model.maySend ? 'Click on the map to send it there.' : model.holder ? 'Your token may watch, and send no commands.' : model.takesToken ? 'To send commands, unlock this page.' : 'This page only watches.');
+  setText($('pilot-hint'), rightsWords(robot, model) || 'Click on the map to send it there.');
   keep($('outcomes'), robot.outcomes.length, () => element('li'));
   robot.outcomes.forEach((command, i) => {
     const line = $('outcomes').children[i];
@@ -198,21 +206,40 @@ $('token-form').addEventListener('submit', (event) => {
 
 // ---- views, theme, keys
 let view = 'map';
+// `name`: one of VIEWS, or `robot`, which belongs to the tab of all robots.
 function show(name) {
   view = name;
+  const tab = name === 'robot' ? 'robots' : name;
   for (const each of VIEWS) {
     $(each).hidden = each !== name;
-    $(`tab-${each}`).setAttribute('aria-selected', each === name);
-    $(`tab-${each}`).tabIndex = each === name ? 0 : -1;
+    $(`tab-${each}`).setAttribute('aria-selected', each === tab);
+    $(`tab-${each}`).tabIndex = each === tab ? 0 : -1;
   }
+  $('robot').hidden = name !== 'robot';
   map.setVisible(name === 'map');
-  if (location.hash !== `#${name}`) history.replaceState(null, '', `#${name}`);
+  if (name !== 'robot' && location.hash !== `#${name}`) history[location.hash ? 'pushState' : 'replaceState'](null, '', `#${name}`);
   drawTables();
+}
+function follow() {
+  const [, id] = location.hash.match(/^#\/robot\/(.+)$/) ?? [];
+  if (id) {
+    robotView.show(decoded(id));
+    show('robot');
+  } else show(VIEWS.includes(location.hash.slice(1)) ? location.hash.slice(1) : 'map');
+}
+// What somebody has typed may be no URI.
+function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
 }
 function drawTables() {
   attempt(() => model.expire(), drawTrouble, drawLink);
   if (view === 'map') attempt(drawList, drawPilot, () => map.fade());
   if (view === 'robots') robotsView.draw();
+  if (view === 'robot') attempt(() => robotView.draw());
   if (view === 'trace' && !traceView.isPaused) attempt(() => traceView.draw());
 }
 function setTheme(theme) {
@@ -231,7 +258,8 @@ for (const name of VIEWS) $(`tab-${name}`).addEventListener('click', () => show(
 document.querySelector('nav').addEventListener('keydown', (event) => {
   const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
   if (!by) return;
-  show(VIEWS[(VIEWS.indexOf(view) + by + VIEWS.length) % VIEWS.length]);
+  const at = VIEWS.indexOf(view === 'robot' ? 'robots' : view);
+  show(VIEWS[(at + by + VIEWS.length) % VIEWS.length]);
   $(`tab-${view}`).focus();
 });
 
@@ -297,7 +325,7 @@ const ON_MAP = {
 };
 document.addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector('dialog[open]')) return;
-  if (event.target.matches('input[type="search"], input[type="password"], select')) return;
+  if (event.target.matches('input:not([type="checkbox"]), select')) return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   if (key === '?') return $('keys-dialog').showModal();
   if (VIEWS[key - 1]) return show(VIEWS[key - 1]);
@@ -312,8 +340,10 @@ document.addEventListener('keydown', (event) => {
 });
 
 setTheme(storedTheme());
-show(VIEWS.includes(location.hash.slice(1)) ? location.hash.slice(1) : 'map');
+addEventListener('hashchange', follow);
+addEventListener('popstate', follow);
+follow();
 drawLink();
 setInterval(drawTables, TABLES_MS);
 document.addEventListener('visibilitychange', () => map.setVisible(!document.hidden && view === 'map'));
-window.slamgw = { model, map, traceView, robotsView }; // for the console, and for tests
+window.slamgw = { model, map, traceView, robotsView, robotView }; // for the console, and for tests

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page knows: robots, gateways, the newest messages. Bounded; no drawing here. Robots' names are keys of
 // Maps, never of objects, and are shown as text only.
-import { decodeUpdate } from './decode.js';
+import { decodeUpdate, describe } from './decode.js';
 
 export const MAX_ROBOTS = 1000;
 const MAX_LEFT_OUT = 20000; // robots that are not kept: their names and presence are
@@ -11,6 +11,7 @@ const LOOK_MS = 1000; // between two searches for the quiet ones
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
 const MAX_MESSAGES = 3000;
+const MAX_COMMANDS = 20; // of one robot
 const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
 const MAX_GATEWAYS = 100;
 const SECONDS = 60;
@@ -84,6 +85,8 @@ export class Robot {
     this.trail = [];
     this.outcomes = [];
     this.pending = [];
+    this.commands = []; // whoever sent them, newest last: {at, type, text, outcome, after, why}
+    this.day = null; // its last 24 hours, as the program has seen them
     this.setOrigin(origin);
   }
 
@@ -267,7 +270,10 @@ export class Model {
     const rest = message.topic.slice(this.prefix.length + 1).split('/');
     const branch = rest.shift();
     if (branch === 'robot') this.takeRobot(message, rest[0], rest.slice(1).join('/'));
-    else if (branch === 'server') this.note(message, 'to robot', rest[0], rest.slice(1).join('/'));
+    else if (branch === 'server') {
+      this.note(message, 'to robot', rest[0], rest.slice(1).join('/'));
+      if (!message.retain) this.noteCommand(rest[0], { at: message.at, type: rest[1], text: `${rest[1]}: ${describe(message, rest[1])}` });
+    }
     else if (branch === 'gateway') this.takeGateway(message, rest[0], rest[1], rest.slice(2).join('/'));
   }
 
@@ -296,6 +302,9 @@ export class Model {
     else if (name.startsWith('gateway/')) {
       const gateway = this.gateway(name.slice(8));
       if (gateway) gateway.life = said;
+    } else if (name === 'history') {
+      const robot = this.robots.get(said.robot);
+      if (robot) robot.day = said;
     } else if (name === 'broker') this.broker = said;
     else if (name === 'token') {
       this.holder = said.accepted ? said.name : '';
@@ -337,7 +346,7 @@ export class Model {
     else if (what === 'stats') gateway.stats = said;
     else if (what === 'numbers') this.takeNumbers(id, said);
     else if (what === 'robots') this.takePresence(id, rest, said);
-    else if (what === 'commands' && said) this.takeOutcome(rest, said);
+    else if (what === 'commands' && said) this.takeOutcome(rest, said, message.at);
     if (what !== 'stats' && what !== 'numbers') this.note(shortened(message), `gateway ${id}`, rest.split('/')[0], what);
   }
   takeNumbers(gateway, said) {
@@ -361,8 +370,17 @@ export class Model {
     robot.outcomes.unshift(command);
     robot.outcomes.length = Math.min(robot.outcomes.length, 5);
   }
-  takeOutcome(id, said) {
+  noteCommand(id, command) {
     const robot = this.robots.get(id);
+    robot?.commands.push(command);
+    if (robot?.commands.length > MAX_COMMANDS) robot.commands.shift();
+  }
+  takeOutcome(id, said, time) {
+    const robot = this.robots.get(id);
+    const noted = robot?.commands.find((command) => command.type === said.type && !command.outcome);
+    const ended = { outcome: said.outcome, after: said.after_ms, why: said.why };
+    if (noted) Object.assign(noted, ended);
+    else this.noteCommand(id, { at: time, type: said.type, text: said.type, ...ended });
     const at = robot ? robot.pending.findIndex((command) => command.type === said.type) : -1;
     if (at >= 0) this.end(robot, at, said.outcome, said.after_ms, said.why);
   }

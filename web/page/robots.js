@@ -184,7 +184,7 @@ function newRow() {
   const cells = COLUMNS.map(([name, , , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }));
   cells[1].append(element('span', { class: 'state' }, element('span', { class: 'dot' }), element('span')));
   cells[4].append(element('canvas'));
-  return element('tr', { tabindex: 0, title: 'Show it on the map' }, ...cells);
+  return element('tr', { tabindex: 0, title: 'All about it' }, ...cells);
 }
 function fillRow(row, robot, now) {
   row.robot = robot.id;

@@ -137,6 +137,18 @@ const std::string* text_of(const json& object, const char* key) {
   return found == object.end() ? nullptr : found->get_ptr<const std::string*>();
 }
 
+HistoryRequest parse_history_request(const json& document) {
+  HistoryRequest request;
+  const auto robots = document.find("payload");
+  if (robots == document.end() || !robots->is_array()) return request;
+  for (const json& robot : *robots) {
+    const auto* id = robot.get_ptr<const std::string*>();
+    if (id != nullptr && request.robots.size() < HistoryRequest::max_robots)
+      request.robots.push_back(*id);
+  }
+  return request;
+}
+
 }  // namespace
 
 void append_json_text(std::string& out, std::string_view utf8) {
@@ -182,12 +194,14 @@ std::string own_message(std::string_view name, std::string_view payload_json) {
   return out.append(R"(,"payload":)").append(payload_json).append("}");
 }
 
-std::variant<TokenOffer, CommandRequest, BadRequest> parse_page_message(std::string_view text) {
+std::variant<TokenOffer, CommandRequest, HistoryRequest, BadRequest> parse_page_message(
+    std::string_view text) {
   constexpr const char* shape = R"(not {"topic": "...", "payload": "..."})";
   if (text.size() > max_page_message) return BadRequest{"too long"};
   const json document = json::parse(text, nullptr, false);
   if (!document.is_object()) return BadRequest{shape};
   const std::string* topic = text_of(document, "topic");
+  if (topic != nullptr && *topic == "$web/history") return parse_history_request(document);
   const std::string* payload = text_of(document, "payload");
   if (topic == nullptr || payload == nullptr) return BadRequest{shape};
   if (*topic == "$web/token") return TokenOffer{*payload};

@@ -18,6 +18,7 @@
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include "web/server/topics.hpp"
 
@@ -58,10 +59,17 @@ struct CommandRequest {
   std::string payload;
   std::string sender{};  ///< the token's name, and the client
 };
+/// For what History knows of these robots.
+struct HistoryRequest {
+  static constexpr std::size_t max_robots = 40;
+  std::vector<std::string> robots;
+};
 struct BadRequest {
   std::string why;
 };
-/// {"topic": "$web/token", "payload": "..."} or {"topic", "payload", "encoding": "text" | "hex"}.
-std::variant<TokenOffer, CommandRequest, BadRequest> parse_page_message(std::string_view text);
+/// {"topic": "$web/token", "payload": "..."}, {"topic": "$web/history", "payload": [ids]} or
+/// {"topic", "payload", "encoding": "text" | "hex"}.
+std::variant<TokenOffer, CommandRequest, HistoryRequest, BadRequest> parse_page_message(
+    std::string_view text);
 
 }  // namespace slamgw::web

@@ -11,6 +11,8 @@ PageSession::Reaction PageSession::on_text(std::string_view text, TimePoint now)
   if (const auto* offer = std::get_if<TokenOffer>(&message)) return on_token(*offer, now);
   if (auto* command = std::get_if<CommandRequest>(&message))
     return on_command(std::move(*command), now);
+  if (auto* request = std::get_if<HistoryRequest>(&message))
+    return on_history(std::move(*request), now);
   return {refusal("", std::get<BadRequest>(message).why)};
 }
 
@@ -56,6 +58,12 @@ PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint 
   if (!take_turn(now)) return {refusal(command.topic, "too many commands at once")};
   command.sender = holder_->name + ", page at " + client_.name;
   return {"", std::move(command)};
+}
+
+PageSession::Reaction PageSession::on_history(HistoryRequest request, TimePoint now) {
+  Reaction reaction;
+  if (may_watch() && take_turn(now)) reaction.history = std::move(request.robots);
+  return reaction;
 }
 
 bool PageSession::take_turn(TimePoint now) {

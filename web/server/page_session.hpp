@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "web/server/mirror.hpp"
 #include "web/server/tokens.hpp"
@@ -32,7 +33,8 @@ class PageSession {
   struct Reaction {
     std::string reply;  ///< for the page; empty: none
     std::optional<CommandRequest> publish{};
-    bool ends = false;  ///< the connection, after the reply
+    std::vector<std::string> history{};  ///< robots of which the page wants to know more
+    bool ends = false;                   ///< the connection, after the reply
     /// The reply waits this long. The connection keeps its place until then, even when the client
     /// has gone: else one that guesses would come again at once.
     std::chrono::seconds delay{};
@@ -46,6 +48,7 @@ class PageSession {
   Reaction on_token(const TokenOffer& offer, TimePoint now);
   Reaction on_wrong_token(TimePoint now);
   Reaction on_command(CommandRequest command, TimePoint now);
+  Reaction on_history(HistoryRequest request, TimePoint now);
   bool take_turn(TimePoint now);
 
   const Topics& topics_;

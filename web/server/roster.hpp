@@ -66,6 +66,10 @@ class Roster {
 
   GatewayLife gateway(std::string_view id) const;
   RobotLife robot(std::string_view id) const;
+  template <class Visitor>
+  void each_robot(Visitor&& visit) const {
+    for (const auto& [id, robot] : robots_) visit(id, robot.life);
+  }
   /// Beside what gateways say, messages that came here are signs of life.
   std::int64_t last_heard_ms(std::string_view id) const;
 

@@ -557,11 +557,56 @@ pageTest('a first visitor without robots is told what to do', {}, async (page) =
   await until(page, () => /^No gateway has been heard/.test(document.querySelector('#empty-hint').textContent));
 });
 
-pageTest('a robot is chosen from the table by the keyboard', { view: 'robots' }, async (page) => {
+// ---- the page of one robot
+
+pageTest('a robot’s page is opened from the table by the keyboard, and has a URL of its own', { view: 'robots' }, async (page) => {
   await until(page, () => document.querySelectorAll('#table tbody tr').length >= 6);
   await page.focus('#table tbody tr');
   await page.keyboard.press('Enter');
-  await until(page, () => !document.querySelector('#map').hidden && window.slamgw.map.chosen !== null);
+  await until(page, () => !document.querySelector('#robot').hidden && location.hash === '#/robot/robot1');
+  await page.reload();
+  await until(page, () => document.querySelector('#robot-name').textContent === 'robot1' && document.querySelector('#robot-state').textContent === 'online');
+  await page.goBack();
+  await until(page, () => !document.querySelector('#robots').hidden);
+});
+
+for (const [robot, mesh] of [['robot1', 'Thread'], ['robot5', 'BLE Mesh']]) {
+  pageTest(`* the page of a robot on ${mesh} has its numbers and messages, and commands it by typed places`, { view: `/robot/${robot}`, unlocked: true }, async (page) => {
+    await until(page, () => document.querySelectorAll('#said tbody tr').length >= 10 && /\d (ms|dBm)/.test(document.querySelector('#facts').textContent));
+    const facts = Object.fromEntries(await page.$$eval('#facts > div', (all) => all.map((one) => [...one.children].map((part) => part.textContent))));
+    assert.deepEqual([facts.State, facts.Mesh, facts.Gateway], ['online', mesh, 'here']);
+    if (mesh === 'BLE Mesh') assert.match(facts.Signal + facts.Hops + facts['TTL on arrival'], /^-\d+ dBm(\d|not known)\d$/);
+    else assert.match(`${facts.Signal} ${facts['Latency p50, p99']}`, /^undefined [\d.]+ ms, [\d.]+ ms$/);
+    const sent = await world.subscribe(`ntnu-slam/server/${robot}/#`);
+    await page.fill('#send-x', '-12');
+    await page.fill('#send-y', '34');
+    await page.keyboard.press('Enter');
+    await until(page, () => /cmd: go to \(-12, 34\).*delivered after \d+ ms/.test(document.querySelector('#commands tbody').textContent));
+    await page.click('#robot-stop');
+    await until(page, () => /run: stop.*delivered/.test(document.querySelector('#commands tbody tr').textContent));
+    await page.click('#robot-start');
+    await until(page, () => /run: start.*delivered/.test(document.querySelector('#commands tbody tr').textContent));
+    sent.stop();
+    assert.deepEqual(sent.lines.map((line) => line.split(' ')[1]), ['f4ff2200', '73746f70', '7374617274']);
+    await until(page, (id) => window.slamgw.model.robots.get(id).day?.online.at(-1) > 0 && /^online \d+ %/.test(document.querySelector('#day-words').textContent), robot);
+    await shot(page, `page-${robot}.png`);
+    await page.context().grantPermissions(['clipboard-read', 'clipboard-write']);
+    await page.click('#lines li:first-child button');
+    await eventually('it is copied', async () => await page.evaluate(() => navigator.clipboard.readText()) === `slam-gatewayctl doctor ${robot}`);
+    await page.click('#robot-point');
+    await until(page, (id) => !document.querySelector('#map').hidden && window.slamgw.map.chosen.id === id, robot);
+  });
+}
+
+pageTest('a name with a quotation mark is quoted in the lines to copy, and one that deceives is in none', {}, async (page) => {
+  await world.update("it's", 1, 2);
+  await world.update('r\u043ebot1', 1, 2);
+  await page.goto(`${world.url}#/robot/it's`);
+  await until(page, () => document.querySelector('#lines code')?.textContent === "slam-gatewayctl doctor 'it'\\''s'");
+  await page.goto(`${world.url}#/robot/r%D0%BEbot1`);
+  await until(page, () => document.querySelectorAll('#lines li').length === 0 && !document.querySelector('#no-lines').hidden);
+  await page.goto(`${world.url}#/robot/%E0%A4%A`);
+  await until(page, () => document.querySelector('#robot-state').textContent.startsWith('No robot of this name'));
 });
 
 pageTest('nonsense on the topics harms nothing', {}, async (page) => {

@@ -16,7 +16,7 @@ export const bin = process.env.SLAMGW_BIN;
 export const keepDirectory = process.env.SLAMGW_KEEP;
 export const token = 'a-token-of-the-tests-0123456789';
 const run = promisify(execFile);
-export const PATIENCE_MS = 90000; // machines are shared; a passing test never waits for it
+export const PATIENCE_MS = Number(process.env.SLAMGW_PATIENCE_MS ?? 90000); // machines are shared; a passing test never waits for it
 
 export async function eventually(what, check) {
   const end = Date.now() + PATIENCE_MS;

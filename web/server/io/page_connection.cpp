@@ -69,6 +69,8 @@ void PageConnection::on_text(const std::string& text) {
     delay_.cancel();
   }
   if (reaction.publish) reaction.reply = hub_.publish(*reaction.publish);
+  for (const std::string& robot : reaction.history)
+    send_state("$web/history/" + robot, hub_.history_of(robot));
   if (reaction.delay > std::chrono::seconds{0})
     answer_later(std::move(reaction));
   else

@@ -141,15 +141,23 @@ void PageHub::on_message(const BrokerMessage& message) {
   if (kind == TopicKind::foreign || !page_text) return;
   const SharedText text = share(std::move(*page_text));
   if (kind == TopicKind::state && !keep(message, text)) return;
-  if (kind == TopicKind::state)
-    roster_.on_document(topics_.gateway_topic(message.topic), message.payload, message.at_ms,
-                        message.is_retained);
+  if (kind == TopicKind::state) tell_roster(message);
   for (PageConnection* page : pages_) {
     if (kind == TopicKind::state)
       page->send_state(message.topic, text);
     else
       page->send_event(text);
   }
+}
+
+void PageHub::tell_roster(const BrokerMessage& message) {
+  const Topics::GatewayTopic topic = topics_.gateway_topic(message.topic);
+  roster_.on_document(topic, message.payload, message.at_ms, message.is_retained);
+  if (topic.rest == "numbers") history_.on_numbers(message.payload, message.at_ms);
+}
+
+SharedText PageHub::history_of(const std::string& robot) const {
+  return share(own_message("history", history_.text(robot, now_ms())));
 }
 
 bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
@@ -166,6 +174,7 @@ bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
 void PageHub::update_roster() {
   for (const auto& [name, text] : roster_.update(now_ms()))
     for (PageConnection* page : pages_) page->send_state("$web/" + name, text);
+  history_.update(roster_, now_ms());
 }
 
 void PageHub::update_roster_later() {

@@ -15,6 +15,7 @@
 #include <string>
 
 #include "daemon/config/config.hpp"
+#include "web/server/history.hpp"
 #include "web/server/io/broker_link.hpp"
 #include "web/server/last_known.hpp"
 #include "web/server/metrics.hpp"
@@ -43,6 +44,8 @@ class PageHub {
   /// The page gets what is known; then everything as it comes, until leave().
   void join(PageConnection& page);
   void leave(PageConnection& page);
+  /// For the page that asked.
+  SharedText history_of(const std::string& robot) const;
   PageSession new_session(Client client) { return {topics_, tokens_, guesses_, std::move(client)}; }
   const Tokens& tokens() const { return tokens_; }
   TokenGuesses& guesses() { return guesses_; }
@@ -71,6 +74,7 @@ class PageHub {
   void send_broker_state();
   /// Whether pages get it: false where there is no room, or when it withdraws what was not known.
   bool keep(const BrokerMessage& message, const SharedText& text);
+  void tell_roster(const BrokerMessage& message);
   void update_roster();
   void update_roster_later();
   void reset_pages();
@@ -86,6 +90,7 @@ class PageHub {
   std::map<std::string, std::string> unreadable_;  ///< filters that the broker refuses: why
   LastKnown known_;
   Roster roster_;
+  History history_;
   OutcomeCounts outcomes_;
   LastHeard heard_;
   OwnNumbers own_;

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/history.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "web/server/roster.hpp"
+
+namespace slamgw::web::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::int64_t minute = 60'000;
+
+class WebHistory : public testing::Test {
+ protected:
+  Roster roster;
+  History history;
+  std::int64_t now = 1'800'000'000'000 / History::slot_ms * History::slot_ms;
+
+  void say(const std::string& rest, const json& document) {
+    roster.on_document({"g", rest}, document.dump(), now, false);
+    roster.update(now);
+  }
+  void pass(std::int64_t ms) {
+    for (const std::int64_t end = now + ms; now < end; now += History::sample_ms) {
+      say("stats", {{"uptime_s", 1}});
+      history.update(roster, now);
+    }
+  }
+  json told(const std::string& robot = "r") { return json::parse(history.text(robot, now)); }
+};
+
+TEST_F(WebHistory, TellsHowLongARobotWasOnline) {
+  say("state", {{"state", "online"}});
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  pass(15 * minute);
+  say("robots/r", {{"state", "offline"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  pass(15 * minute - 1);
+  const json told = this->told();
+  EXPECT_EQ(told["from"], now - 3 * History::slot_ms);
+  EXPECT_EQ(told["online"], (json{100, 50, 0, nullptr})) << told;
+}
+
+TEST_F(WebHistory, OfAGatewayThatIsGoneNothingIsKnown) {
+  say("state", {{"state", "online"}});
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  pass(10 * minute);
+  say("state", {{"state", "offline"}});
+  pass(10 * minute);
+  EXPECT_EQ(told()["online"], (json{100, nullptr, nullptr})) << told();
+}
+
+TEST_F(WebHistory, KeepsSignalLatencyAndWhatWasCountedInEachSlot) {
+  const auto numbers = [](int repeats) {
+    return json{
+        {"robots",
+         {{"r", {{"rssi_dbm", -60}, {"latency_p50_us", 1900}, {"repeats", repeats}, {"gaps", 1}}}}}}
+        .dump();
+  };
+  say("state", {{"state", "online"}});
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  history.on_numbers(numbers(5), now);
+  pass(minute);
+  history.on_numbers(numbers(9), now);
+  history.on_numbers(numbers(2), now);  // its gateway has started again
+  history.on_numbers(numbers(3), now);
+  EXPECT_EQ(told()["repeats"], json{5});
+  EXPECT_EQ(told()["gaps"], json{0});
+  EXPECT_EQ(told()["rssi_dbm"], json{-60});
+  EXPECT_EQ(told()["latency_us"], json{1900});
+}
+
+TEST_F(WebHistory, IsADayLong) {
+  say("state", {{"state", "online"}});
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  pass(10 * minute);
+  now += 3 * 24 * 60 * minute;
+  pass(10 * minute);
+  const json told = this->told();
+  EXPECT_EQ(told["online"].size(), History::slots);
+  EXPECT_EQ(told["online"].front(), nullptr) << "what was three days ago is forgotten";
+}
+
+TEST_F(WebHistory, IsBoundedAndForgetsRobotsThatAreGone) {
+  say("state", {{"state", "online"}});
+  for (std::size_t i = 0; i < History::max_robots + 10; ++i)
+    say("robots/" + std::to_string(i),
+        {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  history.update(roster, now);
+  EXPECT_EQ(history.size(), History::max_robots);
+  EXPECT_EQ(told("nobody")["online"], json{nullptr});
+  roster.on_broker_found();
+  now += 25 * 60 * minute;
+  history.update(roster, now);
+  EXPECT_EQ(history.size(), 0u);
+}
+
+TEST_F(WebHistory, TakesNonsenseForNothing) {
+  for (const char* payload :
+       {"", "x", "[]", R"({"robots":1})", R"({"robots":{"r":1}})",
+        R"({"robots":{"r":{"rssi_dbm":"x","latency_p50_us":-1,"repeats":-5,"gaps":1e300}}})",
+        R"({"robots":{"r":{"rssi_dbm":99999,"repeats":18446744073709551615}}})"})
+    history.on_numbers(payload, now);
+  EXPECT_EQ(told()["repeats"], json{nullptr});
+}
+
+}  // namespace
+}  // namespace slamgw::web::test
