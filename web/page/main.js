@@ -97,7 +97,7 @@ function choose(robot) {
   drawPilot();
 }
 function step(by) {
-  const robots = sorted().filter((robot) => robot.isShown);
+  const robots = sorted().filter((robot) => robot.isShown && robot.matches(map.wanted));
   if (robots.length) choose(robots[(robots.indexOf(map.chosen) + by + robots.length) % robots.length]);
 }
 
@@ -110,9 +110,8 @@ function emptyHint() {
   return model.robots.size ? '' : 'Nothing is wrong; no robot has come yet. To see one without hardware: slam-gateway-sim thread --gateway localhost:47193';
 }
 function drawList() {
-  const wanted = $('find').value.toLowerCase();
-  const robots = sorted().filter((robot) => robot.id.toLowerCase().includes(wanted));
-  $('find').hidden = model.robots.size < 12;
+  const robots = sorted().filter((robot) => robot.matches(map.wanted));
+  $('find').hidden = model.robots.size < 12 && !map.wanted;
   $('empty').hidden = robots.some((robot) => robot.pose);
   if (!$('empty').hidden) setText($('empty-hint'), emptyHint());
   $('left-out').hidden = model.leftOut.size === 0;
@@ -270,13 +269,17 @@ function toggle(what) {
 }
 for (const what of ['points', 'grid', 'trails', 'labels']) $(`show-${what}`).addEventListener('click', () => toggle(what));
 function showAll(isShown) {
-  for (const robot of model.robots.values()) robot.isShown = isShown;
+  for (const robot of model.robots.values()) if (robot.matches(map.wanted)) robot.isShown = isShown;
   drawList();
   map.repaint();
 }
 $('all').addEventListener('click', () => showAll(true));
 $('none').addEventListener('click', () => showAll(false));
-$('find').addEventListener('input', drawList);
+$('find').addEventListener('input', () => {
+  map.wanted = $('find').value;
+  drawList();
+  map.repaint();
+});
 $('fold').addEventListener('click', () => {
   $('side-body').hidden = !$('side-body').hidden;
   $('fold').setAttribute('aria-expanded', !$('side-body').hidden);

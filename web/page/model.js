@@ -11,6 +11,7 @@ const LOOK_MS = 1000; // between two searches for the quiet ones
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
 const MAX_MESSAGES = 3000;
+const MAX_QUALITY = 60; // of one robot; gateways tell it each 10 s
 const MAX_COMMANDS = 20; // of one robot
 const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
 const MAX_GATEWAYS = 100;
@@ -26,16 +27,29 @@ export function worth(distance) {
   return Math.max(0.12, 1 - 0.88 * (distance - FADES_FROM_CM) / (SENSOR_LIMIT_CM - FADES_FROM_CM));
 }
 
-// Ten calm colours, then the golden angle; [r, g, b].
+// Ten calm colours, then the golden angle; [r, g, b]. All are of one luminance, which differs enough from light grounds and
+// from dark ones (tests/web/contrast_test.mjs).
 const COLOURS = [[53, 111, 201], [214, 112, 44], [44, 145, 95], [150, 88, 190], [196, 62, 88], [38, 144, 158], [168, 132, 28], [120, 120, 132], [206, 92, 152], [110, 146, 46]];
+const LUMINANCE = 0.212;
+const luminance = (colour) => colour.reduce((sum, value, i) => sum + [0.2126, 0.7152, 0.0722][i] * ((value / 255 + 0.055) / 1.055) ** 2.4, 0);
+function balanced(colour) {
+  let [low, high] = [-1, 1]; // towards black, towards white
+  const mixed = (by) => colour.map((value) => Math.round(by < 0 ? value * (1 + by) : value + (255 - value) * by));
+  for (let i = 0; i < 12; i++) {
+    const middle = (low + high) / 2;
+    if (luminance(mixed(middle)) < LUMINANCE) low = middle;
+    else high = middle;
+  }
+  return mixed(high);
+}
 export function colourOf(number) {
-  if (number < COLOURS.length) return COLOURS[number];
+  if (number < COLOURS.length) return balanced(COLOURS[number]);
   const hue = (number * 137.508) % 360;
   const channel = (n) => {
     const k = (n + hue / 30) % 12;
     return Math.round(255 * (0.5 - 0.24 * Math.max(-1, Math.min(k - 3, 9 - k, 1))));
   };
-  return [channel(0), channel(8), channel(4)];
+  return balanced([channel(0), channel(8), channel(4)]);
 }
 
 // Things that happened in each of the last 60 seconds.
@@ -73,6 +87,7 @@ export class Robot {
     this.presence = new Map(); // gateway: what it says
     this.life = null; // what the program has decided: {state, since, heard, gateway}
     this.numbers = null;
+    this.quality = []; // [signal, latency] of the last ten minutes
     this.pulse = new Pulse();
     this.heard = 0; // ms, this page's program's clock
     this.messages = 0;
@@ -157,6 +172,10 @@ export class Robot {
   // Any sign of life, here or at its gateway; 0: none.
   get lastHeard() {
     return Math.max(this.heard, this.life?.heard ?? 0);
+  }
+  matches(text) {
+    const wanted = text.toLowerCase();
+    return !wanted || `${this.id} ${this.state} ${this.best?.mesh ?? ''} ${this.best?.gateway ?? ''}`.toLowerCase().includes(wanted);
   }
   // 1, and less the longer it has been silent.
   freshness(now) {
@@ -352,7 +371,10 @@ export class Model {
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {
       const robot = isObject(numbers) ? this.robot(id, 0) : null;
-      if (robot) robot.numbers = { ...numbers, gateway };
+      if (!robot) continue;
+      robot.numbers = { ...numbers, gateway };
+      robot.quality.push([numbers.rssi_dbm, numbers.latency_p50_us]);
+      if (robot.quality.length > MAX_QUALITY) robot.quality.shift();
     }
   }
   takePresence(gateway, id, said) {

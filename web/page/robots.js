@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots and gateways: what is wrong first, with its remedy; which robot is on which gateway; a table with sparklines.
-import { $, attempt, colour, element, keep, setText, surface, svg } from './dom.js';
+// Robots and gateways: what is wrong first, with its remedy; both meshes; a table with sparklines.
+import { $, attempt, colour, element, keep, setText, surface } from './dom.js';
+import { drawMeshes } from './meshes.js';
 import { shown } from './shown.js';
 import { age, bytes, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
-const NAMED_IN_PICTURE = 40;
 const order = ['offline', 'unknown', 'asleep', 'online'];
 
 const deceives = (name) => shown(name) !== name;
-const cut = (name, length) => (shown(name).length > length ? shown(name).slice(0, length - 1) + '…' : name);
 const rssi = (robot) => (robot.state === 'unknown' ? null : robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm);
 
 // "Gateway pi is gone since 14:02"
@@ -102,21 +101,26 @@ export class RobotsView {
         [this.sort, this.isUp] = [i, this.sort === i ? !this.isUp : true];
         this.draw();
       });
-      head.append(element('th', { class: isNumber ? 'number' : null, scope: 'col' }, button));
+      head.append(element('th', { class: isNumber ? 'number' : null, scope: 'col', 'data-name': name }, button));
     });
-    for (const [name, , isNumber] of GATEWAY_COLUMNS) $('gateways').tHead.rows[0].append(element('th', { class: isNumber ? 'number' : null, scope: 'col' }, name));
+    for (const [name, , isNumber] of GATEWAY_COLUMNS) $('gateways').tHead.rows[0].append(element('th', { class: isNumber ? 'number' : null, scope: 'col', 'data-name': name }, name));
     $('table').tBodies[0].addEventListener('click', (event) => {
       const id = event.target.closest('tr')?.robot;
       if (id) this.choose(id);
     });
+    $('find-robots').addEventListener('input', () => this.draw());
     $('table').tBodies[0].addEventListener('keydown', (event) => {
       if (event.key === 'Enter' && event.target.robot) this.choose(event.target.robot);
     });
   }
 
+  // Those that the field above asks for.
+  get robots() {
+    return [...this.model.robots.values()].filter((robot) => robot.matches($('find-robots').value));
+  }
   draw() {
     const now = this.model.now();
-    attempt(() => this.drawProblems(), () => this.drawPicture(), () => this.drawTable(now), () => this.drawGateways());
+    attempt(() => this.drawProblems(), () => drawMeshes($('picture'), this.model, this.robots, isThere), () => this.drawTable(now), () => this.drawGateways());
   }
   drawProblems() {
     const list = problems(this.model).slice(0, 30);
@@ -134,7 +138,7 @@ export class RobotsView {
   drawTable(now) {
     const [, show, key] = COLUMNS[this.sort];
     const value = key ?? show;
-    const robots = [...this.model.robots.values()].map((robot) => [robot, value(robot, now)]);
+    const robots = this.robots.map((robot) => [robot, value(robot, now)]);
     robots.sort(([a, x], [b, y]) => (typeof x === 'string' ? byText(x, y) : x - y) * (this.isUp ? 1 : -1) || byText(a.id, b.id));
     [...$('table').tHead.rows[0].cells].forEach((cell, i) => {
       if (i === this.sort) cell.setAttribute('aria-sort', this.isUp ? 'ascending' : 'descending');
@@ -157,26 +161,6 @@ export class RobotsView {
     const gateways = this.model.orderedGateways();
     keep(body, gateways.length, () => element('tr', {}, ...GATEWAY_COLUMNS.map(([name, , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }))));
     gateways.forEach((gateway, row) => GATEWAY_COLUMNS.forEach(([, show], i) => setText(body.rows[row].cells[i], show(gateway, this.model.now()))));
-  }
-
-  // ---- the picture: broker, gateways, meshes, robots, from left to right
-  drawPicture() {
-    const branches = [];
-    for (const gateway of this.model.orderedGateways()) {
-      const meshes = new Map();
-      for (const [mesh, link] of Object.entries(gateway.stats?.meshes ?? {})) if (link?.state !== 'disabled') meshes.set(mesh, { link, robots: [] });
-      for (const robot of this.model.robots.values()) {
-        if (robot.best?.gateway !== gateway.id) continue;
-        const { mesh } = robot.best;
-        if (!meshes.has(mesh)) meshes.set(mesh, { link: null, robots: [] });
-        meshes.get(mesh).robots.push(robot);
-      }
-      branches.push({ gateway, meshes: [...meshes] });
-    }
-    const sketch = JSON.stringify([this.model.isOpen, this.model.broker.state, branches.map(({ gateway, meshes }) => [gateway.id, gateway.life?.state, meshes.map(([name, m]) => [name, m.link?.state, m.robots.map((r) => [r.id, r.state, r.life?.since])])])]);
-    if (sketch === this.sketch) return;
-    this.sketch = sketch;
-    $('picture').replaceChildren(picture(branches, this.model));
   }
 }
 
@@ -208,50 +192,4 @@ function sparkline(canvas, robot, now) {
   on.context.strokeStyle = colour('--accent');
   on.context.lineWidth = 1.4;
   on.context.stroke();
-}
-
-function picture(branches, model) {
-  const [wide, row, cell] = [860, 30, 19];
-  const lines = svg('g');
-  const nodes = svg('g');
-  const box = (x, y, text, state) => {
-    nodes.append(svg('rect', { x, y: y - 14, width: 136, height: 28, rx: 8 }));
-    if (state) nodes.append(svg('circle', { cx: x + 14, cy: y, r: 4.5, class: state }));
-    const label = svg('text', { x: x + (state ? 26 : 14), y: y + 4 }, cut(text, 15));
-    label.append(svg('title', {}, text));
-    nodes.append(label);
-  };
-  const join = (x1, y1, x2, y2, isCut) => lines.append(svg('path', { d: `M${x1} ${y1}C${(x1 + x2) / 2} ${y1} ${(x1 + x2) / 2} ${y2} ${x2} ${y2}`, class: isCut ? 'cut' : '' }));
-  let y = 24;
-  const rowsOf = (robots) => Math.max(1, Math.ceil(robots.length / (robots.length > NAMED_IN_PICTURE ? 20 : 4)));
-  const heights = branches.map(({ meshes }) => meshes.reduce((sum, [, m]) => sum + rowsOf(m.robots) * (m.robots.length > NAMED_IN_PICTURE ? cell : row) + 12, 0) || 44);
-  const tall = Math.max(60, heights.reduce((a, b) => a + b, 0) + 24);
-  box(6, tall / 2, 'Broker', !model.isOpen ? 'unknown' : model.broker.state === 'up' ? 'online' : 'offline');
-  branches.forEach(({ gateway, meshes }, i) => {
-    const middle = y + heights[i] / 2 - 12;
-    const isUp = isThere(gateway);
-    join(142, tall / 2, 188, middle, !isUp);
-    box(188, middle, gateway.id, isUp ? 'online' : gateway.life?.state === 'gone' ? 'offline' : 'unknown');
-    for (const [mesh, { link, robots }] of meshes) {
-      const isMany = robots.length > NAMED_IN_PICTURE;
-      const height = rowsOf(robots) * (isMany ? cell : row);
-      const at = y + height / 2 - 8;
-      const isDown = link?.state === 'down';
-      join(324, middle, 370, at, isDown || !isUp);
-      box(370, at, meshNames[mesh] ?? String(mesh), !isUp ? 'unknown' : isDown ? 'offline' : 'online');
-      robots.forEach((robot, n) => {
-        const across = isMany ? 20 : 4;
-        const x = 530 + (n % across) * (isMany ? 16 : 84);
-        const down = y + Math.floor(n / across) * (isMany ? cell : row) + (isMany ? 2 : 7);
-        const dot = svg('circle', { cx: x, cy: down, r: 5, class: robot.state });
-        dot.append(svg('title', {}, `${robot.id}: ${stateWords(robot, model.now())}`));
-        nodes.append(dot);
-        if (n === 0) join(506, at, x - 8, down, false);
-        if (!isMany) nodes.append(svg('text', { x: x + 10, y: down + 4 }, cut(robot.id, 9)));
-      });
-      y += height + 12;
-    }
-    if (meshes.length === 0) y += 44;
-  });
-  return svg('svg', { viewBox: `0 0 ${wide} ${tall}`, width: wide, height: tall, role: 'img', 'aria-label': 'Gateways, their meshes and robots' }, lines, nodes);
 }

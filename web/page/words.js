@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Values in a person's words.
-export const meshNames = { ble: 'BLE Mesh', thread: 'Thread' };
+export const meshNames = { __proto__: null, ble: 'BLE Mesh', thread: 'Thread' };
 export const number = (value, digits = 0) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 export const ms = (us) => (Number.isFinite(us) ? `${(us / 1000).toFixed(us < 10000 ? 1 : 0)} ms` : '–');
 export const dbm = (value) => (Number.isFinite(value) ? `${value} dBm` : '–');

@@ -398,6 +398,11 @@ pageTest('the table and the picture show which robot is on which gateway over wh
   assert.deepEqual(meshes, [...meshes].sort((a, b) => a.localeCompare(b)));
   const picture = await page.textContent('#picture');
   for (const word of ['Broker', 'here', 'BLE Mesh', 'Thread', 'robot3', 'robot6']) assert.ok(picture.includes(word), picture);
+  await until(page, () => /robot5-\d+ dBm · way not known · TTL \d/.test(document.querySelector('#picture').textContent));
+  await until(page, () => /robot1[\d.]+ ms · 127\.0\.0\.1:\d+/.test(document.querySelector('#picture').textContent));
+  await page.fill('#find-robots', 'thread');
+  await until(page, () => document.querySelectorAll('#picture li').length === 3 && document.querySelectorAll('#table tbody tr').length === 3);
+  await page.fill('#find-robots', '');
   await until(page, () => document.querySelector('#gateways tbody').textContent.includes('MiB'));
   await page.waitForTimeout(6000); // for sparklines that are worth a picture
   await shot(page, 'robots.png');
@@ -765,7 +770,7 @@ pageTest('* of a gateway that died nothing is shown as alive: its robots are unk
   await until(page, () => !document.querySelector('#trouble').hidden);
   const states = () => page.$$eval('#table tbody tr', (rows) => rows.filter((row) => /^robot\d$/.test(row.cells[0].textContent)).map((row) => row.cells[1].textContent));
   await eventually('no robot is online', async () => (await states()).filter((state) => /^unknown since \d\d:\d\d$/.test(state)).length === 6);
-  assert.equal(await page.$$eval('#picture circle.online', (all) => all.length), 1, 'the broker alone');
+  assert.equal(await page.$$eval('#picture .dot.online', (all) => all.length), 1, 'the broker alone');
   assert.deepEqual(await page.$$eval('#gateways tbody td', (cells) => cells.slice(3).map((cell) => cell.textContent)), Array(6).fill('–'));
   await shot(page, 'gone.png');
   await page.click('#tab-map');

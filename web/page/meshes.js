@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// Both meshes as far as they are known: from the broker over each gateway and mesh to its robots. BLE tells signal, relays and
+// TTL; MQTT-SN tells address, latency, repeats and gaps. Nothing else is drawn: who relays for whom nobody reports.
+import { colour, element, keep, setText, surface, svg } from './dom.js';
+import { dbm, lifeWords, meshNames, ms, stateWords } from './words.js';
+
+const MOST = 40; // robots of one mesh; those that need a look come first
+
+const signal = (robot) => robot.figures?.rssi_dbm ?? (robot.state === 'unknown' ? undefined : robot.best?.rssi_dbm);
+const relays = (robot) => robot.figures?.hops ?? (robot.state === 'unknown' ? undefined : robot.best?.hops);
+const need = (robot) => [robot.state === 'online' || robot.state === 'asleep' ? 1 : 0, robot.best?.mesh === 'ble' ? signal(robot) ?? 0 : -(robot.figures?.latency_p50_us ?? 0)];
+const byNeed = (a, b) => need(a)[0] - need(b)[0] || need(a)[1] - need(b)[1] || (a.id < b.id ? -1 : 1);
+const count = (robots, key) => Object.entries(Object.groupBy(robots, key)).map(([name, all]) => `${all.length} ${name}`).join(', ');
+
+function quality(robot, now) {
+  if (robot.state !== 'online' && robot.state !== 'asleep') return stateWords(robot, now);
+  const { figures } = robot;
+  const counted = [['repeats', figures?.repeats], ['gaps', figures?.gaps]].filter(([, value]) => value > 0).map(([name, value]) => `${value} ${name}`);
+  if (robot.best?.mesh !== 'ble') return [ms(figures?.latency_p50_us), ...counted, robot.best?.address ?? ''].join(' · ');
+  const ttl = figures?.ttl ?? robot.best?.ttl;
+  return [dbm(signal(robot)), wayWords(robot), ...(Number.isFinite(ttl) ? [`TTL ${ttl}`] : []), ...counted].join(' · ');
+}
+function wayWords(robot) {
+  const hops = relays(robot);
+  return !Number.isFinite(hops) ? 'way not known' : hops === 0 ? 'direct' : `${hops} relay${hops === 1 ? '' : 's'}`;
+}
+// The way from the gateway: a circle for each relay, dots where it is not known, thicker where the signal is stronger.
+function drawWay(way, robot) {
+  const hops = robot.best?.mesh === 'ble' ? relays(robot) : 0;
+  const isThere = robot.state === 'online' || robot.state === 'asleep';
+  const wide = robot.best?.mesh !== 'ble' ? 1.5 : signal(robot) >= -60 ? 3 : signal(robot) >= -75 ? 2 : 1.2;
+  const sketch = [hops, isThere, wide].join();
+  if (way.sketch === sketch) return;
+  way.sketch = sketch;
+  const parts = [svg('line', { x1: 2, y1: 8, x2: 70, y2: 8, 'stroke-width': wide, 'stroke-dasharray': !isThere ? '5 5' : Number.isFinite(hops) ? 'none' : '1 4', class: isThere ? '' : 'cut' })];
+  for (let i = 1; i <= Math.min(hops ?? 0, 6); i++) parts.push(svg('circle', { cx: 2 + 68 * i / (Math.min(hops, 6) + 1), cy: 8, r: 3.5 }));
+  way.replaceChildren(...parts);
+}
+function drawSpark(canvas, robot) {
+  const on = surface(canvas);
+  const values = robot.quality.map(([rssi, latency]) => (robot.best?.mesh === 'ble' ? rssi : -latency)).filter(Number.isFinite);
+  if (!on || values.length < 2) return;
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  on.context.beginPath();
+  values.forEach((value, i) => on.context.lineTo(2 + i * (on.width - 4) / (values.length - 1), on.height - 3 - (high > low ? (value - low) / (high - low) : 0.5) * (on.height - 6)));
+  on.context.strokeStyle = colour('--accent');
+  on.context.lineWidth = 1.4;
+  on.context.stroke();
+}
+
+const newRobot = () => element('li', {}, element('a', { class: 'name' }, element('span', { class: 'dot' }), element('span')),
+  svg('svg', { class: 'way', viewBox: '0 0 72 16', 'aria-hidden': 'true' }), element('canvas', { class: 'spark', title: 'Signal or latency of the last 10 minutes; higher is better' }), element('span', { class: 'muted' }));
+const newMesh = () => element('div', { class: 'mesh' }, element('h3', {}, element('span', { class: 'dot' }), element('span')), element('p', { class: 'muted' }), element('ul'), element('p', { class: 'muted' }));
+const newGateway = () => element('div', { class: 'card pad' }, element('div', { class: 'row wrap chain' }, ...['Broker', ''].map((text) => element('span', { class: 'state' }, element('span', { class: 'dot' }), element('strong', {}, text)))), element('div', { class: 'meshes' }));
+
+// `robots`: those to show. Every robot is at the gateway that tells its state.
+export function drawMeshes(parent, model, robots, isThere) {
+  const gateways = model.orderedGateways();
+  const here = Map.groupBy(robots, (robot) => robot.life?.gateway);
+  keep(parent, gateways.length, newGateway);
+  gateways.forEach((gateway, i) => {
+    const [chain, place] = parent.children[i].children;
+    chain.children[0].firstChild.className = `dot ${!model.isOpen ? 'unknown' : model.broker.state === 'up' ? 'online' : 'offline'}`;
+    chain.children[1].firstChild.className = `dot ${isThere(gateway) ? 'online' : gateway.life?.state === 'gone' ? 'offline' : 'unknown'}`;
+    setText(chain.children[1].lastChild, isThere(gateway) ? gateway.id : `${gateway.id}: ${lifeWords(gateway.life, model.now())}`);
+    chain.classList.toggle('cut', !isThere(gateway));
+    const byMesh = Map.groupBy(here.get(gateway.id) ?? [], (robot) => robot.best?.mesh ?? '');
+    const links = Object.entries(gateway.stats?.meshes ?? {}).filter(([mesh, link]) => link?.state !== 'disabled' || byMesh.has(mesh));
+    const meshes = [...new Set([...links.map(([mesh]) => mesh), ...byMesh.keys()])];
+    keep(place, meshes.length, newMesh);
+    meshes.forEach((mesh, n) => drawMesh(place.children[n], mesh, isThere(gateway) ? gateway.stats?.meshes?.[mesh] : null, byMesh.get(mesh) ?? [], model.now()));
+  });
+}
+function drawMesh(card, mesh, link, robots, now) {
+  const [head, summary, list, rest] = card.children;
+  head.firstChild.className = `dot ${!link ? 'unknown' : link.state === 'up' ? 'online' : 'offline'}`;
+  setText(head.lastChild, meshNames[mesh] ?? String(mesh));
+  const isMany = robots.length > MOST;
+  const words = [robots.length ? count(robots, (robot) => robot.state) : 'no robot yet', ...(mesh === 'ble' && isMany ? [count(robots, wayWords)] : []), ...(link?.state === 'down' ? [`link down: ${link.detail ?? ''}`] : [])];
+  setText(summary, words.join(' · '));
+  const shown = robots.sort(byNeed).slice(0, MOST);
+  if (!isMany) shown.sort((a, b) => (mesh === 'ble' ? (relays(a) ?? 99) - (relays(b) ?? 99) : 0) || a.id.localeCompare(b.id, undefined, { numeric: true }));
+  keep(list, shown.length, newRobot);
+  shown.forEach((robot, i) => {
+    const [link, way, spark, said] = list.children[i].children;
+    link.href = `#/robot/${encodeURIComponent(robot.id)}`;
+    link.firstChild.className = `dot ${robot.state}`;
+    setText(link.lastChild, robot.id);
+    drawWay(way, robot);
+    setText(said, quality(robot, now));
+    if (spark.checkVisibility()) drawSpark(spark, robot);
+  });
+  rest.hidden = !isMany;
+  setText(rest, `${robots.length - shown.length} more, which do better. The field above finds each.`);
+}
