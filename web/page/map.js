@@ -15,6 +15,12 @@ const MARK_MS = 12000;
 // new is added to it.
 const HEAVY_POINTS = 20000;
 const LAYER_MS = 1000;
+// From so many robots on, those that stand close together are drawn as one disc with their number. Its cells are squares of
+// the room, so that they stay while the map moves.
+const CLUSTERS_FROM = 40;
+const CLUSTER_PX = 44;
+const CLUSTER_OF = 4;
+const MAX_NAMES = 200;
 const calm = matchMedia('(prefers-reduced-motion: reduce)');
 
 // Room centimetres to pixels.
@@ -34,15 +40,17 @@ class View {
   }
 }
 
-// Where a name of this width can stand beside a robot without covering another name; null when nowhere.
-function freePlace(px, py, width, taken) {
+// Where a name of this width can stand beside a robot: on the canvas, and covering nothing that is `taken`; null when nowhere.
+function freePlace(px, py, width, taken, wide, tall) {
   for (const [x, y] of [[px + 12, py - 12], [px + 12, py + 14], [px - 12 - width, py - 12], [px - 12 - width, py + 14]]) {
-    if (taken.some(([left, top, wide]) => x < left + wide && left < x + width && Math.abs(y - top) < 14)) continue;
-    taken.push([x, y, width]);
+    const box = { left: x - 2, right: x + width + 2, top: y - 8, bottom: y + 8 };
+    if (box.left < 0 || box.right > wide || box.top < 0 || box.bottom > tall || taken.some((other) => overlaps(box, other))) continue;
+    taken.push(box);
     return [x, y];
   }
   return null;
 }
+const overlaps = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 
 export class WorldMap {
   constructor(canvas, model, actions) {
@@ -56,6 +64,9 @@ export class WorldMap {
     this.sprites = new Map();
     this.marks = []; // where commands were sent
     this.show = { points: true, grid: true, trails: true, labels: true };
+    this.wanted = ''; // only robots that match
+    this.clusters = [];
+    this.single = []; // robots that are drawn one by one
     this.chosen = null;
     this.fits = true; // until somebody moves the map
     this.isVisible = true;
@@ -66,7 +77,7 @@ export class WorldMap {
   }
 
   get robots() {
-    return [...this.model.robots.values()].filter((robot) => robot.isShown);
+    return [...this.model.robots.values()].filter((robot) => robot.isShown && robot.matches(this.wanted));
   }
 
   // ---- size, colours, frames
@@ -166,8 +177,7 @@ export class WorldMap {
   robotAt(px, py) {
     let best = null;
     let nearest = 16;
-    for (const robot of this.robots) {
-      if (!robot.pose) continue;
+    for (const robot of this.single) {
       const distance = Math.hypot(this.view.px(robot.pose.x) - px, this.view.py(robot.pose.y) - py);
       if (distance < nearest) [best, nearest] = [robot, distance];
     }
@@ -184,8 +194,10 @@ export class WorldMap {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.drawImage(this.layer, 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    for (const robot of robots) if (robot.pose) this.drawRobot(robot);
-    if (this.show.labels) this.drawNames(robots);
+    this.gather(robots.filter((robot) => robot.pose));
+    for (const cluster of this.clusters) this.drawCluster(cluster);
+    for (const robot of this.single) this.drawRobot(robot);
+    if (this.show.labels) this.drawNames();
     this.drawMarks();
     this.drawScale();
   }
@@ -334,7 +346,40 @@ export class WorldMap {
     context.drawImage(this.sprite(robot, size, isGone), x - size - 2, y - size - 2, 2 * size + 4, 2 * size + 4);
     context.globalAlpha = 1;
   }
-  drawNames(robots) {
+  // Many robots: clusters, then dots, then names, the closer one looks.
+  gather(robots) {
+    const cell = 2 ** Math.ceil(Math.log2(CLUSTER_PX / this.view.scale));
+    const cells = robots.length < CLUSTERS_FROM ? new Map() : Map.groupBy(robots.filter((robot) => robot !== this.chosen), ({ pose }) => `${Math.floor(pose.x / cell)},${Math.floor(pose.y / cell)}`);
+    this.clusters = [...cells].filter(([, all]) => all.length >= CLUSTER_OF).map(([key, all]) => {
+      const [column, row] = key.split(',').map(Number);
+      return { all, x: (column + 0.5) * cell, y: (row + 0.5) * cell };
+    });
+    const gathered = new Set(this.clusters.flatMap(({ all }) => all));
+    this.single = robots.filter((robot) => !gathered.has(robot));
+  }
+  drawCluster({ all, x, y }) {
+    const { context, view } = this;
+    const [px, py] = [view.px(x), view.py(y)];
+    const size = Math.min(20, 11 + Math.log2(all.length) * 1.2);
+    const gone = all.filter((robot) => robot.isGone).length / all.length;
+    context.beginPath();
+    context.arc(px, py, size, 0, 7);
+    context.fillStyle = this.colours.card;
+    context.fill();
+    context.lineWidth = 2.5;
+    for (const [from, to, colour] of [[gone, 1, this.colours.accent], [0, gone, this.colours.bad]]) {
+      if (to === from) continue;
+      context.beginPath();
+      context.arc(px, py, size, (from * 2 - 0.5) * Math.PI, (to * 2 - 0.5) * Math.PI);
+      context.strokeStyle = colour;
+      context.stroke();
+    }
+    context.font = '600 12px system-ui, "DejaVu Sans", sans-serif';
+    context.textBaseline = 'middle';
+    context.fillStyle = this.colours.text;
+    context.fillText(String(all.length), px - context.measureText(String(all.length)).width / 2, py + 1);
+  }
+  drawNames() {
     const { context, view } = this;
     context.font = '500 12px system-ui, "DejaVu Sans", sans-serif';
     context.textBaseline = 'middle';
@@ -342,17 +387,18 @@ export class WorldMap {
     context.lineJoin = 'round';
     context.strokeStyle = this.colours.card;
     context.fillStyle = this.colours.text;
-    const withEdge = robots.length <= 30;
-    const taken = [];
-    for (const robot of robots.toReversed()) { // the chosen one first
-      if (!robot.pose) continue;
+    const taken = this.clusters.map(({ x, y }) => ({ left: view.px(x) - 21, right: view.px(x) + 21, top: view.py(y) - 21, bottom: view.py(y) + 21 }));
+    taken.push({ left: this.width - 280, right: this.width, top: this.height - 46, bottom: this.height }); // the scale
+    const most = taken.length + MAX_NAMES;
+    for (const robot of this.single.toReversed()) { // the chosen one first
+      if (taken.length >= most) return;
       const id = shown(robot.id);
       const name = id.length > 24 ? id.slice(0, 23) + '…' : id;
-      const place = withEdge ? freePlace(view.px(robot.pose.x), view.py(robot.pose.y), context.measureText(name).width, taken) : null;
-      if (withEdge && !place) continue; // two names in one place can't be read
-      const [x, y] = place ?? [view.px(robot.pose.x) + 12, view.py(robot.pose.y) - 12];
-      if (withEdge) context.strokeText(name, x, y);
-      context.fillText(name, x, y);
+      robot.nameWidth ??= context.measureText(name).width;
+      const place = freePlace(view.px(robot.pose.x), view.py(robot.pose.y), robot.nameWidth, taken, this.width, this.height);
+      if (!place) continue; // two names in one place can't be read
+      context.strokeText(name, ...place);
+      context.fillText(name, ...place);
     }
   }
   drawMarks() {
@@ -469,7 +515,11 @@ export class WorldMap {
   click(px, py) {
     const robot = this.robotAt(px, py);
     if (robot && robot !== this.chosen) return this.actions.choose(robot);
-    if (!this.chosen) return;
+    if (!this.chosen) {
+      const cluster = this.clusters.find(({ x, y }) => Math.hypot(this.view.px(x) - px, this.view.py(y) - py) < 21);
+      if (cluster) this.zoom(2.5, px, py);
+      return;
+    }
     const place = this.view.room(px, py);
     const command = this.actions.drive(this.chosen, place);
     if (command) this.marks.push({ command, robot: this.chosen, ...place });
