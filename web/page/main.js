@@ -8,6 +8,7 @@ import { Model } from './model.js';
 import { RobotView, rightsWords } from './robot.js';
 import { RobotsView, goneWords, isThere, problems } from './robots.js';
 import { shown } from './shown.js';
+import { drawSteps } from './steps.js';
 import { TraceView } from './trace.js';
 import { lifeWords, meshNames, outcomeWords } from './words.js';
 
@@ -103,17 +104,11 @@ function step(by) {
 
 // ---- the list beside the map
 const sorted = () => [...model.robots.values()].sort((a, b) => byName(a.id, b.id));
-// Hints for a first visitor: fix what is wrong, or look at simulated robots.
-function emptyHint() {
-  const [first] = problems(model);
-  if (first) return `${first.title}. ${first.remedy}`;
-  return model.robots.size ? '' : 'Nothing is wrong; no robot has come yet. To see one without hardware: slam-gateway-sim thread --gateway localhost:47193';
-}
 function drawList() {
   const robots = sorted().filter((robot) => robot.matches(map.wanted));
   $('find').hidden = model.robots.size < 12 && !map.wanted;
-  $('empty').hidden = robots.some((robot) => robot.pose);
-  if (!$('empty').hidden) setText($('empty-hint'), emptyHint());
+  $('empty').hidden = [...model.robots.values()].some((robot) => robot.pose);
+  if (!$('empty').hidden) drawSteps(model);
   $('left-out').hidden = model.leftOut.size === 0;
   setText($('left-out'), model.leftOutWords);
   keep($('list'), robots.length, () => {

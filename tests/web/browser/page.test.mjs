@@ -399,7 +399,7 @@ pageTest('the table and the picture show which robot is on which gateway over wh
   const picture = await page.textContent('#picture');
   for (const word of ['Broker', 'here', 'BLE Mesh', 'Thread', 'robot3', 'robot6']) assert.ok(picture.includes(word), picture);
   await until(page, () => /robot5-\d+ dBm · way not known · TTL \d/.test(document.querySelector('#picture').textContent));
-  await until(page, () => /robot1[\d.]+ ms · 127\.0\.0\.1:\d+/.test(document.querySelector('#picture').textContent));
+  await until(page, () => /robot1[\d.]+ ms · .*?127\.0\.0\.1:\d+/.test(document.querySelector('#picture').textContent));
   await page.fill('#find-robots', 'thread');
   await until(page, () => document.querySelectorAll('#picture li').length === 3 && document.querySelectorAll('#table tbody tr').length === 3);
   await page.fill('#find-robots', '');
@@ -548,18 +548,24 @@ pageTest('* a robot with a hostile name is text in every view', {}, async (page)
   await world.publish('ntnu-slam/gateway/other/state', '', '-r');
 });
 
-pageTest('a first visitor without robots is told what to do', {}, async (page) => {
+pageTest('a first visitor without robots has a list of steps, each with its command', {}, async (page) => {
+  const marks = async () => Object.fromEntries(await page.$$eval('#steps li', (all) => all.map((one) => [one.children[1].textContent, `${one.className} ${one.children[3].textContent}`.trim()])));
+  await until(page, () => window.slamgw.model.gateways.get('here')?.stats);
   await page.evaluate(() => {
     const { model, map } = window.slamgw;
     model.robots.clear();
-    model.takeRobot = () => {};
-    model.takePresence = () => {};
-    model.takeNumbers = () => {};
+    for (const name of ['takeRobot', 'takePresence', 'takeNumbers', 'takeLife']) model[name] = () => {};
     map.repaint();
   });
-  await until(page, () => /slam-gateway-sim thread/.test(document.querySelector('#empty-hint').textContent));
+  await until(page, () => !document.querySelector('#empty').hidden && /permit-join.*with a token/.test(document.querySelector('#steps').textContent));
+  assert.deepEqual(await marks(), { Broker: 'done', Gateway: 'done', 'Board of the BLE mesh': 'done', Thread: 'done', 'First robot': 'todo sudo slam-gatewayctl ble permit-join', 'Commands from this page': 'done' });
+  await shot(page, 'steps.png');
+  await page.evaluate(() => { Object.assign(window.slamgw.model.gateways.get('here').stats.meshes.ble, { state: 'disabled', detail: '' }); });
+  await until(page, () => /slam-gateway-sim thread/.test(document.querySelector('#steps').textContent));
+  assert.match((await marks())['Board of the BLE mesh'], /^off echo .*ble_mesh/);
   await page.evaluate(() => { window.slamgw.model.gateways.clear(); window.slamgw.model.takeGateway = () => {}; });
-  await until(page, () => /^No gateway has been heard/.test(document.querySelector('#empty-hint').textContent));
+  await until(page, () => /Gatewaynone has been heard on this broker/.test(document.querySelector('#steps').textContent));
+  assert.equal((await marks()).Gateway, 'todo systemctl status slam-gateway');
 });
 
 // ---- the page of one robot
