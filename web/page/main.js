@@ -50,7 +50,7 @@ model.onOutcome = (robot, command) => {
 const link = new Link({
   onOpen: () => { model.isOpen = true; drawLink(); },
   onClose: () => {
-    Object.assign(model, { isOpen: false, maySend: false, holder: '' });
+    Object.assign(model, { isOpen: false, maySend: false, holder: '', liveFrom: Infinity });
     model.lose();
     drawTables();
     map.change();
@@ -63,9 +63,10 @@ const link = new Link({
 });
 
 function takeOwn({ topic, payload }) {
-  if (/^.web.(robot.|gateway.|history)/.test(topic)) return;
+  if (/^.web.(robot.|gateway.|history|past)/.test(topic)) return;
   drawLink();
   if (topic === '$web/hello' && model.isLocked && !link.hasToken()) askToken();
+  if (topic === '$web/hello' && !model.isLocked) link.say('$web/past', model.newest); // answered once for each connection
   if (topic !== '$web/token') return;
   if (!payload.accepted && model.isLocked && !$('token-dialog').open) askToken();
   setText($('token-words'), payload.accepted ? '' : payload.why);

@@ -211,6 +211,8 @@ export class Model {
     this.own = ''; // the gateway whose configuration this page's program reads
     this.gatewaysLeftOut = false;
     this.messages = []; // newest last
+    this.newest = 0; // when the newest message came to the program
+    this.liveFrom = Infinity; // since then this connection shows everything
     this.lost = 0; // events that a slow page did not get
     this.skew = 0; // the program's clock minus this one's, ms
     this.onRay = () => {};
@@ -285,9 +287,11 @@ export class Model {
   take(message) {
     this.revision++;
     if (message.topic.startsWith('$web/')) return this.takeOwn(message.topic.slice(5), message.payload);
+    if (message.at && !message.retain) this.newest = Math.max(this.newest, message.at);
     if (message.at && !message.retain) this.skew = Math.max(message.at - Date.now(), this.skew - 0.05);
     const rest = message.topic.slice(this.prefix.length + 1).split('/');
     const branch = rest.shift();
+    if (!message.retain && (branch !== 'gateway' || rest[1] === 'commands')) this.liveFrom = Math.min(this.liveFrom, message.at);
     if (branch === 'robot') this.takeRobot(message, rest[0], rest.slice(1).join('/'));
     else if (branch === 'server') {
       this.note(message, 'to robot', rest[0], rest.slice(1).join('/'));
@@ -321,7 +325,8 @@ export class Model {
     else if (name.startsWith('gateway/')) {
       const gateway = this.gateway(name.slice(8));
       if (gateway) gateway.life = said;
-    } else if (name === 'history') {
+    } else if (name === 'past') this.takePast(said);
+    else if (name === 'history') {
       const robot = this.robots.get(said.robot);
       if (robot) robot.day = said;
     } else if (name === 'broker') this.broker = said;
@@ -333,6 +338,19 @@ export class Model {
     else if (name === 'refused') this.refuse(said);
   }
 
+  // What was before this page came: it has missed it, or was away. What came live meanwhile is newer.
+  takePast({ robot: id, updates = [], events = [] }) {
+    const { liveFrom, skew } = this;
+    for (const message of events) if (message.at < liveFrom) this.take(message);
+    Object.assign(this, { liveFrom, skew });
+    const robot = updates.length ? this.robot(id, updates.at(-1)[0]) : null;
+    if (!robot) return;
+    const { pose, heading, trail } = robot;
+    robot.trail = [];
+    for (const [at, payload] of updates) if (at < this.liveFrom) robot.apply(decodeUpdate({ payload, encoding: 'hex' }), at, this.onRay);
+    robot.heard = Math.max(robot.heard, updates.at(-1)[0]);
+    if (pose) Object.assign(robot, { pose, heading, trail: [...robot.trail, ...trail].slice(-MAX_TRAIL) });
+  }
   takeLife(id, said) {
     const known = this.robot(id, said.heard) ?? this.leftOut.get(id);
     if (known) known.life = said;

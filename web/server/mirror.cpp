@@ -194,14 +194,18 @@ std::string own_message(std::string_view name, std::string_view payload_json) {
   return out.append(R"(,"payload":)").append(payload_json).append("}");
 }
 
-std::variant<TokenOffer, CommandRequest, HistoryRequest, BadRequest> parse_page_message(
-    std::string_view text) {
+PageMessage parse_page_message(std::string_view text) {
   constexpr const char* shape = R"(not {"topic": "...", "payload": "..."})";
   if (text.size() > max_page_message) return BadRequest{"too long"};
   const json document = json::parse(text, nullptr, false);
   if (!document.is_object()) return BadRequest{shape};
   const std::string* topic = text_of(document, "topic");
   if (topic != nullptr && *topic == "$web/history") return parse_history_request(document);
+  if (topic != nullptr && *topic == "$web/past") {
+    const auto since = document.find("payload");
+    const bool is_known = since != document.end() && since->is_number_integer();
+    return PastRequest{is_known ? since->get<std::int64_t>() : 0};
+  }
   const std::string* payload = text_of(document, "payload");
   if (topic == nullptr || payload == nullptr) return BadRequest{shape};
   if (*topic == "$web/token") return TokenOffer{*payload};

@@ -64,12 +64,17 @@ struct HistoryRequest {
   static constexpr std::size_t max_robots = 40;
   std::vector<std::string> robots;
 };
+/// For what Past knows, beyond the time up to which the page has seen everything.
+struct PastRequest {
+  std::int64_t since_ms = 0;
+};
 struct BadRequest {
   std::string why;
 };
-/// {"topic": "$web/token", "payload": "..."}, {"topic": "$web/history", "payload": [ids]} or
-/// {"topic", "payload", "encoding": "text" | "hex"}.
-std::variant<TokenOffer, CommandRequest, HistoryRequest, BadRequest> parse_page_message(
-    std::string_view text);
+using PageMessage =
+    std::variant<TokenOffer, CommandRequest, HistoryRequest, PastRequest, BadRequest>;
+/// {"topic": "$web/token", "payload": "..."}, {"topic": "$web/history", "payload": [ids]},
+/// {"topic": "$web/past", "payload": Unix ms} or {"topic", "payload", "encoding": "text" | "hex"}.
+PageMessage parse_page_message(std::string_view text);
 
 }  // namespace slamgw::web

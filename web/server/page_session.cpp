@@ -13,6 +13,11 @@ PageSession::Reaction PageSession::on_text(std::string_view text, TimePoint now)
     return on_command(std::move(*command), now);
   if (auto* request = std::get_if<HistoryRequest>(&message))
     return on_history(std::move(*request), now);
+  if (const auto* request = std::get_if<PastRequest>(&message)) {
+    Reaction reaction;
+    if (may_watch() && !std::exchange(has_past_, true)) reaction.past_since_ms = request->since_ms;
+    return reaction;
+  }
   return {refusal("", std::get<BadRequest>(message).why)};
 }
 

@@ -33,8 +33,9 @@ class PageSession {
   struct Reaction {
     std::string reply;  ///< for the page; empty: none
     std::optional<CommandRequest> publish{};
-    std::vector<std::string> history{};  ///< robots of which the page wants to know more
-    bool ends = false;                   ///< the connection, after the reply
+    std::vector<std::string> history{};           ///< robots of which the page wants to know more
+    std::optional<std::int64_t> past_since_ms{};  ///< it wants to see what was before
+    bool ends = false;                            ///< the connection, after the reply
     /// The reply waits this long. The connection keeps its place until then, even when the client
     /// has gone: else one that guesses would come again at once.
     std::chrono::seconds delay{};
@@ -56,6 +57,7 @@ class PageSession {
   TokenGuesses& guesses_;
   const Client client_;
   TimePoint answer_due_{};               ///< of a delayed answer
+  bool has_past_ = false;                ///< megabytes, so once for each connection
   const TokenHolder* holder_ = nullptr;  ///< of the token that the page has sent
   unsigned wrong_tokens_ = 0;
   double turns_ = command_burst;

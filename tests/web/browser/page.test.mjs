@@ -124,6 +124,36 @@ pageTest('the occupied cells of the grid are the ring, those inside are free', {
   assert.ok(cells.freeInside > 500 && cells.freeOutside === 0, JSON.stringify([cells.freeInside, cells.freeOutside]));
 });
 
+pageTest('* who reloads, or comes later, sees what the first one sees', { unlocked: true }, async (page) => {
+  await manyPoints(page);
+  await choose(page, 'robot1');
+  await page.click('#stop');
+  await outcome(page, 'stop: delivered');
+  await page.click('#start');
+  await outcome(page, 'start: delivered');
+  const seen = (of) => of.evaluate(() => {
+    const { model, map } = window.slamgw;
+    const robots = [...model.robots.values()].filter(({ id }) => /^robot\d$/.test(id));
+    const walls = [...map.grid.tiles.values()].reduce((sum, tile) => sum + tile.cells.filter((value) => value > 0).length, 0);
+    return { points: robots.reduce((sum, robot) => sum + robot.kept, 0), trail: robots.reduce((sum, robot) => sum + robot.trail.length, 0), walls, commands: model.robots.get('robot1').commands.map(({ text, outcome: end }) => `${text}: ${end}`) };
+  });
+  const before = await seen(page);
+  const later = await world.open();
+  await page.reload();
+  for (const each of [page, later]) {
+    await until(each, (points) => [...window.slamgw.model.robots.values()].reduce((sum, robot) => sum + robot.kept, 0) >= points, before.points);
+    const after = await seen(each);
+    assert.ok(after.trail >= before.trail && after.walls >= before.walls * 0.95, JSON.stringify([before, after]));
+    assert.deepEqual(after.commands.slice(-2), ['run: stop: delivered', 'run: start: delivered']);
+    const doubled = await each.evaluate(() => [...window.slamgw.model.robots.values()].some((robot) => {
+      const times = [...robot.times?.slice(0, robot.kept) ?? []];
+      return times.some((at) => times.filter((other) => other === at).length > 8); // an update has four obstacles, and two may come at once
+    }));
+    assert.equal(doubled, false);
+  }
+  await later.context().close();
+});
+
 pageTest('pixels in the robots’ colours are where the points are', {}, async (page) => {
   await manyPoints(page);
   await page.click('#show-grid');

@@ -71,6 +71,8 @@ void PageConnection::on_text(const std::string& text) {
   if (reaction.publish) reaction.reply = hub_.publish(*reaction.publish);
   for (const std::string& robot : reaction.history)
     send_state("$web/history/" + robot, hub_.history_of(robot));
+  if (reaction.past_since_ms)
+    for (const auto& [topic, past] : hub_.past(*reaction.past_since_ms)) send_state(topic, past);
   if (reaction.delay > std::chrono::seconds{0})
     answer_later(std::move(reaction));
   else

@@ -133,21 +133,32 @@ void PageHub::on_message(const BrokerMessage& message) {
     const auto [gateway, rest] = topics_.gateway_topic(message.topic);
     if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
   }
-  if (kind == TopicKind::robot && !message.is_retained)
-    roster_.on_robot_message(topics_.robot_of(message.topic), message.gateway, message.received_at,
-                             message.at_ms);
-  if (kind != TopicKind::state && pages_.empty()) return;
+  if (kind == TopicKind::robot && !message.is_retained) on_robot_message(message);
+  if (kind == TopicKind::robot && pages_.empty()) return;
   auto page_text = to_page(message, kind);
   if (kind == TopicKind::foreign || !page_text) return;
   const SharedText text = share(std::move(*page_text));
   if (kind == TopicKind::state && !keep(message, text)) return;
   if (kind == TopicKind::state) tell_roster(message);
+  const bool is_event = kind == TopicKind::event || kind == TopicKind::command;
+  if (is_event && !message.is_retained) past_.on_event(text, message.at_ms);
   for (PageConnection* page : pages_) {
     if (kind == TopicKind::state)
       page->send_state(message.topic, text);
     else
       page->send_event(text);
   }
+}
+
+void PageHub::on_robot_message(const BrokerMessage& message) {
+  const std::string_view robot = topics_.robot_of(message.topic);
+  roster_.on_robot_message(robot, message.gateway, message.received_at, message.at_ms);
+  if (message.topic.size() <= max_topic && message.topic.ends_with("/update"))
+    past_.on_update(robot, message.payload, message.at_ms);
+}
+
+std::vector<std::pair<std::string, SharedText>> PageHub::past(std::int64_t since_ms) const {
+  return past_.texts(since_ms, now_ms());
 }
 
 void PageHub::tell_roster(const BrokerMessage& message) {

@@ -20,6 +20,7 @@
 #include "web/server/last_known.hpp"
 #include "web/server/metrics.hpp"
 #include "web/server/page_session.hpp"
+#include "web/server/past.hpp"
 #include "web/server/places.hpp"
 #include "web/server/roster.hpp"
 #include "web/server/topics.hpp"
@@ -45,6 +46,7 @@ class PageHub {
   void join(PageConnection& page);
   void leave(PageConnection& page);
   /// For the page that asked.
+  std::vector<std::pair<std::string, SharedText>> past(std::int64_t since_ms) const;
   SharedText history_of(const std::string& robot) const;
   PageSession new_session(Client client) { return {topics_, tokens_, guesses_, std::move(client)}; }
   const Tokens& tokens() const { return tokens_; }
@@ -74,6 +76,7 @@ class PageHub {
   void send_broker_state();
   /// Whether pages get it: false where there is no room, or when it withdraws what was not known.
   bool keep(const BrokerMessage& message, const SharedText& text);
+  void on_robot_message(const BrokerMessage& message);
   void tell_roster(const BrokerMessage& message);
   void update_roster();
   void update_roster_later();
@@ -91,6 +94,7 @@ class PageHub {
   LastKnown known_;
   Roster roster_;
   History history_;
+  Past past_;
   OutcomeCounts outcomes_;
   LastHeard heard_;
   OwnNumbers own_;
