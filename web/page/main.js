@@ -10,7 +10,7 @@ import { RobotsView, goneWords, isThere, problems } from './robots.js';
 import { shown } from './shown.js';
 import { drawSteps } from './steps.js';
 import { TraceView } from './trace.js';
-import { lifeWords, meshNames, outcomeWords } from './words.js';
+import { age, lifeWords, meshNames, outcomeWords } from './words.js';
 
 const VIEWS = ['map', 'robots', 'trace'];
 const TABLES_MS = 500;
@@ -19,7 +19,7 @@ const byName = new Intl.Collator(undefined, { numeric: true }).compare;
 const model = new Model();
 const map = new WorldMap($('world'), model, {
   choose,
-  drive: (robot, place) => send(robot, 'cmd', place),
+  drive: (robot, place) => (map.isPast ? toast('The map shows the past: go back to now to send a robot somewhere.') : send(robot, 'cmd', place)),
   hover: (place) => setText($('where'), place ? `${place.x.toFixed(0)}, ${place.y.toFixed(0)} cm` : ''),
   covered: () => {
     const side = $('side').getBoundingClientRect();
@@ -158,6 +158,50 @@ function drawPilot() {
   });
 }
 
+// ---- going back in time
+const PLAY_MS = 60000; // for all of it
+const MIN_SPEED = 4; // else it would never come to now
+const MIN_TRACK_MS = 10000;
+const SLIDER = 1000;
+let playing = 0;
+const began = () => Math.min(...map.robots.map((robot) => robot.track[0]?.at ?? Infinity));
+function drawTime() {
+  const [from, now] = [began(), model.now()];
+  $('timebar').hidden = !(now - from > MIN_TRACK_MS);
+  if (!map.isPast) $('time').value = SLIDER;
+  setText($('live'), map.isPast ? `${age(now - map.time)} ago` : 'now');
+  $('play').ariaPressed = playing !== 0;
+  setText($('play'), playing ? '❚❚' : '▶');
+}
+function goTo(time) {
+  map.goTo(time < model.now() - 500 ? time : Infinity);
+  if (!map.isPast) pause();
+  drawTime();
+}
+function pause() {
+  clearInterval(playing);
+  playing = 0;
+}
+$('time').addEventListener('input', () => {
+  const from = began();
+  const share = $('time').valueAsNumber / SLIDER;
+  goTo(share === 1 ? Infinity : from + (model.now() - from) * share);
+});
+$('live').addEventListener('click', () => goTo(Infinity));
+$('play').addEventListener('click', () => {
+  if (playing) pause();
+  else {
+    const from = began();
+    if (!map.isPast) map.goTo(from);
+    const step = Math.max(MIN_SPEED, (model.now() - from) / PLAY_MS) * 50;
+    playing = setInterval(() => {
+      goTo(map.time + step);
+      if (map.isPast) $('time').value = SLIDER * (map.time - from) / (model.now() - from);
+    }, 50);
+  }
+  drawTime();
+});
+
 // ---- the head
 // The first thing on the way from the robots to this page that is not there.
 function linkWords() {
@@ -232,7 +276,7 @@ function decoded(text) {
 }
 function drawTables() {
   attempt(() => model.expire(), drawTrouble, drawLink);
-  if (view === 'map') attempt(drawList, drawPilot, () => map.fade());
+  if (view === 'map') attempt(drawList, drawPilot, drawTime, () => map.fade());
   if (view === 'robots') robotsView.draw();
   if (view === 'robot') attempt(() => robotView.draw());
   if (view === 'trace' && !traceView.isPaused) attempt(() => traceView.draw());

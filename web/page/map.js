@@ -64,6 +64,7 @@ export class WorldMap {
     this.sprites = new Map();
     this.marks = []; // where commands were sent
     this.show = { points: true, grid: true, trails: true, labels: true };
+    this.time = Infinity; // what is shown is of then; Infinity: of now
     this.wanted = ''; // only robots that match
     this.clusters = [];
     this.single = []; // robots that are drawn one by one
@@ -96,6 +97,16 @@ export class WorldMap {
     const free = colour('--free').match(/\w\w/g).map((part) => parseInt(part, 16));
     this.grid.recolour({ free, wall: colour('--wall').split(' ').map(Number) });
     this.sprites.clear();
+    this.repaint();
+  }
+  get isPast() {
+    return this.time !== Infinity;
+  }
+  poseOf(robot) {
+    return this.isPast ? robot.placeAt(this.time) : robot.pose;
+  }
+  goTo(time) {
+    this.time = time;
     this.repaint();
   }
   // Like change(), for what is in the layer too.
@@ -132,7 +143,8 @@ export class WorldMap {
       high = Math.max(high, y);
     };
     for (const robot of this.robots) {
-      if (robot.pose) reach(robot.pose.x, robot.pose.y);
+      const pose = this.poseOf(robot);
+      if (pose) reach(pose.x, pose.y);
       for (let i = 0; i < robot.kept; i += 1 + (robot.kept >> 7)) reach(robot.points[i * 3], robot.points[i * 3 + 1]);
     }
     return left <= right ? { left, right, low, high } : null;
@@ -178,7 +190,8 @@ export class WorldMap {
     let best = null;
     let nearest = 16;
     for (const robot of this.single) {
-      const distance = Math.hypot(this.view.px(robot.pose.x) - px, this.view.py(robot.pose.y) - py);
+      const pose = this.poseOf(robot);
+      const distance = Math.hypot(this.view.px(pose.x) - px, this.view.py(pose.y) - py);
       if (distance < nearest) [best, nearest] = [robot, distance];
     }
     return best;
@@ -194,7 +207,7 @@ export class WorldMap {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.drawImage(this.layer, 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this.gather(robots.filter((robot) => robot.pose));
+    this.gather(robots.filter((robot) => this.poseOf(robot)));
     for (const cluster of this.clusters) this.drawCluster(cluster);
     for (const robot of this.single) this.drawRobot(robot);
     if (this.show.labels) this.drawNames();
@@ -206,7 +219,7 @@ export class WorldMap {
     const { scale, left, top } = this.view;
     const place = [scale, left, top, this.canvas.width, this.canvas.height].join();
     const isHeavy = robots.reduce((sum, robot) => sum + robot.kept, 0) > HEAVY_POINTS;
-    if (isHeavy && place === this.layerPlace && now - this.layerAt < LAYER_MS) return this.extendLayer(robots);
+    if (isHeavy && !this.isPast && place === this.layerPlace && now - this.layerAt < LAYER_MS) return this.extendLayer(robots);
     this.layerAt = now;
     this.layerPlace = place;
     this.paintLayer(robots);
@@ -220,7 +233,7 @@ export class WorldMap {
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.fillStyle = this.colours.ground;
     context.fillRect(0, 0, this.width, this.height);
-    if (this.show.grid) this.grid.draw(context, this.view, this.width, this.height);
+    if (this.show.grid && !this.isPast) this.grid.draw(context, this.view, this.width, this.height);
     this.drawLines(context);
     if (this.show.points) this.drawPoints(context, robots);
     for (const robot of robots) {
@@ -280,25 +293,26 @@ export class WorldMap {
   drawPoints(context, robots) {
     const { ratio, view } = this;
     const scaled = { scale: view.scale * ratio, left: view.left * ratio, top: view.top * ratio };
-    const picture = this.points.draw(robots, scaled, this.canvas.width, this.canvas.height, this.chosen);
+    const picture = this.points.draw(robots, scaled, this.canvas.width, this.canvas.height, this.chosen, this.time);
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.drawImage(picture, 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
   }
   drawTrail(context, robot, count) {
     const { view } = this;
-    const length = Math.min(robot.trail.length, Math.max(24, Math.floor(4000 / count)));
+    const trail = this.isPast ? robot.track.filter(({ at }) => at <= this.time) : robot.trail;
+    const length = Math.min(trail.length, Math.max(24, Math.floor(4000 / count)));
     if (length < 2) return;
     const parts = count > 30 ? 1 : 4; // older parts are fainter
     context.strokeStyle = `rgb(${robot.colour})`;
     context.lineWidth = robot === this.chosen ? 2.5 : 1.5;
     context.lineJoin = 'round';
     for (let part = 0; part < parts; part++) {
-      const from = robot.trail.length - length + Math.floor(length * part / parts);
-      const to = robot.trail.length - length + Math.floor(length * (part + 1) / parts);
+      const from = trail.length - length + Math.floor(length * part / parts);
+      const to = trail.length - length + Math.floor(length * (part + 1) / parts);
       context.globalAlpha = 0.7 * (part + 1) / parts;
       context.beginPath();
-      for (let i = from; i <= Math.min(to, robot.trail.length - 1); i++) context.lineTo(view.px(robot.trail[i].x), view.py(robot.trail[i].y));
+      for (let i = from; i <= Math.min(to, trail.length - 1); i++) context.lineTo(view.px(trail[i].x), view.py(trail[i].y));
       context.stroke();
     }
     context.globalAlpha = 1;
@@ -324,17 +338,18 @@ export class WorldMap {
   }
   drawRobot(robot) {
     const { context, view } = this;
-    const [x, y] = [view.px(robot.pose.x), view.py(robot.pose.y)];
+    const pose = this.poseOf(robot);
+    const [x, y] = [view.px(pose.x), view.py(pose.y)];
     const size = robot === this.chosen ? 8 : 6;
-    const { isGone } = robot;
-    context.globalAlpha = robot.freshness(this.model.now());
+    const isGone = robot.isGone && !this.isPast;
+    if (!this.isPast) context.globalAlpha = robot.freshness(this.model.now());
     if (robot === this.chosen) {
       context.beginPath();
       context.arc(x, y, 15, 0, 7);
       context.fillStyle = `rgba(${robot.colour}, .18)`;
       context.fill();
     }
-    if (robot.heading !== null && !isGone) {
+    if (robot.heading !== null && !isGone && !this.isPast) {
       const [dx, dy] = [Math.cos(robot.heading), -Math.sin(robot.heading)];
       context.beginPath();
       context.moveTo(x + dx * size * 2.5, y + dy * size * 2.5);
@@ -349,7 +364,10 @@ export class WorldMap {
   // Many robots: clusters, then dots, then names, the closer one looks.
   gather(robots) {
     const cell = 2 ** Math.ceil(Math.log2(CLUSTER_PX / this.view.scale));
-    const cells = robots.length < CLUSTERS_FROM ? new Map() : Map.groupBy(robots.filter((robot) => robot !== this.chosen), ({ pose }) => `${Math.floor(pose.x / cell)},${Math.floor(pose.y / cell)}`);
+    const cells = robots.length < CLUSTERS_FROM ? new Map() : Map.groupBy(robots.filter((robot) => robot !== this.chosen), (robot) => {
+      const { x, y } = this.poseOf(robot);
+      return `${Math.floor(x / cell)},${Math.floor(y / cell)}`;
+    });
     this.clusters = [...cells].filter(([, all]) => all.length >= CLUSTER_OF).map(([key, all]) => {
       const [column, row] = key.split(',').map(Number);
       return { all, x: (column + 0.5) * cell, y: (row + 0.5) * cell };
@@ -395,7 +413,7 @@ export class WorldMap {
       const id = shown(robot.id);
       const name = id.length > 24 ? id.slice(0, 23) + '…' : id;
       robot.nameWidth ??= context.measureText(name).width;
-      const place = freePlace(view.px(robot.pose.x), view.py(robot.pose.y), robot.nameWidth, taken, this.width, this.height);
+      const place = freePlace(view.px(this.poseOf(robot).x), view.py(this.poseOf(robot).y), robot.nameWidth, taken, this.width, this.height);
       if (!place) continue; // two names in one place can't be read
       context.strokeText(name, ...place);
       context.fillText(name, ...place);

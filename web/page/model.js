@@ -10,6 +10,7 @@ const QUIET_MS = 10000; // whom a newcomer may replace: else a thousand and one 
 const LOOK_MS = 1000; // between two searches for the quiet ones
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
+const MAX_TRACK = 1000; // places of one robot with their times; beyond it, each second one of the older half goes
 const MAX_MESSAGES = 3000;
 const MAX_QUALITY = 60; // of one robot; gateways tell it each 10 s
 const MAX_COMMANDS = 20; // of one robot
@@ -98,6 +99,7 @@ export class Robot {
     this.times = null;
     this.pointCount = 0; // ever; the ring holds the newest
     this.trail = [];
+    this.track = []; // {at, x, y}: to go back in time
     this.outcomes = [];
     this.pending = [];
     this.commands = []; // whoever sent them, newest last: {at, type, text, outcome, after, why}
@@ -141,12 +143,24 @@ export class Robot {
     if (moved > 1) this.trail.push(pose);
     if (this.trail.length > MAX_TRAIL) this.trail.splice(0, MAX_TRAIL / 4);
     this.pose = pose;
+    this.track.push({ at, ...pose });
+    if (this.track.length > MAX_TRACK) this.track = this.track.filter((_, i) => i >= MAX_TRACK / 2 || i % 2 === 0);
     for (let i = 0; i + 1 < update.obstacles.length; i += 2) {
       const point = this.toRoom(update.obstacles[i], update.obstacles[i + 1]);
       const value = worth(Math.hypot(point.x - pose.x, point.y - pose.y));
       this.addPoint(point.x, point.y, value, at);
       see(pose.x, pose.y, point.x, point.y, value);
     }
+  }
+  // Where it was; null before it came.
+  placeAt(time) {
+    let [low, high] = [0, this.track.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.track[middle].at <= time) low = middle + 1;
+      else high = middle;
+    }
+    return this.track[low - 1] ?? null;
   }
   forgetDrawing() {
     this.pointCount = 0;
@@ -345,10 +359,11 @@ export class Model {
     Object.assign(this, { liveFrom, skew });
     const robot = updates.length ? this.robot(id, updates.at(-1)[0]) : null;
     if (!robot) return;
-    const { pose, heading, trail } = robot;
-    robot.trail = [];
+    const { pose, heading, trail, track } = robot;
+    Object.assign(robot, { trail: [], track: [] });
     for (const [at, payload] of updates) if (at < this.liveFrom) robot.apply(decodeUpdate({ payload, encoding: 'hex' }), at, this.onRay);
     robot.heard = Math.max(robot.heard, updates.at(-1)[0]);
+    robot.track.push(...track);
     if (pose) Object.assign(robot, { pose, heading, trail: [...robot.trail, ...trail].slice(-MAX_TRAIL) });
   }
   takeLife(id, said) {

@@ -33,8 +33,8 @@ export class Points {
     this.pixels = new Uint32Array(this.image.data.buffer);
   }
 
-  // `view` in device pixels. Gives the picture.
-  draw(robots, view, width, height, chosen) {
+  // `view` in device pixels; `time`: of the newest points. Gives the picture.
+  draw(robots, view, width, height, chosen, time) {
     this.resize(width, height);
     this.pixels.fill(0);
     const size = Math.max(2, Math.min(9, Math.round(view.scale * 1.3 * (robots.length > 20 ? 0.7 : 1))));
@@ -43,21 +43,21 @@ export class Points {
       if (!robot.points) continue;
       const strength = chosen && chosen !== robot ? 0.35 : 1;
       const shades = Array.from({ length: SHADES + 1 }, (_, i) => pack(robot.colour, Math.round(255 * strength * (0.1 + 0.8 * i / SHADES))));
-      this.plot(robot, view, width, height, rows, size, shades);
+      this.plot(robot, view, width, height, rows, size, shades, time);
     }
     this.context.putImageData(this.image, 0, 0);
     return this.canvas;
   }
 
-  plot(robot, view, width, height, rows, size, shades) {
-    const { points } = robot;
+  plot(robot, view, width, height, rows, size, shades, time) {
+    const { points, times } = robot;
     const { pixels } = this;
     const end = Math.min(robot.pointCount, MAX_POINTS) * 3;
     const { scale, left, top } = view;
     for (let i = 0; i < end; i += 3) {
       const x = (left + points[i] * scale) | 0;
       const y = (top - points[i + 1] * scale) | 0;
-      if (x < size || y < size || x >= width - size || y >= height - size) continue;
+      if (times[i / 3] > time || x < size || y < size || x >= width - size || y >= height - size) continue;
       const colour = shades[(points[i + 2] * SHADES) | 0];
       for (let r = 0; r < rows.length; r++) {
         const row = rows[r];

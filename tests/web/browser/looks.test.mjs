@@ -52,7 +52,7 @@ function measure() {
     for (let j = i + 1; j < boxes.length && boxes[j].top < a.bottom; j++)
       if (a.parent !== boxes[j].parent && isUnder(a, boxes[j])) wrong.push(`overlap: ${a.words} and ${boxes[j].words}`);
   });
-  const panels = ['side', 'tools', 'zoom'].map((id) => [id, document.getElementById(id).getBoundingClientRect()]).filter(([, rect]) => rect.width);
+  const panels = ['side', 'tools', 'zoom', 'timebar'].map((id) => [id, document.getElementById(id).getBoundingClientRect()]).filter(([, rect]) => rect.width);
   panels.forEach(([name, a], i) => panels.slice(i + 1).forEach(([other, b]) => isUnder(a, b) && wrong.push(`panels overlap: ${name} and ${other}`)));
   if (document.documentElement.scrollWidth > innerWidth) wrong.push('the page is wider than the screen');
   return [...new Set(wrong)];

@@ -154,6 +154,26 @@ pageTest('* who reloads, or comes later, sees what the first one sees', { unlock
   await later.context().close();
 });
 
+pageTest('the slider shows where robots were, and plays up to now', {}, async (page) => {
+  await manyPoints(page);
+  await until(page, () => document.querySelector('#timebar').checkVisibility());
+  await page.focus('#time');
+  await page.keyboard.press('Home');
+  await until(page, () => window.slamgw.map.isPast && /ago$/.test(document.querySelector('#live').textContent));
+  const then = await page.evaluate(() => {
+    const { map, model } = window.slamgw;
+    const robot = model.robots.get('robot1');
+    return { shown: map.poseOf(robot), first: robot.track[0], late: robot.placeAt(Date.now() + 1e6), now: robot.pose, early: robot.placeAt(0) };
+  });
+  assert.equal(then.early, null);
+  assert.deepEqual([then.late.x, then.late.y], [then.now.x, then.now.y]);
+  assert.ok(then.shown === null || then.shown.at - then.first.at < 2000, JSON.stringify(then));
+  await shot(page, 'past.png');
+  await page.evaluate(() => window.slamgw.map.goTo(Date.now() - 3000)); // nearly now, so that it soon ends
+  await page.click('#play');
+  await until(page, () => !window.slamgw.map.isPast && document.querySelector('#live').textContent === 'now' && document.querySelector('#play').textContent === '▶');
+});
+
 pageTest('pixels in the robots’ colours are where the points are', {}, async (page) => {
   await manyPoints(page);
   await page.click('#show-grid');
@@ -261,7 +281,8 @@ pageTest('PNG and CSV save what is drawn; a name is no formula', {}, async (page
 async function clickRoom(page, x, y) {
   const at = await page.evaluate(([a, b]) => {
     const { map } = window.slamgw;
-    map.fits = false;
+    map.fits = false; // and near, so that no other robot is under the click
+    Object.assign(map.view, { scale: 8, left: map.width / 2 - 8 * a, top: map.height / 2 + 8 * b });
     return [map.view.px(a), map.view.py(b)];
   }, [x, y]);
   const box = await page.locator('#world').boundingBox();
@@ -602,7 +623,7 @@ pageTest('a first visitor without robots has a list of steps, each with its comm
 
 pageTest('a robot’s page is opened from the table by the keyboard, and has a URL of its own', { view: 'robots' }, async (page) => {
   await until(page, () => document.querySelectorAll('#table tbody tr').length >= 6);
-  await page.focus('#table tbody tr');
+  await page.locator('#table tbody tr', { has: page.locator('td:first-child', { hasText: /^robot1$/ }) }).focus();
   await page.keyboard.press('Enter');
   await until(page, () => !document.querySelector('#robot').hidden && location.hash === '#/robot/robot1');
   await page.reload();
