@@ -605,7 +605,7 @@ pageTest('a first visitor without robots has a list of steps, each with its comm
   await page.evaluate(() => {
     const { model, map } = window.slamgw;
     model.robots.clear();
-    for (const name of ['takeRobot', 'takePresence', 'takeNumbers', 'takeLife']) model[name] = () => {};
+    for (const name of ['takeRobot', 'takePresence', 'takeNumbers', 'takeLife', 'takePast']) model[name] = () => {};
     map.repaint();
   });
   await until(page, () => !document.querySelector('#empty').hidden && /permit-join.*with a token/.test(document.querySelector('#steps').textContent));
@@ -710,6 +710,8 @@ pageTest('a message of megabytes stays with the broker', {}, async (page) => {
   for (const payload of [`{"state":"${'x'.repeat(50000)}"}`, 'y'.repeat(50000)]) await world.publish('ntnu-slam/gateway/small/state', payload);
   await until(page, () => window.slamgw.model.gateways.get('small').state === null);
   assert.ok(await page.evaluate(() => window.slamgw.model.messages.every(({ message }) => JSON.stringify(message).length < 10000)));
+  for (const id of ['huge', 'large', 'small']) await world.publish(`ntnu-slam/gateway/${id}/state`, '');
+  await until(page, () => document.querySelector('#link').textContent === 'Live');
 });
 
 test('a subscription that the broker refuses is told, with the line that grants it', async () => {
