@@ -105,7 +105,7 @@ OrderedJson wanted_json(const NodeWishes& wishes) {
 OrderedJson warnings_json(const OrderedJson& models, const NodeWishes& wishes, const Hears& hears) {
   OrderedJson warnings = OrderedJson::array();
   for (const auto& [model, address] : wishes.publications) {
-    const auto is_it = [&](const OrderedJson& row) { return row["model"] == model; };
+    const auto is_it = [&id = model](const OrderedJson& row) { return row["model"] == id; };
     if (std::ranges::none_of(models, is_it))
       warnings.push_back("the robot has no model " + model);
     else if (!hears(address))
