@@ -76,7 +76,7 @@ function drawMesh(card, mesh, link, robots, now) {
   head.firstChild.className = `dot ${!link ? 'unknown' : link.state === 'up' ? 'online' : 'offline'}`;
   setText(head.lastChild, meshNames[mesh] ?? String(mesh));
   const isMany = robots.length > MOST;
-  const words = [robots.length ? count(robots, (robot) => robot.state) : 'no robot yet', ...(mesh === 'ble' && isMany ? [count(robots, wayWords)] : []), ...(link?.state === 'down' ? [`link down: ${link.detail ?? ''}`] : [])];
+  const words = [robots.length ? count(robots, (robot) => robot.state) : 'no robot yet', ...(mesh === 'ble' && isMany ? [count(robots, wayWords)] : []), ...(link?.counters?.relayed > 0 ? [`got ${link.counters.relayed} updates of robots elsewhere`] : []), ...(link?.state === 'down' ? [`link down: ${link.detail ?? ''}`] : [])];
   setText(summary, words.join(' · '));
   const shown = robots.sort(byNeed).slice(0, MOST);
   if (!isMany) shown.sort((a, b) => (mesh === 'ble' ? (relays(a) ?? 99) - (relays(b) ?? 99) : 0) || a.id.localeCompare(b.id, undefined, { numeric: true }));
