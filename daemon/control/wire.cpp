@@ -97,7 +97,7 @@ bool read_publication(const json& request,
   const auto model = found->is_object() ? text_of(*found, "model") : std::nullopt;
   const auto address = found->is_object() ? found->find("address") : found->end();
   if (!model || address == found->end()) return false;
-  publication.emplace(*model, std::nullopt);
+  publication = NodeConfigOrder::Publication{*model, std::nullopt};
   if (address->is_null()) return true;
   const std::uint64_t number = number_of(*found, "address");
   publication->address = static_cast<std::uint16_t>(number);
