@@ -3,7 +3,7 @@
 // configured), Robots (who is there), Uplink (robots' messages), Downlink (commands to them) and
 // Relay (what robots on other meshes say).
 // This class carries between them; no I/O, no clock, no kind of radio. Called by the radio's shell,
-// BleMeshAdapter, which drains its actions after each input.
+// a BleMeshShell, which drains its actions after each input.
 #pragma once
 
 #include <memory>

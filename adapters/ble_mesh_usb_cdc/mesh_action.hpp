@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The actions of BleMesh and its parts, which BleMeshAdapter performs.
+// The actions of BleMesh and its parts, which BleMeshShell performs.
 #pragma once
 
 #include <optional>

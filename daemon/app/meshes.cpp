@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/board_adapter.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/cobs_adapter.hpp"
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
 
@@ -43,7 +43,7 @@ void Meshes::make_ble(boost::asio::io_context& io, const Config& config, MeshLis
     case ble::Protocol::nordic_serial: {
       ble_sessions_.emplace(io, config.store.directory, DiskSessionStore::ble_commands(),
                             [&listener](Notice notice) { listener.on_mesh_event(notice); });
-      auto adapter = std::make_unique<ble::BleMeshAdapter>(
+      auto adapter = std::make_unique<ble::BoardAdapter>(
           io, config.ble_mesh, scheme_, names, config.store.directory, *ble_sessions_, listener);
       ble_ = adapter.get();
       adapters_[Mesh::ble] = std::move(adapter);

@@ -9,7 +9,7 @@ namespace slamgw::ble {
 
 class CobsAdapter final : public SerialShell<CobsMesh> {
  public:
-  /// As BleMeshAdapter, without files.
+  /// As BoardAdapter, without files.
   CobsAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
               RobotNames names, MeshListener& listener, OpenPort open_port = {})
       : SerialShell(io, settings,
@@ -22,7 +22,7 @@ class CobsAdapter final : public SerialShell<CobsMesh> {
  private:
   void perform(CobsAction& action) override {
     std::visit(overloaded{
-                   [this](WriteSerial& serial) { write(serial); },
+                   [this](WriteSerial& serial) { perform_on_link(serial); },
                    [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
                },
                action);

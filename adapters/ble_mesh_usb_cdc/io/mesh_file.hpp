@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `<store.directory>/mesh.json` on disk: readable by its owner only, replaced atomically. Writing
-// blocks until it is on disk, so BleMeshAdapter writes from a thread of its own.
+// blocks until it is on disk, so BleMeshShell writes from a thread of its own.
 #pragma once
 
 #include <cstdint>

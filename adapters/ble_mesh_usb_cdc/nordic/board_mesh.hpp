@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The BLE mesh behind Nordic's serial board: BleMesh on a BoardRadio, with the inputs of the port.
-// Called by BleMeshAdapter.
+// Called by BoardAdapter.
 #pragma once
 
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The nodes of the mesh: their database and whether the disk has it, what they are called, and what
 // was seen of them since the daemon started. Nothing is used on the air before it is on disk: an
-// address before a device gets it, a device key before it is spoken with. BleMeshAdapter writes.
+// address before a device gets it, a device key before it is spoken with. BleMeshShell writes.
 // Part of Provisioner.
 #pragma once
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The adapter over a real pseudo-terminal with a FakeBoard at its other end: first light, unplug
 // and replug, and the file with the keys.
-#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/board_adapter.hpp"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -79,15 +79,15 @@ class Listener : public MeshListener, public EventLog {
   void on_mesh_event(MeshEvent event) override { events.push_back(std::move(event)); }
 };
 
-class BleMeshAdapterTest : public ::testing::Test {
+class BoardAdapterTest : public ::testing::Test {
  protected:
-  BleMeshAdapterTest() {
+  BoardAdapterTest() {
     std::string name = fs::temp_directory_path() / "slamgw-ble-XXXXXX";
     directory = ::mkdtemp(name.data());
     settings.device = directory / "tty";
     make_adapter();
   }
-  ~BleMeshAdapterTest() override {
+  ~BoardAdapterTest() override {
     adapter->stop();
     plugged.reset();
     io.poll();
@@ -95,8 +95,8 @@ class BleMeshAdapterTest : public ::testing::Test {
   }
 
   void make_adapter() {
-    adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), names,
-                                               directory.string(), sessions, listener);
+    adapter = std::make_unique<BoardAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), names,
+                                             directory.string(), sessions, listener);
   }
   void plug() { plugged.emplace(io, directory / "tty", board); }
   /// Runs the loop until `condition` holds; false after a limit that only a failure reaches.
@@ -120,11 +120,11 @@ class BleMeshAdapterTest : public ::testing::Test {
   RobotNames names;
   FakeBoard board;
   Listener listener;
-  std::unique_ptr<BleMeshAdapter> adapter;
+  std::unique_ptr<BoardAdapter> adapter;
   std::optional<PluggedBoard> plugged;
 };
 
-TEST_F(BleMeshAdapterTest, BringsAFreshBoardUpAndCarriesAMessageBothWays) {
+TEST_F(BoardAdapterTest, BringsAFreshBoardUpAndCarriesAMessageBothWays) {
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
@@ -150,7 +150,7 @@ TEST_F(BleMeshAdapterTest, BringsAFreshBoardUpAndCarriesAMessageBothWays) {
   EXPECT_EQ(listener.all<CommandOutcome>()[0].id, CommandId{5});
 }
 
-TEST_F(BleMeshAdapterTest, SurvivesUnplugAndReplug) {
+TEST_F(BoardAdapterTest, SurvivesUnplugAndReplug) {
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
@@ -163,7 +163,7 @@ TEST_F(BleMeshAdapterTest, SurvivesUnplugAndReplug) {
   EXPECT_EQ(board.subnets.size(), 1u);
 }
 
-TEST_F(BleMeshAdapterTest, KeepsTryingADeviceThatIsNotThere) {
+TEST_F(BoardAdapterTest, KeepsTryingADeviceThatIsNotThere) {
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.all<LinkChange>().size() == 1; }));
   std::ofstream(directory / "tty") << "no terminal";  // the next attempts fail in another way
@@ -173,7 +173,7 @@ TEST_F(BleMeshAdapterTest, KeepsTryingADeviceThatIsNotThere) {
   EXPECT_TRUE(eventually([&] { return listener.is_up(); }));
 }
 
-TEST_F(BleMeshAdapterTest, GivesAReplacementBoardTheStoredKeys) {
+TEST_F(BoardAdapterTest, GivesAReplacementBoardTheStoredKeys) {
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
@@ -190,7 +190,7 @@ TEST_F(BleMeshAdapterTest, GivesAReplacementBoardTheStoredKeys) {
   EXPECT_EQ(board.subnets.at(0).second, net_key);
 }
 
-TEST_F(BleMeshAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
+TEST_F(BoardAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
   std::ofstream(directory / "mesh.json") << "{\"version\": 1, \"net_";
   make_adapter();
   plug();
@@ -203,7 +203,7 @@ TEST_F(BleMeshAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
   EXPECT_EQ(mesh_file(), "{\"version\": 1, \"net_");
 }
 
-TEST_F(BleMeshAdapterTest, StaysOffWhenTheKeyFileCannotBeRead) {
+TEST_F(BoardAdapterTest, StaysOffWhenTheKeyFileCannotBeRead) {
   fs::create_directory(directory / "mesh.json");
   make_adapter();
   plug();
@@ -212,7 +212,7 @@ TEST_F(BleMeshAdapterTest, StaysOffWhenTheKeyFileCannotBeRead) {
   EXPECT_FALSE(listener.is_up());
 }
 
-TEST_F(BleMeshAdapterTest, StaysOffWithTheAddressOfARobot) {
+TEST_F(BoardAdapterTest, StaysOffWithTheAddressOfARobot) {
   NodeDatabase database;
   Node& node = database.nodes.emplace_back();
   node.address = settings.address;
@@ -226,7 +226,7 @@ TEST_F(BleMeshAdapterTest, StaysOffWithTheAddressOfARobot) {
   EXPECT_TRUE(board.commands.empty());
 }
 
-TEST_F(BleMeshAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
+TEST_F(BoardAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
   NodeDatabase guest;
   guest.guest_address = 2;
   ASSERT_EQ(MeshFile(directory.string()).create(guest), "");
@@ -241,7 +241,7 @@ TEST_F(BleMeshAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
   EXPECT_TRUE(listener.has_notice("was given to another gateway of this mesh"));
 }
 
-TEST_F(BleMeshAdapterTest, AKeyFileIsNeverReplaced) {
+TEST_F(BoardAdapterTest, AKeyFileIsNeverReplaced) {
   const MeshFile file(directory.string());
   EXPECT_EQ(file.create({}), "");
   const std::string before = mesh_file();
@@ -252,18 +252,18 @@ TEST_F(BleMeshAdapterTest, AKeyFileIsNeverReplaced) {
   EXPECT_FALSE(fs::exists(directory / "mesh.json.new"));
 }
 
-TEST_F(BleMeshAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
+TEST_F(BoardAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
   settings.device = directory / "tty";
   adapter =
-      std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
-                                       (directory / "missing").string(), sessions, listener);
+      std::make_unique<BoardAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
+                                     (directory / "missing").string(), sessions, listener);
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.has_notice("can't be stored"); }));
   EXPECT_TRUE(board.subnets.empty());
 }
 
-TEST_F(BleMeshAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
+TEST_F(BoardAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
   settings.protocol = Protocol::cobs;
   settings.robot_id = "nr1";
   CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
@@ -277,7 +277,7 @@ TEST_F(BleMeshAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
   streams.stop();
 }
 
-TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
+TEST_F(BoardAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
   settings.protocol = Protocol::cobs;
   CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
   streams.start();
@@ -285,11 +285,11 @@ TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
   streams.stop();
 }
 
-TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
+TEST_F(BoardAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
   const auto gates = std::make_shared<Gates>();
-  adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"),
-                                             RobotNames(), directory.string(), sessions, listener,
-                                             open_slowly(settings, gates));
+  adapter = std::make_unique<BoardAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"),
+                                           RobotNames(), directory.string(), sessions, listener,
+                                           open_slowly(settings, gates));
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
@@ -301,7 +301,7 @@ TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
   make_adapter();
 }
 
-TEST_F(BleMeshAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
+TEST_F(BoardAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   const Now now = read_clocks();
   sessions.sessions["nr1"] = encode_open_commands({{"nr1", "cmd", now.mono - 2s, true}}, now);
   sessions.sessions["nr2"] = encode_open_commands({{"nr2", "x", now.mono - 1s, false}}, now);
@@ -321,7 +321,7 @@ TEST_F(BleMeshAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u) << "once";
 }
 
-TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
+TEST_F(BoardAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
@@ -344,7 +344,7 @@ TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
   EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u);
 }
 
-TEST_F(BleMeshAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
+TEST_F(BoardAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
@@ -362,7 +362,7 @@ TEST_F(BleMeshAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
   EXPECT_TRUE(adapter->give_up("nobody").empty());
 }
 
-TEST_F(BleMeshAdapterTest, KeepsNoContentOfCommands) {
+TEST_F(BoardAdapterTest, KeepsNoContentOfCommands) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
@@ -374,7 +374,7 @@ TEST_F(BleMeshAdapterTest, KeepsNoContentOfCommands) {
   EXPECT_EQ(as_text(sessions.sessions["nr1"]).find("KK"), std::string_view::npos);
 }
 
-TEST_F(BleMeshAdapterTest, SaysNothingAfterStop) {
+TEST_F(BoardAdapterTest, SaysNothingAfterStop) {
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));

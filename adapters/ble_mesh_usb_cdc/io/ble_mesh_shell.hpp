@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+// The part of the BLE mesh's I/O shell that all radios share: the file with its nodes, the open
+// commands of its robots, and what operators order. `Link` is the way to the radio, a BleShell:
+// SerialShell<BoardMesh> for a serial board. Loop's thread only.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
+#include "daemon/core/session_store.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw::ble {
+
+template <class Link>
+class BleMeshShell : public Link, public BleMeshAdapter {
+ public:
+  void start() override {
+    end_interrupted_commands();
+    Link::start();
+  }
+  void stop() override {
+    Link::stop();
+    orders_.clear();
+    disk_.join();
+    // What changed while the last write was under way, such as the key of a robot that just joined.
+    if (const NodeDatabase* unsaved = this->machine().unsaved()) file_.replace(*unsaved);
+    keep_commands();
+  }
+  void manage(BleOrder order, OrderDone done) override {
+    if (this->is_stopped()) return done({{}, "slam-gatewayd ends"});
+    if (!this->problem().empty()) return done({{}, this->problem()});
+    const std::uint64_t id = ++last_order_;
+    orders_.emplace(id, std::move(done));
+    this->driver()->on_order(id, std::move(order), read_clocks());
+  }
+  void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard) override {
+    on_heard_ = std::move(on_heard);
+    this->driver()->ask_who_serves(std::move(may_serve));
+  }
+  bool is_shared() const override { return this->machine().is_shared(); }
+  void on_session_held(const std::string& robot) override {
+    this->driver()->on_session_held(robot, read_clocks());
+  }
+  void on_robot_message(const BrokerMessage& message) override {
+    if (!this->is_stopped()) this->driver()->on_robot_message(message, read_clocks());
+  }
+  void reconfigure(RobotNames names) override { Link::reconfigure(std::move(names)); }
+
+ protected:
+  /// `sessions` outlives the shell. Keeps `mesh.json` in `store_directory` and, at start, reads the
+  /// open commands of robots in `sessions`. `for_link`: of Link's constructor, `io` first.
+  template <class... ForLink>
+  BleMeshShell(const std::string& store_directory, SessionStore& sessions,
+               boost::asio::io_context& io, ForLink&&... for_link)
+      : Link(io, std::forward<ForLink>(for_link)...),
+        loop_(io),
+        file_(store_directory),
+        sessions_(sessions) {}
+
+  /// Does what every radio's mesh asks for.
+  void perform_shared(MeshAction& action) {
+    std::visit(overloaded{
+                   [this](WriteSerial& serial) { this->perform_on_link(serial); },
+                   [this](ReopenPort& port) { this->perform_on_link(port); },
+                   [this](GenerateKeys& wanted) { generate_keys(wanted); },
+                   [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
+                   [this](CommandsChanged&) { keep_commands(); },
+                   [this](HeardRobot& heard) { on_heard_(heard); },
+                   [this](OrderEnded& ended) { end_order(ended); },
+                   [this](MeshEvent& event) { this->listener().on_mesh_event(std::move(event)); },
+               },
+               action);
+  }
+
+ private:
+  void generate_keys(const GenerateKeys& wanted) {
+    const auto keys = generate_random_keys();
+    write_file(
+        [this, keys, wanted]() -> std::string {
+          if (!keys) return "no randomness for the mesh's keys";
+          return wanted.is_refresh ? std::string() : file_.create({*keys});
+        },
+        [this, keys, wanted](const std::string& problem) { on_keys_made(wanted, keys, problem); });
+  }
+  void on_keys_made(const GenerateKeys& wanted, const std::optional<MeshKeys>& keys,
+                    const std::string& problem) {
+    if (!problem.empty() && wanted.is_refresh) return this->notify(Severity::error, problem);
+    if (problem.empty() && !wanted.is_refresh)
+      this->notify(Severity::notice,
+                   "a new BLE mesh begins: " + file_.path() +
+                       " holds its keys; keep a backup, without them every robot must join anew");
+    problem.empty() ? this->driver()->on_keys(*keys, read_clocks())
+                    : this->driver()->on_keys_failed(problem, read_clocks());
+  }
+  void store(NodeDatabase database) {
+    write_file(
+        [this, database = std::move(database)] { return file_.replace(database); },
+        [this](const std::string& problem) { this->driver()->on_stored(problem, read_clocks()); });
+  }
+  /// `write` runs on the disk's thread; `done` gets the problem that it returns, on the loop.
+  void write_file(std::function<std::string()> write,
+                  std::function<void(const std::string&)> done) {
+    boost::asio::post(disk_, [this, write = std::move(write), done = std::move(done),
+                              executor = loop_.get_executor()] {
+      boost::asio::post(executor, [this, problem = write(), done, alive = std::weak_ptr(alive_)] {
+        if (!alive.expired() && !this->is_stopped()) done(problem);
+      });
+    });
+  }
+  void end_order(OrderEnded& ended) {
+    const auto waiting = orders_.find(ended.id);
+    if (waiting == orders_.end()) return;
+    const OrderDone done = std::move(waiting->second);
+    orders_.erase(waiting);
+    done(std::move(ended.answer));
+  }
+  /// Reports the outcome of commands that an earlier daemon had under way.
+  void end_interrupted_commands() {
+    const Now now = read_clocks();
+    for (const auto& [robot, content] : sessions_.load()) {
+      kept_commands_[robot] = decode_open_commands(robot, content, now);
+      for (const OpenCommand& command : kept_commands_[robot])
+        this->listener().on_mesh_event(outcome_after_restart(command, now.mono));
+    }
+    keep_commands();
+  }
+  void keep_commands() {
+    std::map<std::string, OpenCommands> open;
+    for (const OpenCommand& command : this->machine().open_commands())
+      open[command.robot].push_back(command);
+    std::vector<SessionStore::Change> changes;
+    for (const auto& [robot, commands] : open)
+      if (kept_commands_[robot] != commands)
+        changes.push_back({robot, encode_open_commands(commands, read_clocks())});
+    for (const auto& [robot, commands] : kept_commands_)
+      if (!open.contains(robot)) changes.push_back({robot, std::nullopt});
+    kept_commands_ = std::move(open);
+    if (!changes.empty()) sessions_.save(std::move(changes));
+  }
+
+  boost::asio::io_context& loop_;
+  OnHeard on_heard_ = [](const HeardRobot&) {};
+  MeshFile file_;
+  SessionStore& sessions_;
+  std::map<std::string, OpenCommands> kept_commands_;  ///< by robot, as given to `sessions_`
+  std::map<std::uint64_t, OrderDone> orders_;
+  std::uint64_t last_order_ = 0;
+  /// Expires with the shell, so that a completion that comes later does not touch it.
+  std::shared_ptr<const int> alive_ = std::make_shared<int>();
+  boost::asio::thread_pool disk_{1};  ///< writes mesh.json; last, so that it ends first
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The I/O shell of the BLE mesh behind Nordic's serial board: the serial port with BoardMesh behind
+// it. Loop's thread only.
+#pragma once
+
+#include <random>
+
+#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_shell.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/serial_shell.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
+
+namespace slamgw::ble {
+
+class BoardAdapter final : public BleMeshShell<SerialShell<BoardMesh>> {
+ public:
+  /// As BleMeshShell; `open_port` as for SerialShell.
+  BoardAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
+               RobotNames names, const std::string& store_directory, SessionStore& sessions,
+               MeshListener& listener, OpenPort open_port = {})
+      : BleMeshShell(store_directory, sessions, io, settings,
+                     make(settings, std::move(topics), std::move(names), store_directory), listener,
+                     std::move(open_port)) {}
+
+ private:
+  static Made make(const Settings& settings, TopicScheme topics, RobotNames names,
+                   const std::string& store_directory) {
+    LoadedMesh loaded = load_mesh(store_directory, settings);
+    return {std::make_unique<BoardMesh>(settings, std::move(topics), std::move(names),
+                                        loaded.database, fill_random, random_seed()),
+            std::move(loaded.problem)};
+  }
+  static std::uint64_t random_seed() {
+    std::random_device device;
+    return std::uint64_t{device()} << 32 | device();
+  }
+  void perform(MeshAction& action) override { perform_shared(action); }
+};
+
+}  // namespace slamgw::ble
