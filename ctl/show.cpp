@@ -722,7 +722,7 @@ std::string devices(const json& devices) {
   for (const json& device : devices) {
     const std::string robot = text_at(device, "robot");
     out += fmt::format("{} {:>4} {:>3}s {} {}\n", pad(text_at(device, "uuid"), 32),
-                       number_at(device, "rssi_dbm"), count_at(device, "heard_s_ago"),
+                       number_or_dash(device, "rssi_dbm", 1), count_at(device, "heard_s_ago"),
                        pad(text_at(device, "state"), 7), robot.empty() ? "-" : cut_end(robot, 29));
   }
   return out;

@@ -34,7 +34,8 @@ struct RadioKeys {
   MeshKeys keys;                      ///< sends under these, and hears them
   std::optional<MeshKeys> next = {};  ///< hears these, too
   std::optional<MeshKeys> former =
-      {};  ///< a radio that still has these forgets all and begins anew
+      {};                      ///< a radio that still has these forgets all and begins anew
+  std::uint32_t iv_index = 0;  ///< of the mesh, as far as it is known
 };
 
 /// One access message to send. Urgent ones (acknowledgements) overtake the others.
@@ -102,7 +103,7 @@ struct Heartbeat {
 /// A device that is in no mesh says so.
 struct UnprovisionedBeacon {
   Uuid uuid{};
-  std::int8_t rssi_dbm = 0;
+  std::optional<std::int8_t> rssi_dbm;
 };
 
 /// The device that joins has answered, and waits for Radio::answer_device.

@@ -11,6 +11,7 @@
 
 namespace slamgw::ble {
 
+enum class RadioChoice : std::uint8_t { nordic, bluez };
 enum class Protocol : std::uint8_t { nordic_serial, cobs };
 enum class FlowControl : std::uint8_t { automatic, none, rts_cts };
 enum class OnOffModel : std::uint8_t { generic, simple };
@@ -34,7 +35,9 @@ inline constexpr std::chrono::seconds health_interval{10};
 
 struct Settings {
   bool enabled = false;
-  std::string device = "auto";  ///< a path, or `auto`
+  RadioChoice radio = RadioChoice::nordic;
+  std::string controller = "hci0";  ///< of bluetooth-meshd, with `bluez`
+  std::string device = "auto";      ///< a path, or `auto`
   Protocol protocol = Protocol::nordic_serial;
   unsigned baud_rate = 115200;
   FlowControl flow_control = FlowControl::automatic;

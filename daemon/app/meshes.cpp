@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <type_traits>
 #include <utility>
 
+#include "adapters/ble_mesh_bluez/io/meshd_adapter.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/board_adapter.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/cobs_adapter.hpp"
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
@@ -43,10 +45,16 @@ void Meshes::make_ble(boost::asio::io_context& io, const Config& config, MeshLis
     case ble::Protocol::nordic_serial: {
       ble_sessions_.emplace(io, config.store.directory, DiskSessionStore::ble_commands(),
                             [&listener](Notice notice) { listener.on_mesh_event(notice); });
-      auto adapter = std::make_unique<ble::BoardAdapter>(
-          io, config.ble_mesh, scheme_, names, config.store.directory, *ble_sessions_, listener);
-      ble_ = adapter.get();
-      adapters_[Mesh::ble] = std::move(adapter);
+      const auto make = [&]<class Adapter>(std::type_identity<Adapter>) {
+        auto adapter = std::make_unique<Adapter>(io, config.ble_mesh, scheme_, names,
+                                                 config.store.directory, *ble_sessions_, listener);
+        ble_ = adapter.get();
+        adapters_[Mesh::ble] = std::move(adapter);
+      };
+      switch (config.ble_mesh.radio) {
+        case ble::RadioChoice::nordic: make(std::type_identity<ble::BoardAdapter>{}); break;
+        case ble::RadioChoice::bluez: make(std::type_identity<ble::MeshdAdapter>{}); break;
+      }
       break;
     }
     case ble::Protocol::cobs: {

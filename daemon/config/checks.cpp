@@ -92,6 +92,10 @@ void check_ble_mesh(const Located& located) {
     located.problem("ble_mesh.gateway_group",
                     "is in ble_mesh.groups, to which robots are subscribed: they would acknowledge "
                     "each other's messages; any other group is allowed");
+  if (ble.radio == ble::RadioChoice::bluez && ble.protocol == ble::Protocol::cobs)
+    located.problem("ble_mesh.protocol",
+                    "is for a serial board, and \"radio\" is \"bluez\"; only \"nordic-serial\" is "
+                    "allowed beside it");
   const bool is_positions_stream =
       ble.protocol == ble::Protocol::cobs && ble.cobs_content == ble::CobsContent::positions;
   if (is_positions_stream && !located.is_set("ble_mesh.robot_id"))

@@ -77,6 +77,15 @@ void read_groups(Value value, Config& config) {
       "group addresses");
 }
 
+bool is_controller(std::string_view name) {
+  constexpr std::string_view prefix = "hci";
+  constexpr std::size_t most_digits = 3;
+  if (!name.starts_with(prefix)) return false;
+  name.remove_prefix(prefix.size());
+  return !name.empty() && name.size() <= most_digits &&
+         name.find_first_not_of("0123456789") == name.npos;
+}
+
 /// 1 is not allowed by Mesh Profile section 3.4.4.5: such a message is never relayed, as with 0.
 void read_ttl(Value value, Config& config) {
   const nlohmann::json& json = value.node().value;
@@ -202,6 +211,15 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
 
 constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
     {"ble_mesh.enabled", [](Value v, Config& c) { v.boolean(c.ble_mesh.enabled); }},
+    {"ble_mesh.radio",
+     [](Value v, Config& c) {
+       v.one_of(c.ble_mesh.radio,
+                {{"nordic", ble::RadioChoice::nordic}, {"bluez", ble::RadioChoice::bluez}});
+     }},
+    {"ble_mesh.controller",
+     [](Value v, Config& c) {
+       v.text(c.ble_mesh.controller, is_controller, "\"hci0\", \"hci1\" ...");
+     }},
     {"ble_mesh.device", [](Value v, Config& c) { v.file_path(c.ble_mesh.device, "auto"); }},
     {"ble_mesh.protocol",
      [](Value v, Config& c) {

@@ -23,6 +23,7 @@ constexpr Opcode relay_get = 0x8026;
 constexpr Opcode relay_set = 0x8027;
 constexpr Opcode model_subscription_add = 0x801b;
 constexpr Opcode model_subscription_delete = 0x801c;
+constexpr Opcode model_subscription_delete_all = 0x801d;
 constexpr Opcode sig_model_subscription_get = 0x8029;
 constexpr Opcode vendor_model_subscription_get = 0x802b;
 constexpr Opcode heartbeat_publication_set = 0x8039;
@@ -131,6 +132,11 @@ Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
 Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
                                        const ModelId& model) {
   return encode_subscription(model_subscription_delete, element, group, model);
+}
+
+Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model) {
+  return encode_access(model_subscription_delete_all,
+                       ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
 }
 
 Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model) {

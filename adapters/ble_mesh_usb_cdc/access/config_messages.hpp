@@ -92,6 +92,7 @@ Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
                                     const ModelId& model);
 Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
                                        const ModelId& model);
+Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model);
 /// SIG or Vendor Model Subscription Get.
 Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model);
 Bytes encode_model_publication_get(std::uint16_t element, const ModelId& model);

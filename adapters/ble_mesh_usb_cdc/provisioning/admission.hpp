@@ -22,7 +22,7 @@ namespace slamgw::ble {
 /// device waits longer each time, so that it does not hold up the others. Called by Admission.
 struct Candidate {
   Uuid uuid{};
-  std::int8_t rssi_dbm = 0;
+  std::optional<std::int8_t> rssi_dbm;
   TimePoint first_heard{};
   TimePoint last_heard{};
   TimePoint not_before{};  ///< of the next attempt

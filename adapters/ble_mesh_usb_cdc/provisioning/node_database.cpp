@@ -53,7 +53,7 @@ std::string_view to_string(RefreshStep step) {
 }
 
 RadioKeys radio_keys(const NodeDatabase& database) {
-  RadioKeys keys{database.keys};
+  RadioKeys keys{.keys = database.keys, .iv_index = database.iv_index};
   if (!database.refresh) return keys;
   if (database.refresh->step == RefreshStep::switching) keys.next = database.refresh->other;
   if (database.refresh->step == RefreshStep::finishing) keys.former = database.refresh->other;

@@ -161,12 +161,13 @@ std::string OperatorOrders::scan_json(TimePoint now) const {
     const bool was_removed = nodes_.database() && nodes_.database()->was_removed(candidate.uuid);
     const auto age = std::chrono::duration_cast<std::chrono::seconds>(now - candidate.last_heard);
     OrderedJson device{{"uuid", to_hex(candidate.uuid)},
-                       {"rssi_dbm", candidate.rssi_dbm},
+                       {"rssi_dbm", nullptr},
                        {"heard_s_ago", age.count()},
                        {"state", was_removed ? "removed"
                                  : node      ? "known"
                                              : "new"},
                        {"robot", nullptr}};
+    if (candidate.rssi_dbm) device["rssi_dbm"] = *candidate.rssi_dbm;
     if (node != nullptr) device["robot"] = nodes_.id_of(node->address);
     devices.push_back(std::move(device));
   }

@@ -1,0 +1,584 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_bluez/io/meshd_bus.hpp"
+
+#include <fcntl.h>
+#include <poll.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "adapters/ble_mesh_bluez/meshd_radio.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+namespace asio = boost::asio;
+
+constexpr const char* service = "org.bluez.mesh";
+constexpr const char* network_path = "/org/bluez/mesh";
+constexpr const char* network = "org.bluez.mesh.Network1";
+constexpr const char* node = "org.bluez.mesh.Node1";
+constexpr const char* management = "org.bluez.mesh.Management1";
+constexpr const char* abort_error = "org.bluez.mesh.Error.Abort";
+
+constexpr const char* root = "/org/slam_gateway";
+constexpr const char* application = "/org/slam_gateway/application";
+constexpr const char* agent = "/org/slam_gateway/agent";
+constexpr const char* element = "/org/slam_gateway/element";
+
+constexpr std::uint16_t index_0 = 0;  // of both keys
+constexpr int is_remote = 1;          // as "b" of sd-bus
+constexpr std::uint8_t one_element = 1;
+
+void append(sd_bus_message* message, ByteView bytes) {
+  sd_bus_message_append_array(message, 'y', bytes.data(), bytes.size());
+}
+void append_no_options(sd_bus_message* message) { sd_bus_message_append(message, "a{sv}", 0); }
+
+Bytes read_bytes(sd_bus_message* message) {
+  const void* data = nullptr;
+  std::size_t size = 0;
+  if (sd_bus_message_read_array(message, 'y', &data, &size) < 0 || size == 0) return {};
+  const auto* const first = static_cast<const std::uint8_t*>(data);
+  return {first, first + size};
+}
+
+/// Nothing when it has another length.
+template <std::size_t size>
+std::optional<std::array<std::uint8_t, size>> read_array(sd_bus_message* message) {
+  const Bytes bytes = read_bytes(message);
+  std::array<std::uint8_t, size> array{};
+  if (bytes.size() != size) return std::nullopt;
+  std::ranges::copy(bytes, array.begin());
+  return array;
+}
+
+int bad_arguments(sd_bus_error* error) {
+  return sd_bus_error_set(error, SD_BUS_ERROR_INVALID_ARGS, "");
+}
+
+void read_device_keys(sd_bus_message* reply, std::map<std::uint16_t, Key>& keys) {
+  if (sd_bus_message_enter_container(reply, 'v', "a(qay)") <= 0) return;
+  if (sd_bus_message_enter_container(reply, 'a', "(qay)") <= 0) return;
+  while (sd_bus_message_enter_container(reply, 'r', "qay") > 0) {
+    std::uint16_t address = 0;
+    sd_bus_message_read(reply, "q", &address);
+    if (const auto key = read_array<sizeof(Key)>(reply)) keys[address] = *key;
+    sd_bus_message_exit_container(reply);
+  }
+  sd_bus_message_exit_container(reply);
+  sd_bus_message_exit_container(reply);
+}
+
+void read_exported_keys(sd_bus_message* reply, std::map<std::uint16_t, Key>& keys) {
+  if (sd_bus_message_enter_container(reply, 'a', "{sv}") <= 0) return;
+  while (sd_bus_message_enter_container(reply, 'e', "sv") > 0) {
+    const char* name = nullptr;
+    sd_bus_message_read(reply, "s", &name);
+    if (name != nullptr && std::strcmp(name, "DevKeys") == 0)
+      read_device_keys(reply, keys);
+    else
+      sd_bus_message_skip(reply, "v");
+    sd_bus_message_exit_container(reply);
+  }
+}
+
+std::uint16_t read_first_address(sd_bus_message* reply) {
+  const void* data = nullptr;
+  std::size_t size = 0;
+  std::uint16_t address = 0;
+  if (sd_bus_message_enter_container(reply, 'v', "aq") > 0 &&
+      sd_bus_message_read_array(reply, 'q', &data, &size) >= 0 && size >= sizeof(address))
+    std::memcpy(&address, data, sizeof(address));
+  return address;
+}
+
+// Properties of the gateway's node. meshd compares its composition at each Attach.
+
+int get_u16(std::uint16_t value, sd_bus_message* reply) {
+  return sd_bus_message_append(reply, "q", value);
+}
+int get_company(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+                sd_bus_error*) {
+  return get_u16(*gateway_model.company, reply);
+}
+int get_version(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+                sd_bus_error*) {
+  return get_u16(1, reply);
+}
+/// So many senders meshd keeps apart; without it, 100.
+int get_crpl(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+             sd_bus_error*) {
+  return get_u16(last_unicast_address, reply);
+}
+int get_element_index(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+                      sd_bus_error*) {
+  return sd_bus_message_append(reply, "y", 0);
+}
+/// The configuration client speaks with nodes under their device keys.
+int get_models(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+               sd_bus_error*) {
+  constexpr int configuration_client = 0x0001;
+  return sd_bus_message_append(reply, "a(qa{sv})", 1, configuration_client, 0);
+}
+int get_vendor_models(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+                      sd_bus_error*) {
+  return sd_bus_message_append(reply, "a(qqa{sv})", 1, int{*gateway_model.company},
+                               int{gateway_model.number}, 0);
+}
+int do_nothing(sd_bus_message* message, void*, sd_bus_error*) {
+  return sd_bus_reply_method_return(message, "");
+}
+
+}  // namespace
+
+struct MeshdBus::Objects {
+  static constexpr std::uint64_t constant = SD_BUS_VTABLE_PROPERTY_CONST;
+  static constexpr std::uint64_t open = SD_BUS_VTABLE_UNPRIVILEGED;
+  static constexpr sd_bus_vtable application[] = {
+      SD_BUS_VTABLE_START(0),
+      SD_BUS_METHOD("JoinComplete", "t", "", on_join_complete, open),
+      SD_BUS_METHOD("JoinFailed", "s", "", do_nothing, open),
+      SD_BUS_PROPERTY("CompanyID", "q", get_company, 0, constant),
+      SD_BUS_PROPERTY("ProductID", "q", get_version, 0, constant),
+      SD_BUS_PROPERTY("VersionID", "q", get_version, 0, constant),
+      SD_BUS_PROPERTY("CRPL", "q", get_crpl, 0, constant),
+      SD_BUS_VTABLE_END};
+  static constexpr sd_bus_vtable provisioner[] = {
+      SD_BUS_VTABLE_START(0),
+      SD_BUS_METHOD("ScanResult", "naya{sv}", "", on_scan_result, open),
+      SD_BUS_METHOD("RequestProvData", "y", "qq", on_prov_data_wanted, open),
+      SD_BUS_METHOD("AddNodeComplete", "ayqy", "", on_node_added, open),
+      SD_BUS_METHOD("AddNodeFailed", "ays", "", on_node_failed, open),
+      SD_BUS_VTABLE_END};
+  static constexpr sd_bus_vtable agent[] = {
+      SD_BUS_VTABLE_START(0), SD_BUS_METHOD("PromptStatic", "s", "ay", on_prompt_static, open),
+      SD_BUS_METHOD("Cancel", "", "", do_nothing, open),
+      SD_BUS_PROPERTY("Capabilities", "as", get_capabilities, 0, constant), SD_BUS_VTABLE_END};
+  static constexpr sd_bus_vtable element[] = {
+      SD_BUS_VTABLE_START(0),
+      SD_BUS_METHOD("MessageReceived", "qqvay", "", on_message, open),
+      SD_BUS_METHOD("DevKeyMessageReceived", "qbqay", "", on_device_key_message, open),
+      SD_BUS_METHOD("UpdateModelConfiguration", "qa{sv}", "", do_nothing, open),
+      SD_BUS_PROPERTY("Index", "y", get_element_index, 0, constant),
+      SD_BUS_PROPERTY("Models", "a(qa{sv})", get_models, 0, constant),
+      SD_BUS_PROPERTY("VendorModels", "a(qqa{sv})", get_vendor_models, 0, constant),
+      SD_BUS_VTABLE_END};
+};
+
+MeshdBus::MeshdBus(asio::io_context& io, std::string address, std::optional<Key> static_oob,
+                   std::function<void(MeshdEvent)> on_event)
+    : io_(io),
+      address_(std::move(address)),
+      static_oob_(static_oob),
+      on_event_(std::move(on_event)),
+      timer_(io) {}
+
+// --- The connection ------------------------------------------------------------------------------
+
+void MeshdBus::open() {
+  life_ = std::make_shared<char>();
+  const int error = connect();
+  error < 0 ? fail(error) : watch();
+}
+
+int MeshdBus::connect() {
+  sd_bus* made = nullptr;
+  if (const int error = sd_bus_new(&made); error < 0) return error;
+  bus_.reset(made);
+  if (address_.empty()) {
+    bus_.reset();
+    if (const int error = sd_bus_open_system(&made); error < 0) return error;
+    bus_.reset(made);
+  } else {
+    sd_bus_set_address(made, address_.c_str());
+    sd_bus_set_bus_client(made, 1);
+    if (const int error = sd_bus_start(made); error < 0) return error;
+  }
+  if (const int error = offer_objects(); error < 0) return error;
+  const int error = sd_bus_match_signal_async(made, nullptr, "org.freedesktop.DBus",
+                                              "/org/freedesktop/DBus", "org.freedesktop.DBus",
+                                              "NameOwnerChanged", on_owner_changed, nullptr, this);
+  if (error < 0) return error;
+  socket_.emplace(io_, ::fcntl(sd_bus_get_fd(made), F_DUPFD_CLOEXEC, 0));
+  return sd_bus_call_method_async(made, nullptr, "org.freedesktop.DBus", "/org/freedesktop/DBus",
+                                  "org.freedesktop.DBus", "GetNameOwner", on_owner, this, "s",
+                                  service);
+}
+
+int MeshdBus::offer_objects() {
+  sd_bus* const bus = bus_.get();
+  const auto add = [&](const char* path, const char* interface, const sd_bus_vtable* table) {
+    return sd_bus_add_object_vtable(bus, nullptr, path, interface, table, this);
+  };
+  return std::min({sd_bus_add_filter(bus, nullptr, on_filter, this),
+                   sd_bus_add_object_manager(bus, nullptr, root),
+                   add(application, "org.bluez.mesh.Application1", Objects::application),
+                   add(application, "org.bluez.mesh.Provisioner1", Objects::provisioner),
+                   add(agent, "org.bluez.mesh.ProvisionAgent1", Objects::agent),
+                   add(element, "org.bluez.mesh.Element1", Objects::element)});
+}
+
+void MeshdBus::close() {
+  life_.reset();
+  timer_.cancel();
+  pending_.clear();
+  join_complete_.reset();
+  prov_data_request_.reset();
+  socket_.reset();
+  is_reading_ = is_writing_ = false;
+  bus_.reset();
+  owner_.clear();
+}
+
+void MeshdBus::fail(int error) {
+  close();
+  life_ = std::make_shared<char>();
+  timer_.expires_after(reopen_after);
+  timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code failure) {
+    if (!failure && !life.expired()) open();
+  });
+  on_event_(MeshdGone{std::string("the system bus is not there: ") + std::strerror(-error)});
+}
+
+/// Waits for what sd-bus waits for.
+void MeshdBus::watch() {
+  if (!socket_) return;
+  const auto on_wait = [this, life = std::weak_ptr(life_)](bool& is_waiting) {
+    return [this, life, &is_waiting](boost::system::error_code error) {
+      if (life.expired() || error == asio::error::operation_aborted) return;
+      is_waiting = false;
+      on_ready();
+    };
+  };
+  const int events = sd_bus_get_events(bus_.get());
+  if (events < 0) return fail(events);
+  if (!std::exchange(is_reading_, true))
+    socket_->async_wait(asio::posix::descriptor_base::wait_read, on_wait(is_reading_));
+  if ((events & POLLOUT) != 0 && !std::exchange(is_writing_, true))
+    socket_->async_wait(asio::posix::descriptor_base::wait_write, on_wait(is_writing_));
+  std::uint64_t due_us = 0;
+  if (sd_bus_get_timeout(bus_.get(), &due_us) < 0 || due_us == UINT64_MAX) return;
+  timer_.expires_at(std::chrono::steady_clock::time_point(
+      std::chrono::microseconds(static_cast<std::int64_t>(due_us))));
+  timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code error) {
+    if (!error && !life.expired()) on_ready();
+  });
+}
+
+void MeshdBus::on_ready() {
+  const std::weak_ptr<void> life = life_;
+  for (int count = 0; count < max_at_once; ++count) {
+    const int result = sd_bus_process(bus_.get(), nullptr);
+    if (life.expired()) return;  // closed meanwhile
+    if (result < 0) return fail(result);
+    if (result == 0) return watch();
+  }
+  asio::post(io_, [this, life] {
+    if (!life.expired()) on_ready();
+  });
+}
+
+void MeshdBus::set_owner(std::string owner) {
+  if (owner == owner_) return;
+  owner_ = std::move(owner);
+  pending_.clear();
+  join_complete_.reset();
+  prov_data_request_.reset();
+  if (owner_.empty())
+    on_event_(MeshdGone{"bluetooth-meshd is not running; see slam-gatewayctl doctor"});
+  else
+    on_event_(MeshdCame{});
+}
+
+/// Only meshd may call the gateway's objects.
+int MeshdBus::on_filter(sd_bus_message* message, void* bus, sd_bus_error*) {
+  const char* const sender = sd_bus_message_get_sender(message);
+  if (sd_bus_message_is_method_call(message, nullptr, nullptr) <= 0) return 0;
+  if (sender != nullptr && static_cast<MeshdBus*>(bus)->owner_ == sender) return 0;
+  const int error =
+      sd_bus_reply_method_errorf(message, SD_BUS_ERROR_ACCESS_DENIED, "for bluetooth-meshd only");
+  return error < 0 ? error : 1;
+}
+
+int MeshdBus::on_owner_changed(sd_bus_message* message, void* bus, sd_bus_error*) {
+  const char *name = nullptr, *before = nullptr, *after = nullptr;
+  if (sd_bus_message_read(message, "sss", &name, &before, &after) > 0 &&
+      std::strcmp(name, service) == 0)
+    static_cast<MeshdBus*>(bus)->set_owner(after);
+  return 0;
+}
+
+int MeshdBus::on_owner(sd_bus_message* message, void* bus, sd_bus_error*) {
+  MeshdBus& self = *static_cast<MeshdBus*>(bus);
+  const char* owner = "";
+  if (sd_bus_message_is_method_error(message, nullptr) <= 0)
+    sd_bus_message_read(message, "s", &owner);
+  if (*owner != '\0') {
+    self.set_owner(owner);
+  } else if (self.owner_.empty()) {
+    self.on_event_(MeshdGone{"bluetooth-meshd is not running; see slam-gatewayctl doctor"});
+  }
+  return 0;
+}
+
+// --- Calls at meshd ------------------------------------------------------------------------------
+
+/// To the connection, not the name: a call must not have the bus start meshd.
+SdBusMessage MeshdBus::to(const char* path, const char* interface, const char* member) const {
+  sd_bus_message* made = nullptr;
+  sd_bus_message_new_method_call(bus_.get(), &made, owner_.c_str(), path, interface, member);
+  return SdBusMessage(made);
+}
+
+SdBusMessage MeshdBus::compose(const Attach& call) const {
+  SdBusMessage message = to(network_path, network, "Attach");
+  sd_bus_message_append(message.get(), "ot", root, call.token);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const Import& call) const {
+  SdBusMessage message = to(network_path, network, "Import");
+  sd_bus_message_append(message.get(), "o", root);
+  append(message.get(), call.uuid);
+  append(message.get(), call.device_key);
+  append(message.get(), call.net_key);
+  sd_bus_message_append(message.get(), "q", index_0);
+  append_no_options(message.get());
+  sd_bus_message_append(message.get(), "uq", call.iv_index, call.address);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const Leave& call) const {
+  SdBusMessage message = to(network_path, network, "Leave");
+  sd_bus_message_append(message.get(), "t", call.token);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const ImportSubnet& call) const {
+  SdBusMessage message = to_node(management, "ImportSubnet");
+  sd_bus_message_append(message.get(), "q", index_0);
+  append(message.get(), call.net_key);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const ImportAppKey& call) const {
+  SdBusMessage message = to_node(management, "ImportAppKey");
+  sd_bus_message_append(message.get(), "qq", index_0, index_0);
+  append(message.get(), call.app_key);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const ImportRemoteNode& call) const {
+  SdBusMessage message = to_node(management, "ImportRemoteNode");
+  sd_bus_message_append(message.get(), "qy", call.address, one_element);
+  append(message.get(), call.device_key);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const DeleteRemoteNode& call) const {
+  SdBusMessage message = to_node(management, "DeleteRemoteNode");
+  sd_bus_message_append(message.get(), "qy", call.address, one_element);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const ExportKeys&) const {
+  return to_node(management, "ExportKeys");
+}
+
+SdBusMessage MeshdBus::compose(const UnprovisionedScan&) const {
+  SdBusMessage message = to_node(management, "UnprovisionedScan");
+  append_no_options(message.get());
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const UnprovisionedScanCancel&) const {
+  return to_node(management, "UnprovisionedScanCancel");
+}
+
+SdBusMessage MeshdBus::compose(const AddNode& call) const {
+  SdBusMessage message = to_node(management, "AddNode");
+  append(message.get(), call.uuid);
+  append_no_options(message.get());
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const Send& call) const {
+  SdBusMessage message = to_node(node, "Send");
+  sd_bus_message_append(message.get(), "oqq", element, call.destination, call.key);
+  append_no_options(message.get());
+  append(message.get(), call.payload);
+  return message;
+}
+
+SdBusMessage MeshdBus::compose(const DevKeySend& call) const {
+  SdBusMessage message = to_node(node, "DevKeySend");
+  sd_bus_message_append(message.get(), "oqbq", element, call.destination, is_remote, index_0);
+  append_no_options(message.get());
+  append(message.get(), call.payload);
+  return message;
+}
+
+SdBusMessage MeshdBus::get_property(const char* name) const {
+  SdBusMessage message = to_node("org.freedesktop.DBus.Properties", "Get");
+  sd_bus_message_append(message.get(), "ss", node, name);
+  return message;
+}
+SdBusMessage MeshdBus::compose(const GetAddresses&) const { return get_property("Addresses"); }
+SdBusMessage MeshdBus::compose(const GetIvIndex&) const { return get_property("IvIndex"); }
+
+void MeshdBus::perform(const MeshdRequest& request) {
+  if (!bus_) return;
+  std::visit(overloaded{
+                 [this](const CallMeshd& wanted) { make_call(wanted); },
+                 [this](const AcceptToken&) {
+                   if (join_complete_) sd_bus_reply_method_return(join_complete_.get(), "");
+                   join_complete_.reset();
+                 },
+                 [this](const GiveAddress& given) { answer(prov_data_request_, given); },
+             },
+             request);
+  watch();
+}
+
+void MeshdBus::make_call(const CallMeshd& wanted) {
+  const auto [entry, is_new] =
+      pending_.try_emplace(wanted.number, *this, wanted.number, wanted.call);
+  Pending& pending = entry->second;
+  const SdBusMessage message =
+      std::visit([this](const auto& call) { return compose(call); }, wanted.call);
+  sd_bus_slot* slot = nullptr;
+  const int error = sd_bus_call_async(bus_.get(), &slot, message.get(), on_reply, &pending, 0);
+  pending.slot.reset(slot);
+  if (error >= 0) return;
+  pending_.erase(entry);
+  asio::post(io_, [this, life = std::weak_ptr(life_), number = wanted.number, error] {
+    if (!life.expired())
+      on_event_(MeshdAnswer{.number = number, .error = "D-Bus", .why = std::strerror(-error)});
+  });
+}
+
+void MeshdBus::answer(SdBusMessage& waiting, const GiveAddress& given) {
+  if (!waiting) return;
+  if (given.address)
+    sd_bus_reply_method_return(waiting.get(), "qq", index_0, *given.address);
+  else
+    sd_bus_reply_method_errorf(waiting.get(), abort_error, "refused");
+  waiting.reset();
+}
+
+int MeshdBus::on_reply(sd_bus_message* message, void* pending, sd_bus_error*) {
+  const Pending& call = *static_cast<Pending*>(pending);
+  MeshdBus& self = call.bus;
+  MeshdAnswer answer{.number = call.number};
+  if (const sd_bus_error* const error = sd_bus_message_get_error(message)) {
+    answer.error = error->name != nullptr ? error->name : "D-Bus";
+    answer.why = error->message != nullptr ? error->message : "";
+  } else {
+    self.read_answer(message, call.call, answer);
+  }
+  self.pending_.erase(answer.number);
+  self.on_event_(std::move(answer));
+  return 0;
+}
+
+void MeshdBus::read_answer(sd_bus_message* reply, const MeshdCall& call, MeshdAnswer& answer) {
+  std::visit(overloaded{
+                 [&](const Attach&) {
+                   const char* path = "";
+                   sd_bus_message_read(reply, "o", &path);
+                   node_path_ = path;
+                 },
+                 [&](const ExportKeys&) { read_exported_keys(reply, answer.device_keys); },
+                 [&](const GetAddresses&) { answer.address = read_first_address(reply); },
+                 [&](const GetIvIndex&) { sd_bus_message_read(reply, "v", "u", &answer.iv_index); },
+                 [](const auto&) {},
+             },
+             call);
+}
+
+// --- Calls by meshd ------------------------------------------------------------------------------
+
+int MeshdBus::on_join_complete(sd_bus_message* message, void* bus, sd_bus_error*) {
+  MeshdBus& self = *static_cast<MeshdBus*>(bus);
+  JoinComplete complete;
+  sd_bus_message_read(message, "t", &complete.token);
+  self.join_complete_.reset(sd_bus_message_ref(message));
+  self.on_event_(complete);
+  return 1;
+}
+
+int MeshdBus::on_scan_result(sd_bus_message* message, void* bus, sd_bus_error*) {
+  ScanResult result;
+  sd_bus_message_read(message, "n", &result.rssi);
+  result.data = read_bytes(message);
+  static_cast<MeshdBus*>(bus)->on_event_(std::move(result));
+  return sd_bus_reply_method_return(message, "");
+}
+
+int MeshdBus::on_prov_data_wanted(sd_bus_message* message, void* bus, sd_bus_error*) {
+  MeshdBus& self = *static_cast<MeshdBus*>(bus);
+  RequestProvData wanted;
+  sd_bus_message_read(message, "y", &wanted.elements);
+  self.prov_data_request_.reset(sd_bus_message_ref(message));
+  self.on_event_(wanted);
+  return 1;
+}
+
+int MeshdBus::on_node_added(sd_bus_message* message, void* bus, sd_bus_error* error) {
+  const auto uuid = read_array<sizeof(Uuid)>(message);
+  std::uint16_t address = 0;
+  if (!uuid || sd_bus_message_read(message, "q", &address) < 0) return bad_arguments(error);
+  static_cast<MeshdBus*>(bus)->on_event_(AddNodeComplete{*uuid, address});
+  return sd_bus_reply_method_return(message, "");
+}
+
+int MeshdBus::on_node_failed(sd_bus_message* message, void* bus, sd_bus_error* error) {
+  const auto uuid = read_array<sizeof(Uuid)>(message);
+  const char* why = "";
+  if (!uuid || sd_bus_message_read(message, "s", &why) < 0) return bad_arguments(error);
+  static_cast<MeshdBus*>(bus)->on_event_(AddNodeFailed{*uuid, why});
+  return sd_bus_reply_method_return(message, "");
+}
+
+int MeshdBus::on_message(sd_bus_message* message, void* bus, sd_bus_error*) {
+  AppMessage received;
+  sd_bus_message_read(message, "qq", &received.source, &received.key);
+  sd_bus_message_skip(message, "v");
+  received.payload = read_bytes(message);
+  static_cast<MeshdBus*>(bus)->on_event_(std::move(received));
+  return sd_bus_reply_method_return(message, "");
+}
+
+int MeshdBus::on_device_key_message(sd_bus_message* message, void* bus, sd_bus_error*) {
+  DevKeyMessage received;
+  int is_from_remote = 0;
+  std::uint16_t net_index = 0;
+  sd_bus_message_read(message, "qbq", &received.source, &is_from_remote, &net_index);
+  received.is_remote = is_from_remote != 0;
+  received.payload = read_bytes(message);
+  static_cast<MeshdBus*>(bus)->on_event_(std::move(received));
+  return sd_bus_reply_method_return(message, "");
+}
+
+int MeshdBus::on_prompt_static(sd_bus_message* message, void* bus, sd_bus_error* error) {
+  const auto& oob = static_cast<MeshdBus*>(bus)->static_oob_;
+  if (!oob) return sd_bus_error_set(error, abort_error, "no static OOB is configured");
+  sd_bus_message* made = nullptr;
+  sd_bus_message_new_method_return(message, &made);
+  const SdBusMessage reply(made);
+  append(made, *oob);
+  return sd_bus_send(nullptr, made, nullptr);
+}
+
+int MeshdBus::get_capabilities(sd_bus*, const char*, const char*, const char*,
+                               sd_bus_message* reply, void* bus, sd_bus_error*) {
+  if (static_cast<MeshdBus*>(bus)->static_oob_)
+    return sd_bus_message_append(reply, "as", 1, "static-oob");
+  return sd_bus_message_append(reply, "as", 0);
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the radio and BlueZ's bluetooth-meshd say to each other, as values: the calls of
+// org.bluez.mesh (BlueZ's doc/mesh-api.txt) that the gateway makes, and what comes back. Key index
+// 0 of both keys. io/meshd_bus.hpp puts them on D-Bus.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
+
+namespace slamgw::ble {
+
+// Calls of Network1.
+
+/// Takes over a node that meshd keeps; its token proves whose it is.
+struct Attach {
+  std::uint64_t token = 0;
+};
+/// Makes a node of this mesh. JoinComplete follows the answer.
+struct Import {
+  Uuid uuid{};
+  Key device_key{};
+  Key net_key{};
+  std::uint32_t iv_index = 0;
+  std::uint16_t address = 0;
+};
+/// Removes a node, with its sequence numbers and its replay list.
+struct Leave {
+  std::uint64_t token = 0;
+};
+
+// Calls of Management1: the database of keys, and who joins.
+
+struct ImportSubnet {
+  Key net_key{};
+};
+struct ImportAppKey {
+  Key app_key{};
+};
+struct ImportRemoteNode {
+  std::uint16_t address = 0;
+  Key device_key{};
+};
+struct DeleteRemoteNode {
+  std::uint16_t address = 0;
+};
+struct ExportKeys {};
+struct UnprovisionedScan {};
+struct UnprovisionedScanCancel {};
+struct AddNode {
+  Uuid uuid{};
+};
+
+// Calls and properties of Node1.
+
+struct Send {
+  std::uint16_t destination = 0;
+  std::uint16_t key = 0;  ///< index of an application key
+  Bytes payload;
+};
+/// Under the device key of the destination, which may be the node itself.
+struct DevKeySend {
+  std::uint16_t destination = 0;
+  Bytes payload;
+};
+struct GetAddresses {};
+struct GetIvIndex {};
+
+using MeshdCall =
+    std::variant<Attach, Import, Leave, ImportSubnet, ImportAppKey, ImportRemoteNode,
+                 DeleteRemoteNode, ExportKeys, UnprovisionedScan, UnprovisionedScanCancel, AddNode,
+                 Send, DevKeySend, GetAddresses, GetIvIndex>;
+
+/// Make this call; answered by MeshdAnswer with its number.
+struct CallMeshd {
+  std::uint64_t number = 0;
+  MeshdCall call;
+};
+/// The answer to JoinComplete: the token is on disk.
+struct AcceptToken {};
+/// The answer to RequestProvData; nothing: the device is refused.
+struct GiveAddress {
+  std::optional<std::uint16_t> address;
+};
+using MeshdRequest = std::variant<CallMeshd, AcceptToken, GiveAddress>;
+
+/// meshd came to the bus, or another one in its place.
+struct MeshdCame {};
+/// It is not there, or the bus is not. What was asked of it has no answer any more.
+struct MeshdGone {
+  std::string why;
+};
+/// meshd, or the bus in its place, has answered a call.
+struct MeshdAnswer {
+  std::uint64_t number = 0;
+  std::string error = {};                         ///< name of the D-Bus error; empty: success
+  std::string why = {};                           ///< its text
+  std::map<std::uint16_t, Key> device_keys = {};  ///< to ExportKeys, by address. Never printed.
+  std::uint32_t iv_index = 0;                     ///< to GetIvIndex
+  std::uint16_t address = 0;                      ///< to GetAddresses: of the first element
+
+  bool is_success() const { return error.empty(); }
+};
+/// The node is made; AcceptToken answers it.
+struct JoinComplete {
+  std::uint64_t token = 0;
+};
+struct ScanResult {
+  std::int16_t rssi = 0;
+  Bytes data;  ///< begins with the UUID
+};
+/// GiveAddress answers it.
+struct RequestProvData {
+  std::uint8_t elements = 0;
+};
+struct AddNodeComplete {
+  Uuid uuid{};
+  std::uint16_t address = 0;
+};
+struct AddNodeFailed {
+  Uuid uuid{};
+  std::string why;
+};
+/// MessageReceived of Element1, which the seam has already.
+struct AppMessage {
+  std::uint16_t source = 0;
+  std::uint16_t key = 0;
+  Bytes payload;
+};
+struct DevKeyMessage {
+  std::uint16_t source = 0;
+  bool is_remote = false;  ///< under the source's device key, not the own node's
+  Bytes payload;
+};
+using MeshdEvent =
+    std::variant<MeshdCame, MeshdGone, MeshdAnswer, JoinComplete, ScanResult, RequestProvData,
+                 AddNodeComplete, AddNodeFailed, AppMessage, DevKeyMessage>;
+
+}  // namespace slamgw::ble

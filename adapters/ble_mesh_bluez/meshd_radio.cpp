@@ -1,0 +1,521 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_bluez/meshd_radio.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::string_view not_found = "org.bluez.mesh.Error.NotFound";
+constexpr std::string_view already_exists = "org.bluez.mesh.Error.AlreadyExists";
+constexpr std::string_view access_denied = "org.freedesktop.DBus.Error.AccessDenied";
+constexpr std::string_view unknown_prefix = "org.freedesktop.DBus.Error.Unknown";
+
+constexpr std::int16_t rssi_not_available = 127;  // Core Specification, LE Advertising Report
+constexpr std::string_view node_prefix = "bluez ";
+constexpr std::size_t uuid_digits = 32;
+
+std::string reason(const MeshdAnswer& answer) {
+  if (answer.error == access_denied)
+    return "the system bus does not let the gateway speak with bluetooth-meshd: " + answer.why;
+  // The bus name is there before the controller is.
+  if (answer.error.starts_with(unknown_prefix))
+    return "bluetooth-meshd waits for its Bluetooth controller; see slam-gatewayctl doctor";
+  return fmt::format("bluetooth-meshd answers {} {}", answer.error, answer.why);
+}
+
+/// RFC 4122, version 4: meshd takes no other.
+void make_uuid_valid(Uuid& uuid) {
+  uuid[6] = static_cast<std::uint8_t>((uuid[6] & 0x0f) | 0x40);
+  uuid[8] = static_cast<std::uint8_t>((uuid[8] & 0x3f) | 0x80);
+}
+
+}  // namespace
+
+std::string encode_node(const MeshdNode& node) {
+  std::string text = std::string(node_prefix) + to_hex(node.uuid);
+  if (node.token) text += fmt::format(" {:016x}", *node.token);
+  return text;
+}
+
+std::optional<MeshdNode> decode_node(std::string_view text) {
+  if (!text.starts_with(node_prefix)) return std::nullopt;
+  text.remove_prefix(node_prefix.size());
+  const auto uuid = parse_uuid(text.substr(0, uuid_digits));
+  if (!uuid) return std::nullopt;
+  MeshdNode node{*uuid, {}};
+  if (text.size() <= uuid_digits) return node;
+  const std::string_view digits = text.substr(uuid_digits + 1);
+  std::uint64_t token = 0;
+  const char* const end = digits.data() + digits.size();
+  const auto read = std::from_chars(digits.data(), end, token, 16);
+  if (read.ec != std::errc{} || read.ptr != end) return std::nullopt;
+  node.token = token;
+  return node;
+}
+
+// --- meshd comes and goes ------------------------------------------------------------------------
+
+void MeshdRadio::on_event(MeshdEvent& event, TimePoint now) {
+  std::visit(overloaded{
+                 [&](const MeshdCame&) { begin(); },
+                 [&](const MeshdGone& gone) { on_gone(gone); },
+                 [&](const MeshdAnswer& answer) { on_answer(answer, now); },
+                 [&](const JoinComplete& complete) { on_join_complete(complete); },
+                 [&](const ScanResult& result) { on_scan_result(result); },
+                 [&](const RequestProvData& wanted) { on_prov_data_wanted(wanted); },
+                 [&](const AddNodeComplete& added) { on_node_added(added); },
+                 [&](const AddNodeFailed& failed) { on_node_failed(failed); },
+                 [&](AppMessage& message) { on_message(message); },
+                 [&](DevKeyMessage& message) { on_device_key_message(message, now); },
+             },
+             event);
+}
+
+void MeshdRadio::on_gone(const MeshdGone& gone) {
+  go_down(gone.why);
+  stage_ = Stage::absent;
+}
+
+void MeshdRadio::on_answer(const MeshdAnswer& answer, TimePoint now) {
+  const auto found = calls_.find(answer.number);
+  if (found == calls_.end()) return;  // of a meshd that has gone
+  const Done done = std::move(found->second);
+  calls_.erase(found);
+  done(answer, now);
+}
+
+void MeshdRadio::call(MeshdCall call, Done done) {
+  calls_.emplace(++last_call_, std::move(done));
+  requests_.push(CallMeshd{last_call_, std::move(call)});
+}
+
+void MeshdRadio::go_down(const std::string& why) {
+  if (stage_ == Stage::up || why != down_reason_) {
+    LinkIsDown down{why, {}};
+    if (join_ && join_->due)
+      down.join = JoinEnded{.failure = "the BLE link went down: " + why,
+                            .may_have_joined = join_->has_address};
+    actions_.push(std::move(down));
+  }
+  down_reason_ = why;
+  forget();
+}
+
+/// The meshd that comes next, or the next node, knows nothing of what was asked before.
+void MeshdRadio::forget() {
+  retry_at_.reset();
+  calls_.clear();
+  steps_.clear();
+  step_due_.reset();
+  waiting_.clear();
+  is_sending_ = is_scan_wanted_ = false;
+  rescan_at_.reset();
+  join_.reset();
+  imported_.clear();
+}
+
+void MeshdRadio::pause(const std::string& why, Duration time, TimePoint now) {
+  go_down(why);
+  stage_ = Stage::pausing;
+  retry_at_ = now + time;
+}
+
+// --- The gateway's node --------------------------------------------------------------------------
+
+void MeshdRadio::begin() {
+  forget();
+  if (!keys_) {
+    stage_ = Stage::awaiting_keys;
+    return actions_.push(GenerateKeys{});
+  }
+  if (node_ && node_->token) return ask_for_source(max_sources);
+  begin_node();
+}
+
+void MeshdRadio::on_keys(const MeshKeys& keys, TimePoint) {
+  keys_ = RadioKeys{keys};
+  if (stage_ == Stage::awaiting_keys) begin();
+}
+
+void MeshdRadio::on_keys_failed(const std::string& why, TimePoint now) {
+  if (stage_ == Stage::awaiting_keys) pause(why, retry_after, now);
+}
+
+/// A node that meshd does not have has no sequence numbers, so it begins at an address that no
+/// robot has heard.
+void MeshdRadio::begin_node() {
+  node_ = MeshdNode{};
+  own_device_key_ = Key{};
+  if (!random_(node_->uuid) || !random_(*own_device_key_))
+    return go_down("no randomness for the keys of the gateway's node");
+  make_uuid_valid(node_->uuid);
+  ask_for_source(0);
+}
+
+/// The answer also means that the disk has the node.
+void MeshdRadio::ask_for_source(std::uint16_t addresses) {
+  stage_ = addresses == 0 ? Stage::awaiting_source : Stage::awaiting_disk;
+  actions_.push(SourceWanted{encode_node(*node_), addresses, was_cleared_});
+}
+
+void MeshdRadio::use_source(std::uint16_t source, std::uint16_t, TimePoint) {
+  source_ = source;
+  if (stage_ == Stage::awaiting_source) return make_node();
+  if (stage_ != Stage::awaiting_disk) return;
+  if (own_device_key_) requests_.push(AcceptToken{});
+  attach();
+}
+
+void MeshdRadio::make_node() {
+  stage_ = Stage::importing;
+  call(Import{node_->uuid, *own_device_key_, keys_->keys.net_key, keys_->iv_index, source_},
+       [this](const MeshdAnswer& answer, TimePoint now) {
+         if (!answer.is_success()) pause(reason(answer), retry_after, now);
+       });
+}
+
+void MeshdRadio::on_join_complete(const JoinComplete& complete) {
+  if (stage_ != Stage::importing) return;
+  node_->token = complete.token;
+  was_cleared_ = false;
+  ask_for_source(max_sources);
+}
+
+void MeshdRadio::attach() {
+  stage_ = Stage::attaching;
+  call(Attach{*node_->token},
+       [this](const MeshdAnswer& answer, TimePoint now) { on_attached(answer, now); });
+}
+
+void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
+  if (answer.error == not_found) {
+    actions_.push(Notice{Severity::warning,
+                         "bluetooth-meshd does not know the gateway's node any more: the gateway "
+                         "makes another one, at another address",
+                         {}});
+    return begin_node();
+  }
+  if (!answer.is_success()) return pause(reason(answer), retry_after, now);
+  stage_ = Stage::preparing;
+  call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
+    if (!property.is_success()) return pause(reason(property), retry_after, then);
+    if (property.address != source_) return leave("the gateway has another address now");
+    std::ranges::move(plan(), std::back_inserter(steps_));
+    do_step(then);
+  });
+}
+
+void MeshdRadio::leave(const std::string& why) {
+  go_down(why);
+  stage_ = Stage::leaving;
+  call(Leave{*node_->token}, [this](const MeshdAnswer& answer, TimePoint now) {
+    const bool is_gone = answer.is_success() || answer.error == not_found;
+    if (std::exchange(is_clearing_, false)) {
+      was_cleared_ = is_gone;
+      actions_.push(RadioCleared{is_gone ? "" : reason(answer)});
+    }
+    if (!is_gone) return pause(reason(answer), retry_after, now);
+    begin_node();
+  });
+}
+
+void MeshdRadio::clear(TimePoint) {
+  if (stage_ == Stage::absent || !node_ || !node_->token) {
+    actions_.push(RadioCleared{"the BLE link is down"});
+    return;
+  }
+  is_clearing_ = true;
+  leave("an operator has the gateway's node made anew");
+}
+
+bool MeshdRadio::restart(TimePoint) {
+  if (stage_ != Stage::up) return false;
+  leave("the gateway's node is made anew, to hear all robots");
+  return true;
+}
+
+/// No call takes a key of ours for the one that meshd's database has. So the node is made anew when
+/// the keys change that it sends under.
+void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
+  const bool sends_as_before = keys_ && keys_->keys == keys.keys;
+  keys_ = keys;
+  if (stage_ == Stage::absent || stage_ == Stage::leaving) return;
+  if (!sends_as_before) {
+    if (node_ && node_->token) return leave("the mesh has new keys");
+    go_down("the mesh has new keys");
+    return begin();
+  }
+  const bool is_busy = !steps_.empty();
+  std::ranges::move(refresh_steps(), std::back_inserter(steps_));
+  if (stage_ == Stage::up && !is_busy) do_step(now);
+}
+
+// --- Preparing the node --------------------------------------------------------------------------
+
+/// meshd takes configuration messages to its own node under the node's device key, as for any node.
+MeshdRadio::Step MeshdRadio::configure(Bytes message, Opcode answer, bool has_status) const {
+  return {DevKeySend{source_, std::move(message)}, answer, has_status};
+}
+
+std::vector<MeshdRadio::Step> MeshdRadio::plan() const {
+  std::vector<Step> steps{{ImportSubnet{keys_->keys.net_key}}, {ImportAppKey{keys_->keys.app_key}}};
+  if (own_device_key_) steps.push_back({ImportRemoteNode{source_, *own_device_key_}});
+  steps.push_back(configure(encode_appkey_add_message(keys_->keys.app_key), appkey_status));
+  steps.push_back(configure(encode_model_app_bind(source_, gateway_model), model_app_status));
+  steps.push_back(configure(encode_default_ttl_set(settings_.ttl), default_ttl_status, false));
+  steps.push_back(
+      configure(encode_network_transmit_set(transmissions), network_transmit_status, false));
+  steps.push_back(configure(encode_model_subscription_delete_all(source_, gateway_model),
+                            model_subscription_status));
+  for (const std::uint16_t group : settings_.groups)
+    steps.push_back(configure(encode_model_subscription_add(source_, group, gateway_model),
+                              model_subscription_status));
+  std::ranges::move(refresh_steps(), std::back_inserter(steps));
+  return steps;
+}
+
+/// The node hears both pairs of keys then, and sends under the old ones. It refuses what it has
+/// done already, such as after a beacon of a robot that is ahead.
+std::vector<MeshdRadio::Step> MeshdRadio::refresh_steps() const {
+  if (!keys_->next) return {};
+  return {configure(encode_netkey_update(keys_->next->net_key), netkey_status, false),
+          configure(encode_appkey_update(keys_->next->app_key), appkey_status, false)};
+}
+
+void MeshdRadio::do_step(TimePoint now) {
+  ++copies_;
+  if (steps_.front().answer != 0) step_due_ = now + step_time_limit;
+  call(steps_.front().call,
+       [this](const MeshdAnswer& answer, TimePoint then) { on_step_answer(answer, then); });
+}
+
+void MeshdRadio::on_step_answer(const MeshdAnswer& answer, TimePoint now) {
+  if (steps_.empty()) return;
+  if (answer.error == already_exists) return leave("bluetooth-meshd has other keys");
+  if (!answer.is_success()) return pause(reason(answer), retry_after, now);
+  if (steps_.front().answer == 0) end_step(now);
+}
+
+void MeshdRadio::on_configured(const AccessMessage& answer, TimePoint now) {
+  if (steps_.empty() || steps_.front().answer != answer.opcode) return;
+  const std::uint8_t status = answer.params.empty() ? 0 : answer.params.front();
+  if (steps_.front().has_status && status != 0)
+    return pause(fmt::format("bluetooth-meshd's node refuses its configuration: {}",
+                             config_status_text(status)),
+                 retry_after, now);
+  end_step(now);
+}
+
+void MeshdRadio::end_step(TimePoint now) {
+  steps_.pop_front();
+  copies_ = 0;
+  step_due_.reset();
+  if (!steps_.empty()) return do_step(now);
+  if (stage_ == Stage::preparing) come_up(now);
+}
+
+void MeshdRadio::come_up(TimePoint now) {
+  stage_ = Stage::up;
+  down_reason_.clear();
+  const bool has_kept = !std::exchange(own_device_key_, std::nullopt);
+  air_free_at_ = now;
+  ask_iv_at_ = now;
+  actions_.push(LinkIsUp{"bluetooth-meshd", encode_node(*node_), source_, has_kept});
+}
+
+void MeshdRadio::ask_iv_index() {
+  call(GetIvIndex{}, [this](const MeshdAnswer& answer, TimePoint) {
+    if (!answer.is_success() || std::exchange(iv_index_, answer.iv_index) == answer.iv_index)
+      return;
+    keys_->iv_index = iv_index_;
+    actions_.push(IvUpdate{iv_index_});
+  });
+}
+
+// --- Messages ------------------------------------------------------------------------------------
+
+void MeshdRadio::send(Outgoing message, TimePoint) {
+  if (stage_ != Stage::up) return;
+  const auto is_same = [&](const Outgoing& other) {
+    return other.destination == message.destination && other.payload == message.payload;
+  };
+  if (std::ranges::any_of(waiting_, is_same)) return;
+  if (waiting_.size() >= max_waiting) return void(++dropped_);
+  const auto behind_urgent = std::ranges::find(waiting_, false, &Outgoing::is_urgent);
+  waiting_.insert(message.is_urgent ? behind_urgent : waiting_.end(), std::move(message));
+}
+
+void MeshdRadio::withdraw(std::uint16_t destination, const Bytes& payload) {
+  std::erase_if(waiting_, [&](const Outgoing& each) {
+    return each.destination == destination && each.payload == payload;
+  });
+}
+
+/// meshd answers at once and queues without a bound. So a message waits here until the former one
+/// has left the air, and an urgent one can overtake it.
+void MeshdRadio::send_next(TimePoint now) {
+  if (stage_ != Stage::up || is_sending_ || waiting_.empty() || now < air_free_at_) return;
+  Outgoing next = std::move(waiting_.front());
+  waiting_.pop_front();
+  is_sending_ = true;
+  air_free_at_ = now + packet_time * segments_of(next.payload.size());
+  const auto sent = [this, destination = next.destination](const MeshdAnswer& answer, TimePoint) {
+    is_sending_ = false;
+    if (answer.is_success()) return;
+    ++refused_;
+    actions_.push(SendRefused{destination, reason(answer)});
+  };
+  if (next.is_under_device_key)
+    return call(DevKeySend{next.destination, std::move(next.payload)}, sent);
+  call(Send{next.destination, next.key.value_or(0), std::move(next.payload)}, sent);
+}
+
+void MeshdRadio::on_message(AppMessage& message) {
+  // meshd loops messages to a group back.
+  if (stage_ != Stage::up || message.source == source_) return;
+  const auto length = static_cast<std::uint16_t>(message.payload.size());
+  actions_.push(MessageReceived{
+      message.source, message.key, false, {}, {}, length, std::move(message.payload)});
+}
+
+void MeshdRadio::on_device_key_message(DevKeyMessage& message, TimePoint now) {
+  if (message.source == source_) {
+    const auto answer = decode_access(message.payload);
+    if (answer.has_value()) on_configured(*answer, now);
+    return;
+  }
+  if (stage_ != Stage::up || !message.is_remote) return;
+  const auto length = static_cast<std::uint16_t>(message.payload.size());
+  actions_.push(
+      MessageReceived{message.source, 0, true, {}, {}, length, std::move(message.payload)});
+}
+
+void MeshdRadio::use_device_key(std::uint16_t address, const std::optional<Key>& key) {
+  if (!key) return actions_.push(DeviceKeyUsed{address, {}});  // meshd has it since the node joined
+  imported_.insert(address);
+  call(ImportRemoteNode{address, *key}, [this, address](const MeshdAnswer& answer, TimePoint) {
+    actions_.push(DeviceKeyUsed{address, answer.is_success() ? "" : reason(answer)});
+  });
+}
+
+void MeshdRadio::forget_device_key(std::uint16_t address) {
+  if (imported_.erase(address) == 0) return actions_.push(DeviceKeyUsed{address, {}});
+  call(DeleteRemoteNode{address}, [this, address](const MeshdAnswer&, TimePoint) {
+    actions_.push(DeviceKeyUsed{address, {}});
+  });
+}
+
+// --- Who joins -----------------------------------------------------------------------------------
+
+void MeshdRadio::run_scan(TimePoint now) {
+  const bool may_scan = is_scan_wanted_ && !join_;
+  if (!may_scan && rescan_at_) {
+    rescan_at_.reset();
+    if (!join_) call(UnprovisionedScanCancel{}, [](const MeshdAnswer&, TimePoint) {});
+  }
+  if (!may_scan || (rescan_at_ && now < *rescan_at_)) return;
+  rescan_at_ = now + rescan_after;
+  call(UnprovisionedScan{}, [](const MeshdAnswer&, TimePoint) {});
+}
+
+void MeshdRadio::on_scan_result(const ScanResult& result) {
+  UnprovisionedBeacon beacon;
+  if (!rescan_at_ || result.data.size() < beacon.uuid.size()) return;
+  std::copy_n(result.data.begin(), beacon.uuid.size(), beacon.uuid.begin());
+  if (result.rssi != rssi_not_available) beacon.rssi_dbm = static_cast<std::int8_t>(result.rssi);
+  actions_.push(beacon);
+}
+
+void MeshdRadio::begin_join(TimePoint now) {
+  join_->due = now + join_time_limit;
+  call(AddNode{join_->device.uuid}, [this](const MeshdAnswer& answer, TimePoint) {
+    if (join_ && !answer.is_success()) end_join({.failure = reason(answer)});
+  });
+}
+
+void MeshdRadio::on_prov_data_wanted(const RequestProvData& wanted) {
+  if (join_ && join_->due) return actions_.push(DeviceAnswered{wanted.elements});
+  requests_.push(GiveAddress{});
+}
+
+void MeshdRadio::answer_device(const std::string& refusal, TimePoint) {
+  if (!join_) return;
+  join_->refusal = refusal;
+  join_->has_address = refusal.empty();
+  GiveAddress answer;
+  if (join_->has_address) answer.address = join_->device.address;
+  requests_.push(answer);
+}
+
+void MeshdRadio::on_node_added(const AddNodeComplete& added) {
+  if (!join_ || join_->device.uuid != added.uuid) return;
+  call(ExportKeys{}, [this, address = added.address](const MeshdAnswer& answer, TimePoint) {
+    const auto key = answer.device_keys.find(address);
+    DeviceJoined joined;
+    if (key != answer.device_keys.end()) joined.device_key = key->second;
+    actions_.push(joined);
+    end_join({});
+  });
+}
+
+void MeshdRadio::on_node_failed(const AddNodeFailed& failed) {
+  if (!join_ || join_->device.uuid != failed.uuid) return;
+  if (!join_->refusal.empty()) return end_join({.failure = join_->refusal});
+  end_join(
+      {.failure = "bluetooth-meshd gave up: " + failed.why, .may_have_joined = join_->has_address});
+}
+
+void MeshdRadio::end_join(JoinEnded ended) {
+  join_.reset();
+  actions_.push(std::move(ended));
+}
+
+// --- Time ----------------------------------------------------------------------------------------
+
+std::optional<RadioAction> MeshdRadio::next_action(TimePoint now) {
+  if (auto action = actions_.pop()) return action;
+  if (stage_ == Stage::up) {
+    if (join_ && !join_->due) begin_join(now);
+    run_scan(now);
+    send_next(now);
+  }
+  return actions_.pop();
+}
+
+std::optional<TimePoint> MeshdRadio::deadline() const {
+  std::optional<TimePoint> next = earlier(retry_at_, step_due_);
+  if (stage_ != Stage::up) return next;
+  next = earlier(next, ask_iv_at_);
+  next = earlier(next, rescan_at_);
+  if (join_) next = earlier(next, join_->due);
+  if (!waiting_.empty() && !is_sending_) next = earlier(next, air_free_at_);
+  return next;
+}
+
+void MeshdRadio::on_deadline(TimePoint now) {
+  if (retry_at_ && now >= *retry_at_) return begin();
+  if (step_due_ && now >= *step_due_) {
+    if (copies_ < max_copies) return do_step(now);
+    return pause(
+        "bluetooth-meshd's node does not take its configuration; slam-gatewayctl ble reset-board "
+        "makes another one",
+        10 * retry_after, now);
+  }
+  if (stage_ != Stage::up) return;
+  if (join_ && join_->due && now >= *join_->due)
+    end_join({.failure = "bluetooth-meshd does not say how joining ended",
+              .may_have_joined = join_->has_address});
+  if (now >= ask_iv_at_) {
+    ask_iv_at_ = now + iv_index_interval;
+    ask_iv_index();
+  }
+}
+
+}  // namespace slamgw::ble

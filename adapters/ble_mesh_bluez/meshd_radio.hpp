@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// BlueZ's bluetooth-meshd as the mesh's radio: which calls to make when, and what its answers mean.
+// meshd keeps sequence numbers, IV index and replay list of its node on disk, acknowledges segments
+// and runs the provisioning protocol itself. Called by BleMesh; MeshdMesh brings it what comes over
+// D-Bus. No D-Bus here.
+#pragma once
+
+#include <deque>
+#include <functional>
+#include <map>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_bluez/meshd_call.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+
+namespace slamgw::ble {
+
+struct MeshdSettings {
+  std::vector<std::uint16_t> groups;  ///< to hear
+  std::uint8_t ttl = 0;
+  /// Of the node that an earlier run made, as LinkIsUp::radio had it; may be that of another radio.
+  std::string node;
+};
+
+/// The one model of the gateway's node that hears application messages, the sensor_update server.
+/// meshd delivers each message to the application once for each element, whatever its models, so
+/// one is enough. A node keeps its composition for good: meshd refuses an application with another.
+inline constexpr ModelId gateway_model{0x0059, 0x0005};
+
+/// meshd's node, as `mesh.json` keeps it: "bluez UUID TOKEN". A secret: who has the token has the
+/// node.
+struct MeshdNode {
+  Uuid uuid{};
+  std::optional<std::uint64_t> token;  ///< nothing until meshd has made the node
+};
+std::string encode_node(const MeshdNode& node);
+std::optional<MeshdNode> decode_node(std::string_view text);
+
+class MeshdRadio final : public Radio {
+ public:
+  /// What waits to be sent; what does not fit is dropped, its sender repeats it.
+  static constexpr std::size_t max_waiting = 32;
+  /// Of the SAR of Mesh Profile 1.0 section 3.5.3.1, less the MIC.
+  static constexpr std::size_t max_access_bytes = 380;
+  /// The node sends each packet this often. meshd's own default, once in 100 ms, is ten packets a
+  /// second.
+  static constexpr Transmissions transmissions{2, 20};
+  static constexpr Duration packet_time = std::chrono::milliseconds{40};
+  /// meshd reports a device once for each scan, so the scan begins again and again.
+  static constexpr Duration rescan_after = std::chrono::seconds{2};
+  static constexpr Duration retry_after = std::chrono::seconds{2};
+  static constexpr Duration step_time_limit = std::chrono::seconds{3};
+  static constexpr int max_copies = 4;  ///< of one configuration message to the own node
+  /// meshd gives an attempt up after 60 s itself.
+  static constexpr Duration join_time_limit = std::chrono::seconds{90};
+  static constexpr Duration iv_index_interval = std::chrono::minutes{1};
+
+  using RandomSource = std::function<bool(std::span<std::uint8_t>)>;
+
+  /// `random` makes the UUID and the device key of the gateway's node.
+  MeshdRadio(MeshdSettings settings, std::optional<RadioKeys> keys, RandomSource random)
+      : settings_(std::move(settings)),
+        keys_(std::move(keys)),
+        random_(std::move(random)),
+        node_(decode_node(settings_.node)) {}
+
+  void on_event(MeshdEvent& event, TimePoint now);
+
+  std::size_t max_send_bytes() const override { return max_access_bytes; }
+  Counters counters() const override {
+    return {{"sends_refused", refused_}, {"sends_dropped", dropped_}};
+  }
+  void send(Outgoing message, TimePoint now) override;
+  void withdraw(std::uint16_t destination, const Bytes& payload) override;
+  bool is_idle() const override { return waiting_.empty(); }
+  void scan(bool is_on) override { is_scan_wanted_ = is_on; }
+  void provision(const ProvisionDevice& device) override { join_ = Join{device}; }
+  void answer_device(const std::string& refusal, TimePoint now) override;
+  void use_device_key(std::uint16_t address, const std::optional<Key>& key) override;
+  void forget_device_key(std::uint16_t address) override;
+  void on_keys(const MeshKeys& keys, TimePoint now) override;
+  void on_keys_failed(const std::string& why, TimePoint now) override;
+  void change_keys(const RadioKeys& keys, TimePoint now) override;
+  void use_source(std::uint16_t source, std::uint16_t count, TimePoint now) override;
+  void delay_source(const std::string& why) override { go_down(why); }
+  void clear(TimePoint now) override;
+  bool restart(TimePoint now) override;
+
+  std::optional<RadioAction> next_action(TimePoint now) override;
+  std::optional<MeshdRequest> next_request() { return requests_.pop(); }
+  std::optional<TimePoint> deadline() const override;
+  void on_deadline(TimePoint now) override;
+
+ private:
+  enum class Stage : std::uint8_t {
+    absent,           ///< meshd is not on the bus
+    pausing,          ///< until retry_at_
+    awaiting_keys,    ///< of a new mesh
+    awaiting_source,  ///< its address must be on disk
+    importing,        ///< meshd makes the node
+    awaiting_disk,    ///< it must have the token
+    attaching,
+    preparing,  ///< steps_
+    up,
+    leaving,
+  };
+
+  /// One step of preparing the node. Done when meshd has answered the call, and for a configuration
+  /// message when the node has.
+  struct Step {
+    MeshdCall call;
+    Opcode answer = 0;
+    bool has_status = true;  ///< in `answer`, which must be success
+  };
+
+  using Done = std::function<void(const MeshdAnswer&, TimePoint)>;
+  struct Join {
+    ProvisionDevice device;
+    std::optional<TimePoint> due = {};  ///< nothing: not begun
+    bool has_address = false;
+    std::string refusal = {};
+  };
+
+  void on_gone(const MeshdGone& gone);
+  void on_answer(const MeshdAnswer& answer, TimePoint now);
+  void on_join_complete(const JoinComplete& complete);
+  void on_scan_result(const ScanResult& result);
+  void on_prov_data_wanted(const RequestProvData& wanted);
+  void on_node_added(const AddNodeComplete& added);
+  void on_node_failed(const AddNodeFailed& failed);
+  void on_message(AppMessage& message);
+  void on_device_key_message(DevKeyMessage& message, TimePoint now);
+  void call(MeshdCall call, Done done);
+  void begin();
+  void pause(const std::string& why, Duration time, TimePoint now);
+  void go_down(const std::string& why);
+  void forget();
+  void begin_node();
+  void ask_for_source(std::uint16_t addresses);
+  void make_node();
+  void attach();
+  void on_attached(const MeshdAnswer& answer, TimePoint now);
+  void leave(const std::string& why);
+  std::vector<Step> plan() const;
+  std::vector<Step> refresh_steps() const;
+  Step configure(Bytes message, Opcode answer, bool has_status = true) const;
+  void do_step(TimePoint now);
+  void on_step_answer(const MeshdAnswer& answer, TimePoint now);
+  void on_configured(const AccessMessage& answer, TimePoint now);
+  void end_step(TimePoint now);
+  void come_up(TimePoint now);
+  void ask_iv_index();
+  void begin_join(TimePoint now);
+  void run_scan(TimePoint now);
+  void end_join(JoinEnded ended);
+  void send_next(TimePoint now);
+
+  MeshdSettings settings_;
+  std::optional<RadioKeys> keys_;
+  RandomSource random_;
+  std::optional<MeshdNode> node_;
+  ActionQueue<RadioAction> actions_;
+  ActionQueue<MeshdRequest> requests_;
+
+  Stage stage_ = Stage::absent;
+  std::string down_reason_;
+  std::optional<TimePoint> retry_at_;
+  std::uint64_t last_call_ = 0;
+  std::map<std::uint64_t, Done> calls_;  ///< that have no answer yet, by number
+  std::uint16_t source_ = 0;
+  std::optional<Key> own_device_key_;  ///< of a node that was made just now
+  bool was_cleared_ = false;           ///< by an operator, and no node made since
+  bool is_clearing_ = false;
+
+  std::deque<Step> steps_;
+  int copies_ = 0;
+  std::optional<TimePoint> step_due_;
+
+  std::deque<Outgoing> waiting_;
+  bool is_sending_ = false;
+  TimePoint air_free_at_{};  ///< what was sent is on the air until then
+  bool is_scan_wanted_ = false;
+  std::optional<TimePoint> rescan_at_;  ///< there while meshd scans
+  std::optional<Join> join_;
+  std::set<std::uint16_t> imported_;  ///< addresses whose device keys meshd has from here
+  TimePoint ask_iv_at_{};
+  std::uint32_t iv_index_ = 0;
+  std::uint64_t refused_ = 0;
+  std::uint64_t dropped_ = 0;
+};
+
+}  // namespace slamgw::ble

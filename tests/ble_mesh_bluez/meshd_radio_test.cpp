@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// The radio alone: what waits for meshd, in which order it goes, and what a refusal means.
+#include "adapters/ble_mesh_bluez/meshd_radio.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/ble_mesh_bluez/fake_meshd.hpp"
+#include "tests/ble_mesh_usb_cdc/hex.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::uint16_t destination = 0x0100;
+
+struct RadioRig {
+  RadioRig() {
+    feed(MeshdCame{});
+    EXPECT_TRUE(is_up);
+  }
+  void feed(MeshdEvent event) {
+    radio.on_event(event, now);
+    settle();
+  }
+  void settle() {
+    while (true) {
+      while (auto action = radio.next_action(now)) on_action(std::get<RadioEvent>(*action));
+      if (auto request = radio.next_request()) {
+        if (const auto* call = std::get_if<CallMeshd>(&*request)) meshd.call(*call);
+        if (std::holds_alternative<AcceptToken>(*request)) meshd.accept_token();
+        continue;
+      }
+      if (meshd.events.empty()) return;
+      MeshdEvent event = std::move(meshd.events.front());
+      meshd.events.pop_front();
+      radio.on_event(event, now);
+    }
+  }
+  void on_action(RadioEvent& event) {
+    if (const auto* refused = std::get_if<SendRefused>(&event)) refusals.push_back(*refused);
+    if (std::holds_alternative<LinkIsUp>(event)) is_up = true;
+    const auto* about_nodes = std::get_if<ProvisionerEvent>(&event);
+    if (about_nodes == nullptr) return;
+    if (std::holds_alternative<SourceWanted>(*about_nodes)) radio.use_source(0x0001, 32, now);
+    if (const auto* ended = std::get_if<JoinEnded>(about_nodes)) joins.push_back(*ended);
+  }
+  void run_for(Duration time) {
+    for (const TimePoint end = now + time; now < end; now += 5ms) {
+      if (radio.deadline() && *radio.deadline() <= now) radio.on_deadline(now);
+      settle();
+    }
+  }
+  void send(std::uint8_t number, bool is_urgent = false) {
+    radio.send({.destination = destination, .payload = Bytes{number}, .is_urgent = is_urgent}, now);
+  }
+  Bytes sent() const {
+    Bytes all;
+    for (const Send& each : meshd.sent) all.push_back(each.payload.front());
+    return all;
+  }
+
+  static bool count_up(std::span<std::uint8_t> octets) {
+    std::uint8_t number = 0;
+    for (std::uint8_t& octet : octets) octet = ++number;
+    return true;
+  }
+
+  TimePoint now{};
+  FakeMeshd meshd;
+  MeshdRadio radio{{{0xc002}, 4, ""}, RadioKeys{}, count_up};
+  bool is_up = false;
+  std::vector<SendRefused> refusals;
+  std::vector<JoinEnded> joins;
+};
+
+TEST(MeshdRadio, SendsOneMessageAtATimeAndUrgentOnesFirst) {
+  RadioRig rig;
+  for (std::uint8_t number = 1; number <= 3; ++number) rig.send(number);
+  rig.send(9, true);
+  rig.send(3);
+  rig.settle();
+  EXPECT_EQ(rig.sent(), Bytes{9});
+  rig.run_for(20ms);
+  EXPECT_EQ(rig.sent(), Bytes{9}) << "it is on the air";
+  rig.radio.withdraw(destination, Bytes{2});
+  rig.run_for(1s);
+  EXPECT_EQ(rig.sent(), (Bytes{9, 1, 3}));
+  EXPECT_TRUE(rig.radio.is_idle());
+}
+
+TEST(MeshdRadio, GivesALongMessageTheTimeOfItsSegments) {
+  RadioRig rig;
+  const Bytes longest(MeshdRadio::max_access_bytes, 7);
+  rig.radio.send({.destination = destination, .payload = longest}, rig.now);
+  rig.settle();
+  rig.send(1);
+  rig.run_for(31 * MeshdRadio::packet_time);
+  EXPECT_EQ(rig.meshd.sent.size(), 1u);
+  rig.run_for(3 * MeshdRadio::packet_time);
+  EXPECT_EQ(rig.meshd.sent.size(), 2u);
+  EXPECT_TRUE(rig.refusals.empty());
+}
+
+TEST(MeshdRadio, KeepsABoundedNumberOfMessages) {
+  RadioRig rig;
+  for (std::size_t number = 0; number < MeshdRadio::max_waiting + 5; ++number)
+    rig.send(static_cast<std::uint8_t>(number));
+  rig.run_for(10s);
+  EXPECT_EQ(rig.meshd.sent.size(), MeshdRadio::max_waiting);
+  const Counters counters = rig.radio.counters();
+  EXPECT_TRUE(std::ranges::any_of(counters, [](const Counter& counter) {
+    return counter.name == "sends_dropped" && counter.value == 5;
+  }));
+}
+
+TEST(MeshdRadio, SaysWhatMeshdRefusesToSend) {
+  RadioRig rig;
+  rig.radio.send(
+      {.destination = destination, .payload = hex("8008 00"), .is_under_device_key = true},
+      rig.now);
+  rig.settle();
+  ASSERT_EQ(rig.refusals.size(), 1u);
+  EXPECT_EQ(rig.refusals[0].destination, destination);
+  EXPECT_NE(rig.refusals[0].why.find("NotFound"), std::string::npos);
+}
+
+TEST(MeshdRadio, EndsAJoinOfWhichMeshdSaysNothing) {
+  RadioRig rig;
+  rig.meshd.does_not_answer = true;
+  rig.radio.provision({});
+  rig.run_for(MeshdRadio::join_time_limit + 100ms);
+  ASSERT_EQ(rig.joins.size(), 1u);
+  EXPECT_FALSE(rig.joins[0].failure.empty());
+  EXPECT_FALSE(rig.joins[0].may_have_joined) << "it was given no address";
+}
+
+TEST(MeshdRadio, TellsWhenMeshdEndsADeviceThatItRefused) {
+  RadioRig rig;
+  rig.meshd.robots.add(1);
+  ProvisionDevice device;
+  device.address = destination;
+  std::ranges::copy(rig.meshd.robots.devices[0].uuid, device.uuid.begin());
+  rig.radio.provision(device);
+  rig.settle();
+  rig.radio.answer_device("its addresses are taken", rig.now);
+  while (auto request = rig.radio.next_request())
+    if (const auto* given = std::get_if<GiveAddress>(&*request))
+      rig.meshd.give_address(given->address);
+  rig.settle();
+  ASSERT_EQ(rig.joins.size(), 1u);
+  EXPECT_EQ(rig.joins[0].failure, "its addresses are taken");
+}
+
+}  // namespace
+}  // namespace slamgw::ble
