@@ -15,7 +15,7 @@ namespace {
 constexpr std::string_view not_found = "org.bluez.mesh.Error.NotFound";
 constexpr std::string_view already_exists = "org.bluez.mesh.Error.AlreadyExists";
 constexpr std::string_view access_denied = "org.freedesktop.DBus.Error.AccessDenied";
-constexpr std::string_view unknown_prefix = "org.freedesktop.DBus.Error.Unknown";
+constexpr std::string_view no_such_method = "org.freedesktop.DBus.Error.NotFound";
 
 constexpr std::int16_t rssi_not_available = 127;  // Core Specification, LE Advertising Report
 constexpr std::string_view node_prefix = "bluez ";
@@ -25,7 +25,7 @@ std::string reason(const MeshdAnswer& answer) {
   if (answer.error == access_denied)
     return "the system bus does not let the gateway speak with bluetooth-meshd: " + answer.why;
   // The bus name is there before the controller is.
-  if (answer.error.starts_with(unknown_prefix))
+  if (answer.error == no_such_method)
     return "bluetooth-meshd waits for its Bluetooth controller; see slam-gatewayctl doctor";
   return fmt::format("bluetooth-meshd answers {} {}", answer.error, answer.why);
 }

@@ -47,6 +47,7 @@ std::string_view to_string(Health health) {
 }
 
 const std::string broker_page = "/usr/share/doc/slam-gateway/broker.md";
+const std::string bluez_page = "/usr/share/doc/slam-gateway/bluez.md";
 
 class Examination {
  public:
@@ -260,7 +261,9 @@ class Examination {
   void ble() {
     if (!config_.ble_mesh.enabled)
       return add("ble", Health::well, "not enabled (ble_mesh.enabled)");
-    link("ble", "ble: board");
+    const bool is_bluez = config_.ble_mesh.radio == ble::RadioChoice::bluez;
+    if (is_bluez) bluetooth();
+    link("ble", is_bluez ? "ble: bluetooth" : "ble: board");
     const json& mesh = group_at(group_at(facts_.status, "meshes"), "ble");
     const json& counters = group_at(mesh, "counters");
     if (count_at(counters, "mostly_deaf") > 0)
@@ -275,6 +278,48 @@ class Examination {
                       count_at(counters, "key_refresh_missing")),
           "slam-gatewayctl ble refresh-keys --status names them: switch them on, or leave them "
           "behind");
+  }
+
+  /// The first that is wrong: what comes after it follows from it.
+  void bluetooth() {
+    const BluetoothFacts& facts = facts_.bluetooth;
+    const std::string& controller = config_.ble_mesh.controller;
+    const auto problem = [this](std::string detail, std::string remedy) {
+      add("ble: controller", Health::problem, std::move(detail), std::move(remedy));
+    };
+    if (!facts.has_controller)
+      return problem("there is no Bluetooth controller " + controller,
+                     "ls /sys/class/bluetooth; another one: ble_mesh.controller; dmesg | grep -i "
+                     "bluetooth");
+    if (facts.is_blocked)
+      return problem(controller + " is blocked by rfkill", "sudo rfkill unblock bluetooth");
+    if (facts.meshd_version.empty())
+      return problem("bluetooth-meshd is not installed", "sudo apt install bluez-meshd");
+    if (!is_meshd_new_enough(facts.meshd_version))
+      return problem(fmt::format("bluez-meshd {} does not settle on a controller; 5.82 does",
+                                 facts.meshd_version),
+                     "Debian 13 has 5.82; or a serial board: ble_mesh.radio \"nordic\"");
+    if (facts.is_bluetoothd_active)
+      return problem("bluetooth.service holds " + controller + ", which meshd needs for itself",
+                     "sudo systemctl mask --now bluetooth; sudo systemctl restart bluetooth-mesh");
+    if (facts.meshd_command.find("generic:" + controller) == std::string::npos)
+      return problem("bluetooth-mesh.service does not start meshd with --io generic:" + controller,
+                     bluez_page + ", \"Set it up\"");
+    if (!facts.is_meshd_active)
+      return problem("bluetooth-mesh.service does not run",
+                     "sudo systemctl enable --now bluetooth-mesh; journalctl -u bluetooth-mesh");
+    add("ble: controller", Health::well,
+        fmt::format("bluetooth-meshd {} has {}", facts.meshd_version, controller));
+  }
+
+  /// 5.66 opens its controller again and again on Linux 6.1 and 6.12; versions between were not
+  /// tried.
+  static bool is_meshd_new_enough(const std::string& version) {
+    constexpr std::pair least{5, 82};
+    std::pair<int, int> found;
+    char dot = 0;
+    std::istringstream(version) >> found.first >> dot >> found.second;
+    return found >= least;
   }
 
   void link(const char* mesh, const std::string& step) {
@@ -547,6 +592,33 @@ LocalBrokers find_brokers() {
   return brokers;
 }
 
+std::string first_line(const std::vector<std::string>& command) {
+  const ProgramResult shown = run_program(command);
+  return shown.status == 0 ? shown.output.substr(0, shown.output.find('\n')) : "";
+}
+
+BluetoothFacts look_at_bluetooth(const std::string& controller) {
+  BluetoothFacts facts;
+  const fs::path device = fs::path("/sys/class/bluetooth") / controller;
+  std::error_code error;
+  facts.has_controller = fs::exists(device, error);
+  for (fs::directory_iterator entry(device, error), end; entry != end; entry.increment(error)) {
+    if (!entry->path().filename().string().starts_with("rfkill")) continue;
+    for (const char* kind : {"soft", "hard"}) {
+      std::ifstream file(entry->path() / kind);
+      facts.is_blocked |= file.get() == '1';
+    }
+  }
+  facts.meshd_version = first_line({"dpkg-query", "-W", "-f", "${Version}", "bluez-meshd"});
+  const auto is_active = [](const char* unit) {
+    return first_line({"systemctl", "is-active", unit}) == "active";
+  };
+  facts.is_bluetoothd_active = is_active("bluetooth");
+  facts.is_meshd_active = is_active("bluetooth-mesh");
+  facts.meshd_command = first_line({"systemctl", "show", "-P", "ExecStart", "bluetooth-mesh"});
+  return facts;
+}
+
 /// An entry of `mqttsn.listen`: ADDRESS:PORT or [ADDRESS]:PORT.
 udp::endpoint endpoint_of(const std::string& listen) {
   const std::size_t colon = listen.rfind(':');
@@ -722,6 +794,9 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
   std::array<char, 256> name{};  // POSIX's longest host name and a NUL
   if (gethostname(name.data(), name.size() - 1) == 0) facts.host_name = name.data();
   facts.brokers = find_brokers();
+  const ble::Settings& ble = installation.parsed().config.ble_mesh;
+  if (ble.enabled && ble.radio == ble::RadioChoice::bluez)
+    facts.bluetooth = look_at_bluetooth(ble.controller);
   const mqttsn::Settings& mqttsn = installation.parsed().config.mqttsn;
   if (facts.is_running) {
     facts.is_search_answered = search(mqttsn);

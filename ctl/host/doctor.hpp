@@ -39,6 +39,16 @@ struct LocalBrokers {
   bool has_ejabberd = false;
 };
 
+/// What this host says of the Bluetooth controller that bluetooth-meshd should have.
+struct BluetoothFacts {
+  bool has_controller = false;
+  bool is_blocked = false;    ///< by rfkill
+  std::string meshd_version;  ///< of the package bluez-meshd; empty: it is not installed
+  bool is_bluetoothd_active = false;
+  bool is_meshd_active = false;
+  std::string meshd_command;  ///< as bluetooth-mesh.service starts it
+};
+
 struct HostFacts {
   ParseResult configuration;
   nlohmann::json status;       ///< the daemon's; null when it does not answer
@@ -49,6 +59,7 @@ struct HostFacts {
   std::string host_name;
   LocalBrokers brokers;
   std::vector<InterfaceFacts> interfaces;
+  BluetoothFacts bluetooth;                ///< looked at with ble_mesh.radio "bluez"
   std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried
   /// Of mqttsn.listen, by another program; looked at when the daemon does not run.
   std::optional<std::uint16_t> taken_port;

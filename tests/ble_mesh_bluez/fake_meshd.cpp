@@ -33,7 +33,7 @@ void FakeMeshd::call(const CallMeshd& wanted) {
   if (does_not_answer) return;
   MeshdAnswer answer{.number = wanted.number};
   if (is_without_controller)
-    answer.error = "org.freedesktop.DBus.Error.UnknownObject";
+    answer.error = "org.freedesktop.DBus.Error.NotFound";
   else
     std::visit([&](const auto& call) { take(call, answer); }, wanted.call);
   const bool is_import = std::holds_alternative<Import>(wanted.call) && answer.is_success();

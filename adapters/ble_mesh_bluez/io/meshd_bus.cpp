@@ -118,11 +118,15 @@ int get_element_index(sd_bus*, const char*, const char*, const char*, sd_bus_mes
                       sd_bus_error*) {
   return sd_bus_message_append(reply, "y", 0);
 }
-/// The configuration client speaks with nodes under their device keys.
+/// The configuration client speaks with nodes under their device keys. The remote provisioning
+/// client is meshd's own, and scans; meshd forgets it at its restart unless the application names
+/// it.
 int get_models(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
                sd_bus_error*) {
   constexpr int configuration_client = 0x0001;
-  return sd_bus_message_append(reply, "a(qa{sv})", 1, configuration_client, 0);
+  constexpr int remote_provisioning_client = 0x0005;
+  return sd_bus_message_append(reply, "a(qa{sv})", 2, configuration_client, 0,
+                               remote_provisioning_client, 0);
 }
 int get_vendor_models(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
                       sd_bus_error*) {

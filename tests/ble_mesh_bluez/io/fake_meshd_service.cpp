@@ -86,6 +86,7 @@ void FakeMeshdService::come() {
   connect();
   sd_bus_add_object_vtable(bus_.get(), nullptr, "/org/bluez/mesh", "org.bluez.mesh.Network1",
                            Objects::network, this);
+  ASSERT_GE(sd_bus_add_filter(bus_.get(), nullptr, on_filter, this), 0);
   ASSERT_GE(sd_bus_request_name(bus_.get(), "org.bluez.mesh", 0), 0);
 }
 
@@ -363,15 +364,29 @@ SdBusMessage FakeMeshdService::call_to(const std::string& path, const char* inte
   return SdBusMessage(made);
 }
 
+void FakeMeshdService::note(const char* who, sd_bus_message* call) {
+  const std::string types = sd_bus_message_get_signature(call, 1);
+  calls.insert(std::string(who) + " " + sd_bus_message_get_interface(call) + "." +
+               sd_bus_message_get_member(call) + (types.empty() ? "" : " " + types));
+}
+
+int FakeMeshdService::on_filter(sd_bus_message* message, void* self, sd_bus_error*) {
+  if (sd_bus_message_is_method_call(message, nullptr, nullptr) > 0)
+    service(self).note("gateway", message);
+  return 0;
+}
+
 void FakeMeshdService::send(SdBusMessage message, sd_bus_message_handler_t done) {
+  note("meshd", message.get());
+  if (done == nullptr) {
+    sd_bus_message_set_expect_reply(message.get(), 0);
+    EXPECT_GE(sd_bus_send(bus_.get(), message.get(), nullptr), 0);
+    return;
+  }
   EXPECT_GE(sd_bus_call_async(bus_.get(), nullptr, message.get(), done, this, 0), 0);
 }
 
 void FakeMeshdService::say(MeshdEvent& event) {
-  const auto ignore = [](sd_bus_message* reply, void*, sd_bus_error*) {
-    EXPECT_EQ(sd_bus_message_is_method_error(reply, nullptr), 0);
-    return 0;
-  };
   const char* const provisioner = "org.bluez.mesh.Provisioner1";
   const char* const element_interface = "org.bluez.mesh.Element1";
   std::visit(
@@ -387,7 +402,7 @@ void FakeMeshdService::say(MeshdEvent& event) {
             sd_bus_message_append(call.get(), "n", int{result.rssi});
             append_octets(call.get(), result.data);
             sd_bus_message_append(call.get(), "a{sv}", 0);
-            send(std::move(call), ignore);
+            send(std::move(call), nullptr);
           },
           [&](const RequestProvData& wanted) {
             SdBusMessage call = call_to(application, provisioner, "RequestProvData");
@@ -398,26 +413,26 @@ void FakeMeshdService::say(MeshdEvent& event) {
             SdBusMessage call = call_to(application, provisioner, "AddNodeComplete");
             append_octets(call.get(), Bytes(added.uuid.begin(), added.uuid.end()));
             sd_bus_message_append(call.get(), "qy", int{added.address}, 1);
-            send(std::move(call), ignore);
+            send(std::move(call), nullptr);
           },
           [&](const AddNodeFailed& failed) {
             SdBusMessage call = call_to(application, provisioner, "AddNodeFailed");
             append_octets(call.get(), Bytes(failed.uuid.begin(), failed.uuid.end()));
             sd_bus_message_append(call.get(), "s", failed.why.c_str());
-            send(std::move(call), ignore);
+            send(std::move(call), nullptr);
           },
           [&](const AppMessage& message) {
             SdBusMessage call = call_to(element, element_interface, "MessageReceived");
             sd_bus_message_append(call.get(), "qqv", int{message.source}, int{message.key}, "q", 1);
             append_octets(call.get(), message.payload);
-            send(std::move(call), ignore);
+            send(std::move(call), nullptr);
           },
           [&](const DevKeyMessage& message) {
             SdBusMessage call = call_to(element, element_interface, "DevKeyMessageReceived");
             sd_bus_message_append(call.get(), "qbq", int{message.source}, int{message.is_remote},
                                   0);
             append_octets(call.get(), message.payload);
-            send(std::move(call), ignore);
+            send(std::move(call), nullptr);
           },
           [](const auto&) { FAIL() << "meshd does not say that itself"; },
       },

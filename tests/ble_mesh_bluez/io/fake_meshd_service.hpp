@@ -35,6 +35,8 @@ class FakeMeshdService {
   std::string element;
   std::set<std::string> capabilities;  ///< of its agent
   Bytes prompted;                      ///< the static OOB that it gave
+  /// Each call that either side has made: "gateway org.bluez.mesh.Node1.Send oqqa{sv}ay".
+  std::set<std::string> calls;
 
  private:
   void connect();
@@ -74,7 +76,10 @@ class FakeMeshdService {
   void say(MeshdEvent& event);
   void answer(const MeshdAnswer& what);
   SdBusMessage call_to(const std::string& path, const char* interface, const char* member);
+  /// `done` null: no answer is wanted.
   void send(SdBusMessage message, sd_bus_message_handler_t done);
+  void note(const char* who, sd_bus_message* call);
+  static int on_filter(sd_bus_message* message, void* self, sd_bus_error*);
 
   std::string address_;
   SdBus bus_;

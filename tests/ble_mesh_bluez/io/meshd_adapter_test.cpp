@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
+#include <set>
 
 #include "tests/ble_mesh_bluez/io/fake_meshd_service.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
@@ -35,6 +37,14 @@ class PrivateBus {
   std::string socket_;
   test::ChildProcess daemon_;
 };
+
+/// What a real meshd and the gateway have called at each other.
+std::set<std::string> recorded_calls() {
+  std::set<std::string> calls;
+  std::ifstream file(SLAMGW_VECTORS "/bluez_mesh/calls.txt");
+  for (std::string line; std::getline(file, line);) calls.insert(line);
+  return calls;
+}
 
 class Listener : public MeshListener, public EventLog {
  public:
@@ -104,6 +114,8 @@ TEST_F(MeshdAdapterTest, TakesARobotInAndCarriesAMessageBothWays) {
   ASSERT_TRUE(eventually([&] { return !listener.all<CommandOutcome>().empty(); }));
   EXPECT_EQ(listener.all<CommandOutcome>()[0].result, CommandResult::delivered);
   EXPECT_EQ(fake.meshd.broken_rules, std::set<std::string>{});
+  const std::set<std::string> recorded = recorded_calls();
+  for (const std::string& call : fake.calls) EXPECT_TRUE(recorded.contains(call)) << call;
 }
 
 TEST_F(MeshdAdapterTest, GivesTheStaticOobWhereADeviceAsksForIt) {

@@ -49,6 +49,39 @@ TEST(Doctor, FindsNothingWhereAllIsWell) {
   EXPECT_FALSE(has_problem(examine(healthy())));
 }
 
+TEST(Doctor, FindsWhatKeepsMeshdFromItsController) {
+  HostFacts facts = healthy();
+  facts.configuration.config.ble_mesh.enabled = true;
+  facts.configuration.config.ble_mesh.radio = ble::RadioChoice::bluez;
+  facts.status["meshes"]["ble"] = {{"state", "up"}, {"detail", "bluetooth-meshd"}};
+  const BluetoothFacts good{.has_controller = true,
+                            .is_blocked = false,
+                            .meshd_version = "5.82-1.1",
+                            .is_bluetoothd_active = false,
+                            .is_meshd_active = true,
+                            .meshd_command = "{ argv[]=bluetooth-meshd --io generic:hci0 ; }"};
+  facts.bluetooth = good;
+  EXPECT_EQ(problems_of(facts), "");
+  const auto remedy_when = [&](auto change) {
+    facts.bluetooth = good;
+    change(facts.bluetooth);
+    EXPECT_EQ(problems_of(facts), "ble: controller; ");
+    for (const Finding& finding : examine(facts))
+      if (finding.health == Health::problem) return finding.remedy;
+    return std::string();
+  };
+  const auto says = [&](const char* words, auto change) {
+    EXPECT_NE(remedy_when(change).find(words), std::string::npos) << words;
+  };
+  says("ls /sys/class/bluetooth", [](auto& bluetooth) { bluetooth.has_controller = false; });
+  says("rfkill unblock", [](auto& bluetooth) { bluetooth.is_blocked = true; });
+  says("apt install", [](auto& bluetooth) { bluetooth.meshd_version.clear(); });
+  says("Debian 13", [](auto& bluetooth) { bluetooth.meshd_version = "5.66-1+deb12u2"; });
+  says("mask --now bluetooth", [](auto& bluetooth) { bluetooth.is_bluetoothd_active = true; });
+  says("bluez.md", [](auto& bluetooth) { bluetooth.meshd_command = "bluetooth-meshd"; });
+  says("enable --now", [](auto& bluetooth) { bluetooth.is_meshd_active = false; });
+}
+
 TEST(Doctor, RemindsThatAllNetworksAreServedOnPurpose) {
   HostFacts facts = healthy();
   facts.configuration.config.mqttsn.interface = "*";
