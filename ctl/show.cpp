@@ -872,7 +872,7 @@ std::string done(const json& done) {
   if (done.contains("nodes"))
     return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
   if (done.contains("cleared"))
-    return "the serial board was cleared and is set up anew; robots may ignore the gateway until "
+    return "the radio was cleared and is set up anew; robots may ignore the gateway until "
            "they were restarted\n";
   if (done.contains("forgotten")) {
     const auto was_known = done.find("was_known");

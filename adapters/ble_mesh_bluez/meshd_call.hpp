@@ -86,7 +86,9 @@ struct AcceptToken {};
 struct GiveAddress {
   std::optional<std::uint16_t> address;
 };
-using MeshdRequest = std::variant<CallMeshd, AcceptToken, GiveAddress>;
+/// Leave the bus and come back: meshd then lets go of the node.
+struct Reconnect {};
+using MeshdRequest = std::variant<CallMeshd, AcceptToken, GiveAddress, Reconnect>;
 
 /// meshd came to the bus, or another one in its place.
 struct MeshdCame {};

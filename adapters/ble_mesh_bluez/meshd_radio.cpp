@@ -64,7 +64,10 @@ std::optional<MeshdNode> decode_node(std::string_view text) {
 
 void MeshdRadio::on_event(MeshdEvent& event, TimePoint now) {
   std::visit(overloaded{
-                 [&](const MeshdCame&) { begin(); },
+                 [&](const MeshdCame&) {
+                   if (stage_ != Stage::absent) go_down("another bluetooth-meshd has come");
+                   begin();
+                 },
                  [&](const MeshdGone& gone) { on_gone(gone); },
                  [&](const MeshdAnswer& answer) { on_answer(answer, now); },
                  [&](const JoinComplete& complete) { on_join_complete(complete); },
@@ -202,6 +205,7 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
                          {}});
     return begin_node();
   }
+  if (answer.error == already_exists) requests_.push(Reconnect{});  // since before a pause
   if (!answer.is_success()) return pause(reason(answer), retry_after, now);
   stage_ = Stage::preparing;
   call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
@@ -331,9 +335,9 @@ void MeshdRadio::come_up(TimePoint now) {
 }
 
 void MeshdRadio::ask_iv_index() {
-  call(GetIvIndex{}, [this](const MeshdAnswer& answer, TimePoint) {
-    if (!answer.is_success() || std::exchange(iv_index_, answer.iv_index) == answer.iv_index)
-      return;
+  call(GetIvIndex{}, [this](const MeshdAnswer& answer, TimePoint now) {
+    if (!answer.is_success()) return pause(reason(answer), retry_after, now);
+    if (std::exchange(iv_index_, answer.iv_index) == answer.iv_index) return;
     keys_->iv_index = iv_index_;
     actions_.push(IvUpdate{iv_index_});
   });

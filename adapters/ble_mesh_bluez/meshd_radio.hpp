@@ -72,6 +72,8 @@ class MeshdRadio final : public Radio {
   void on_event(MeshdEvent& event, TimePoint now);
 
   std::size_t max_send_bytes() const override { return max_access_bytes; }
+  /// As it has asked meshd for (CRPL).
+  std::size_t max_senders() const override { return last_unicast_address; }
   Counters counters() const override {
     return {{"sends_refused", refused_}, {"sends_dropped", dropped_}};
   }

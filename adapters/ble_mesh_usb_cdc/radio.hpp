@@ -166,6 +166,8 @@ class Radio {
 
   /// The longest access message that it sends.
   virtual std::size_t max_send_bytes() const = 0;
+  /// How many senders its replay list keeps apart; it does not hear further ones.
+  virtual std::size_t max_senders() const = 0;
   virtual Counters counters() const = 0;
 
   /// Drops it when the link is down, the queue full or the device key not there: senders repeat. A

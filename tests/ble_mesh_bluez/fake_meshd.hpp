@@ -55,6 +55,8 @@ class FakeMeshd {
   void give_address(std::optional<std::uint16_t> address);
   /// A restart: what is on disk stays.
   void restart();
+  /// The application has left the bus.
+  void detach() { attached_.reset(); }
   /// A robot's message, unless nobody is attached.
   void say(std::uint16_t source, Bytes payload);
   /// The beacons of robots in no mesh.

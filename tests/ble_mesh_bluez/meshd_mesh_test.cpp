@@ -71,6 +71,11 @@ struct MeshdRig : EventLog {
                      meshd.accept_token();
                    },
                    [this](const GiveAddress& given) { meshd.give_address(given.address); },
+                   [this](const Reconnect&) {
+                     meshd.detach();
+                     meshd.events.push_back(MeshdGone{"the gateway has left the bus"});
+                     meshd.events.push_back(MeshdCame{});
+                   },
                },
                request);
   }
@@ -350,6 +355,29 @@ TEST(MeshdMesh, NewKeysForAllMakeANodeThatHasThem) {
   EXPECT_EQ(rig.node().own_app_key, rig.stored->keys.app_key);
   EXPECT_TRUE(std::ranges::equal(rig.meshd.robots.devices[0].net_key, rig.stored->keys.net_key));
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
+}
+
+TEST(MeshdMesh, ComesBackFromAMeshdThatDidNotAnswer) {
+  RobotOnMeshd rig;
+  rig.meshd.is_without_controller = true;
+  rig.run_for(MeshdRadio::iv_index_interval);
+  EXPECT_FALSE(rig.is_up());
+  rig.meshd.is_without_controller = false;
+  rig.run_for(10s);
+  EXPECT_TRUE(rig.is_up()) << "although meshd still held the node";
+  EXPECT_EQ(rig.meshd.imports, 1);
+}
+
+TEST(MeshdMesh, TellsWhenAnotherMeshdComesWithoutAPause) {
+  RobotOnMeshd rig;
+  rig.events.clear();
+  rig.meshd.restart();
+  rig.meshd_comes();
+  rig.run_for(2s);
+  const auto changes = rig.all<LinkChange>();
+  ASSERT_EQ(changes.size(), 2u);
+  EXPECT_FALSE(changes[0].is_up);
+  EXPECT_TRUE(changes[1].is_up);
 }
 
 TEST(MeshdMesh, CommandsWaitNoLongerForAMeshdThatHasGone) {

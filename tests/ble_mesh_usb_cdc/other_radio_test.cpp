@@ -22,6 +22,7 @@ constexpr std::size_t most_sent_bytes = 380;
 class OtherRadio final : public Radio {
  public:
   std::size_t max_send_bytes() const override { return most_sent_bytes; }
+  std::size_t max_senders() const override { return 1000; }
   Counters counters() const override { return {{"calls", sent.size()}}; }
 
   void send(Outgoing message, TimePoint) override {

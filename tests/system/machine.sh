@@ -6,6 +6,11 @@
 # shellcheck shell=bash disable=SC2034,SC2054,SC2154
 
 extra_packages=,linux-image-$arch,initramfs-tools,udev,wpan-tools,sudo,adduser
+machine=machine-$arch
+if [ "$machine_steps" = bluez_steps ]; then
+  machine=machine-bluez-$arch
+  extra_packages+=,bluez,bluez-meshd,bluez-test-tools,python3-dbus,python3-gi
+fi
 # What its initial file system loads: the disk, and the directory that it shares with us.
 # shellcheck disable=SC2016 # "$1" is mmdebstrap's
 tree_options=(
@@ -17,7 +22,7 @@ boot_limit_s=3600
 
 prepare_guests() {
   run_programs_of "$arch"
-  make_guest_tree "machine-$arch"
+  make_guest_tree "$machine"
   choose_machine
   local begins_as
   begins_as=$({

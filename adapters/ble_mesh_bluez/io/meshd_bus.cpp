@@ -239,13 +239,17 @@ void MeshdBus::close() {
 }
 
 void MeshdBus::fail(int error) {
+  open_later();
+  on_event_(MeshdGone{std::string("the system bus is not there: ") + std::strerror(-error)});
+}
+
+void MeshdBus::open_later() {
   close();
   life_ = std::make_shared<char>();
   timer_.expires_after(reopen_after);
   timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code failure) {
     if (!failure && !life.expired()) open();
   });
-  on_event_(MeshdGone{std::string("the system bus is not there: ") + std::strerror(-error)});
 }
 
 /// Waits for what sd-bus waits for.
@@ -443,6 +447,7 @@ void MeshdBus::perform(const MeshdRequest& request) {
                    join_complete_.reset();
                  },
                  [this](const GiveAddress& given) { answer(prov_data_request_, given); },
+                 [this](const Reconnect&) { open_later(); },
              },
              request);
   watch();

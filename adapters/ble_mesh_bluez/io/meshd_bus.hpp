@@ -53,6 +53,7 @@ class MeshdBus {
   int connect();
   int offer_objects();
   void fail(int error);
+  void open_later();
   void watch();
   void on_ready();
   void set_owner(std::string owner);

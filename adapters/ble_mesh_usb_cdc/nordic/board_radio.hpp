@@ -55,6 +55,9 @@ class DeviceKeySweep {
 
 class BoardRadio final : public Radio {
  public:
+  /// Of a stock board.
+  static constexpr std::size_t replay_list_size = 40;
+
   /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
   BoardRadio(BoardSettings settings, std::optional<RadioKeys> keys, RandomSource random,
              std::uint64_t seed)
@@ -65,6 +68,7 @@ class BoardRadio final : public Radio {
   void on_bytes(ByteView bytes, TimePoint now) { link_.on_bytes(bytes, now); }
 
   std::size_t max_send_bytes() const override { return send_limit(link_.board().version); }
+  std::size_t max_senders() const override { return replay_list_size; }
   Counters counters() const override;
   void send(Outgoing message, TimePoint now) override;
   void withdraw(std::uint16_t destination, const Bytes& payload) override {

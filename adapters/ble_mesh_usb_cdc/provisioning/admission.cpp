@@ -343,12 +343,12 @@ void Admission::warn_of_replay_list(const Node& node) {
   std::size_t sources = 0;
   for (const Node& each : nodes_.database()->nodes)
     sources += each.state == NodeState::reserved ? 0 : each.elements;
-  if (sources <= replay_list_size) return;
+  if (sources <= radio_.max_senders()) return;
   const std::string id = nodes_.id_of(node.address);
   notify(Severity::warning,
          fmt::format("{} may not be heard: a stock serial board remembers {} sources, and the mesh "
                      "has {}",
-                     id, replay_list_size, sources),
+                     id, radio_.max_senders(), sources),
          id);
 }
 

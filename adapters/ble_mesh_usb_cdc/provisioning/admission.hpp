@@ -117,9 +117,6 @@ class JoinPermit {
 
 class Admission : private ProvisionerPart {
  public:
-  /// A stock serial board remembers the sequence numbers of this many sources, and does not hear
-  /// others.
-  static constexpr std::size_t replay_list_size = 40;
   /// A node is taken for reset only when it says so and was not heard for this long.
   static constexpr Duration reset_silence = std::chrono::seconds{5};
   static constexpr Duration order_time_limit = std::chrono::seconds{150};

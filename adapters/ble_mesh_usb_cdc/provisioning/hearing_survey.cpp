@@ -7,12 +7,12 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
-
 namespace slamgw::ble {
 namespace {
 
 constexpr std::uint16_t all_nodes = 0xffff;
+/// Senders that a robot on Nordic's stack keeps apart by default, for good.
+constexpr std::size_t replay_list_size = 40;
 
 ConfigurationStep subscription_step(std::uint16_t source, std::uint16_t destination) {
   return {.what = "the heartbeat subscription",
@@ -53,11 +53,11 @@ std::string HearingSurvey::begin(TimePoint now) {
   const int former_lives = std::max(link_.source - settings_.address, 0);
   const std::size_t senders =
       robots.size() + static_cast<std::size_t>(former_lives) + database.gateways.size();
-  if (senders + spare_places > Admission::replay_list_size)
+  if (senders + spare_places > replay_list_size)
     return fmt::format(
         "each robot would have to keep {} senders in a list of {}, and would hear no new gateway "
         "afterwards",
-        senders, std::size_t{Admission::replay_list_size});
+        senders, replay_list_size);
   robots_ = std::move(robots);
   rows_.clear();
   state_ = "running";

@@ -301,8 +301,7 @@ bool NodeConversations::may_be_unheard(const Node& node) const {
   std::size_t sources = 0;
   for (const Node& each : database.nodes) sources += each.elements;
   for (const RemovedNode& each : database.removed) sources += each.elements;
-  return sources > Admission::replay_list_size ||
-         was_used_before(database, node.address, node.elements);
+  return sources > radio_.max_senders() || was_used_before(database, node.address, node.elements);
 }
 
 void NodeConversations::on_not_configured(const Node& node, const std::string& problem,

@@ -342,9 +342,10 @@ void OperatorOrders::warn_of_unheard_robots() {
 void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
   order_->kind = Kind::reset_board;
   order_->due = now + short_order_time_limit;
-  notify(Severity::warning,
-         "an operator has the serial board cleared: its sequence numbers start anew, and it sends "
-         "from the next address");
+  notify(
+      Severity::warning,
+      "an operator has the radio cleared: its sequence numbers start anew, and it sends from the "
+      "next address");
   radio_.clear(now);
 }
 

@@ -87,7 +87,18 @@ void FakeMeshdService::come() {
   sd_bus_add_object_vtable(bus_.get(), nullptr, "/org/bluez/mesh", "org.bluez.mesh.Network1",
                            Objects::network, this);
   ASSERT_GE(sd_bus_add_filter(bus_.get(), nullptr, on_filter, this), 0);
+  ASSERT_GE(
+      sd_bus_match_signal(bus_.get(), nullptr, "org.freedesktop.DBus", "/org/freedesktop/DBus",
+                          "org.freedesktop.DBus", "NameOwnerChanged", on_owner_changed, this),
+      0);
   ASSERT_GE(sd_bus_request_name(bus_.get(), "org.bluez.mesh", 0), 0);
+}
+
+int FakeMeshdService::on_owner_changed(sd_bus_message* message, void* self, sd_bus_error*) {
+  const char *name = nullptr, *before = nullptr, *after = nullptr;
+  sd_bus_message_read(message, "sss", &name, &before, &after);
+  if (service(self).owner_ == name && *after == '\0') service(self).meshd.detach();
+  return 0;
 }
 
 std::string FakeMeshdService::try_to_speak(const std::string& other, const std::string& path,

@@ -79,6 +79,7 @@ class FakeMeshdService {
   /// `done` null: no answer is wanted.
   void send(SdBusMessage message, sd_bus_message_handler_t done);
   void note(const char* who, sd_bus_message* call);
+  static int on_owner_changed(sd_bus_message* message, void* self, sd_bus_error*);
   static int on_filter(sd_bus_message* message, void* self, sd_bus_error*);
 
   std::string address_;

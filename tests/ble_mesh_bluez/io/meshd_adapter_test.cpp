@@ -140,13 +140,26 @@ TEST_F(MeshdAdapterTest, MeshdAndDaemonRestartInTurns) {
 
   adapter->stop();
   adapter.reset();
-  fake.leave();
+  ASSERT_TRUE(eventually([&] { return fake.meshd.attached() == nullptr; }));
   listener.events.clear();
-  fake.come();
   start();
   ASSERT_TRUE(comes_up());
   EXPECT_EQ(fake.meshd.imports, 1);
   EXPECT_EQ(fake.meshd.attached()->address, settings.address);
+}
+
+TEST_F(MeshdAdapterTest, LetsMeshdForgetAnEarlierAttachment) {
+  fake.come();
+  start();
+  ASSERT_TRUE(comes_up());
+  const std::string before = fake.name_of_application();
+  fake.meshd.is_without_controller = true;  // and so it refuses what keeps the link up
+  adapter->manage(ResetBoardOrder{}, [](const OrderAnswer&) {});
+  ASSERT_TRUE(eventually([&] { return !listener.is_up(); }));
+  fake.meshd.is_without_controller = false;
+  ASSERT_TRUE(comes_up());
+  EXPECT_NE(fake.name_of_application(), before);
+  EXPECT_EQ(fake.meshd.imports, 1);
 }
 
 TEST_F(MeshdAdapterTest, WaitsForABus) {
