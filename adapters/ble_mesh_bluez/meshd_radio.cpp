@@ -66,7 +66,7 @@ void MeshdRadio::on_event(MeshdEvent& event, TimePoint now) {
   std::visit(overloaded{
                  [&](const MeshdCame&) {
                    if (stage_ != Stage::absent) go_down("another bluetooth-meshd has come");
-                   begin();
+                   begin(now);
                  },
                  [&](const MeshdGone& gone) { on_gone(gone); },
                  [&](const MeshdAnswer& answer) { on_answer(answer, now); },
@@ -116,6 +116,7 @@ void MeshdRadio::forget() {
   retry_at_.reset();
   calls_.clear();
   steps_.clear();
+  copies_ = 0;
   step_due_.reset();
   waiting_.clear();
   is_sending_ = is_scan_wanted_ = false;
@@ -132,19 +133,19 @@ void MeshdRadio::pause(const std::string& why, Duration time, TimePoint now) {
 
 // --- The gateway's node --------------------------------------------------------------------------
 
-void MeshdRadio::begin() {
+void MeshdRadio::begin(TimePoint now) {
   forget();
   if (!keys_) {
     stage_ = Stage::awaiting_keys;
     return actions_.push(GenerateKeys{});
   }
   if (node_ && node_->token) return ask_for_source(max_sources);
-  begin_node();
+  begin_node(now);
 }
 
-void MeshdRadio::on_keys(const MeshKeys& keys, TimePoint) {
+void MeshdRadio::on_keys(const MeshKeys& keys, TimePoint now) {
   keys_ = RadioKeys{keys};
-  if (stage_ == Stage::awaiting_keys) begin();
+  if (stage_ == Stage::awaiting_keys) begin(now);
 }
 
 void MeshdRadio::on_keys_failed(const std::string& why, TimePoint now) {
@@ -153,11 +154,11 @@ void MeshdRadio::on_keys_failed(const std::string& why, TimePoint now) {
 
 /// A node that meshd does not have has no sequence numbers, so it begins at an address that no
 /// robot has heard.
-void MeshdRadio::begin_node() {
+void MeshdRadio::begin_node(TimePoint now) {
   node_ = MeshdNode{};
   own_device_key_ = Key{};
   if (!random_(node_->uuid) || !random_(*own_device_key_))
-    return go_down("no randomness for the keys of the gateway's node");
+    return pause("no randomness for the keys of the gateway's node", retry_after, now);
   make_uuid_valid(node_->uuid);
   ask_for_source(0);
 }
@@ -203,7 +204,7 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
                          "bluetooth-meshd does not know the gateway's node any more: the gateway "
                          "makes another one, at another address",
                          {}});
-    return begin_node();
+    return begin_node(now);
   }
   if (answer.error == already_exists) requests_.push(Reconnect{});  // since before a pause
   if (!answer.is_success()) return pause(reason(answer), retry_after, now);
@@ -211,7 +212,7 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
   call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
     if (!property.is_success()) return pause(reason(property), retry_after, then);
     if (property.address != source_) return leave("the gateway has another address now");
-    std::ranges::move(plan(), std::back_inserter(steps_));
+    steps_ = plan();
     do_step(then);
   });
 }
@@ -226,7 +227,7 @@ void MeshdRadio::leave(const std::string& why) {
       actions_.push(RadioCleared{is_gone ? "" : reason(answer)});
     }
     if (!is_gone) return pause(reason(answer), retry_after, now);
-    begin_node();
+    begin_node(now);
   });
 }
 
@@ -254,11 +255,13 @@ void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
   if (!sends_as_before) {
     if (node_ && node_->token) return leave("the mesh has new keys");
     go_down("the mesh has new keys");
-    return begin();
+    return begin(now);
   }
   const bool is_busy = !steps_.empty();
-  std::ranges::move(refresh_steps(), std::back_inserter(steps_));
-  if (stage_ == Stage::up && !is_busy) do_step(now);
+  if (stage_ != Stage::up && !is_busy) return;  // the plan will have them
+  std::vector<Step> more = refresh_steps();
+  std::ranges::move(more, std::back_inserter(steps_));
+  if (!is_busy && !steps_.empty()) do_step(now);
 }
 
 // --- Preparing the node --------------------------------------------------------------------------
@@ -268,8 +271,8 @@ MeshdRadio::Step MeshdRadio::configure(Bytes message, Opcode answer, bool has_st
   return {DevKeySend{source_, std::move(message)}, answer, has_status};
 }
 
-std::vector<MeshdRadio::Step> MeshdRadio::plan() const {
-  std::vector<Step> steps{{ImportSubnet{keys_->keys.net_key}}, {ImportAppKey{keys_->keys.app_key}}};
+std::deque<MeshdRadio::Step> MeshdRadio::plan() const {
+  std::deque<Step> steps{{ImportSubnet{keys_->keys.net_key}}, {ImportAppKey{keys_->keys.app_key}}};
   if (own_device_key_) steps.push_back({ImportRemoteNode{source_, *own_device_key_}});
   steps.push_back(configure(encode_appkey_add_message(keys_->keys.app_key), appkey_status));
   steps.push_back(configure(encode_model_app_bind(source_, gateway_model), model_app_status));
@@ -281,7 +284,8 @@ std::vector<MeshdRadio::Step> MeshdRadio::plan() const {
   for (const std::uint16_t group : settings_.groups)
     steps.push_back(configure(encode_model_subscription_add(source_, group, gateway_model),
                               model_subscription_status));
-  std::ranges::move(refresh_steps(), std::back_inserter(steps));
+  std::vector<Step> more = refresh_steps();
+  std::ranges::move(more, std::back_inserter(steps));
   return steps;
 }
 
@@ -337,9 +341,8 @@ void MeshdRadio::come_up(TimePoint now) {
 void MeshdRadio::ask_iv_index() {
   call(GetIvIndex{}, [this](const MeshdAnswer& answer, TimePoint now) {
     if (!answer.is_success()) return pause(reason(answer), retry_after, now);
-    if (std::exchange(iv_index_, answer.iv_index) == answer.iv_index) return;
-    keys_->iv_index = iv_index_;
-    actions_.push(IvUpdate{iv_index_});
+    if (std::exchange(keys_->iv_index, answer.iv_index) != answer.iv_index)
+      actions_.push(IvUpdate{answer.iv_index});
   });
 }
 
@@ -504,7 +507,7 @@ std::optional<TimePoint> MeshdRadio::deadline() const {
 }
 
 void MeshdRadio::on_deadline(TimePoint now) {
-  if (retry_at_ && now >= *retry_at_) return begin();
+  if (retry_at_ && now >= *retry_at_) return begin(now);
   if (step_due_ && now >= *step_due_) {
     if (copies_ < max_copies) return do_step(now);
     return pause(

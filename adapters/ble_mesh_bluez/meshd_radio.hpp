@@ -138,17 +138,17 @@ class MeshdRadio final : public Radio {
   void on_message(AppMessage& message);
   void on_device_key_message(DevKeyMessage& message, TimePoint now);
   void call(MeshdCall call, Done done);
-  void begin();
+  void begin(TimePoint now);
   void pause(const std::string& why, Duration time, TimePoint now);
   void go_down(const std::string& why);
   void forget();
-  void begin_node();
+  void begin_node(TimePoint now);
   void ask_for_source(std::uint16_t addresses);
   void make_node();
   void attach();
   void on_attached(const MeshdAnswer& answer, TimePoint now);
   void leave(const std::string& why);
-  std::vector<Step> plan() const;
+  std::deque<Step> plan() const;
   std::vector<Step> refresh_steps() const;
   Step configure(Bytes message, Opcode answer, bool has_status = true) const;
   void do_step(TimePoint now);
@@ -191,7 +191,6 @@ class MeshdRadio final : public Radio {
   std::optional<Join> join_;
   std::set<std::uint16_t> imported_;  ///< addresses whose device keys meshd has from here
   TimePoint ask_iv_at_{};
-  std::uint32_t iv_index_ = 0;
   std::uint64_t refused_ = 0;
   std::uint64_t dropped_ = 0;
 };
