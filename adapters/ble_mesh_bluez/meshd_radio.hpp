@@ -47,10 +47,10 @@ class MeshdRadio final : public Radio {
   static constexpr std::size_t max_waiting = 32;
   /// Of the SAR of Mesh Profile 1.0 section 3.5.3.1, less the MIC.
   static constexpr std::size_t max_access_bytes = 380;
-  /// The node sends each packet this often. meshd's own default, once in 100 ms, is ten packets a
-  /// second.
-  static constexpr Transmissions transmissions{2, 20};
-  static constexpr Duration packet_time = std::chrono::milliseconds{40};
+  /// The node sends each packet this often. meshd gives a packet up when the controller has not
+  /// done its four commands before the next one: with 20 ms, one of 25 was lost on a slow computer.
+  static constexpr Transmissions transmissions{2, 40};
+  static constexpr Duration packet_time = std::chrono::milliseconds{80};
   /// meshd reports a device once for each scan, so the scan begins again and again.
   static constexpr Duration rescan_after = std::chrono::seconds{2};
   static constexpr Duration retry_after = std::chrono::seconds{2};

@@ -179,7 +179,7 @@ TEST(MeshdMesh, PreparesItsNode) {
   EXPECT_EQ(node.own_app_key, rig.stored->keys.app_key);
   EXPECT_TRUE(node.is_bound);
   EXPECT_EQ(node.ttl, rig.settings.ttl);
-  EXPECT_EQ(node.transmit, 1 | 1 << 3);  // twice, 20 ms apart
+  EXPECT_EQ(node.transmit, encode_transmissions(MeshdRadio::transmissions));
   EXPECT_EQ(node.subscriptions,
             std::set<std::uint16_t>(rig.settings.groups.begin(), rig.settings.groups.end()));
 }

@@ -119,8 +119,8 @@ def commands_reach_each_robot():
     for number, node in enumerate(nodes()):
         answer = json.loads(run("slam-gatewayctl", "--json", "send", node["robot"], "cmd", f"{number},7"))
         demand(answer["outcome"] == "delivered", f"{node['robot']}: {answer}")
-    obeyed = sorted(robot["obeyed"][-1] for robot in facts())
-    demand(obeyed == sorted(f"{number:02x}000700" for number in range(ROBOTS)), f"robots have {obeyed}")
+    wanted = sorted([f"{number:02x}000700"] for number in range(ROBOTS))
+    wait_for("commands at the robots", lambda: sorted(robot["obeyed"] for robot in facts()) == wanted)
 
 
 def goes_on_after_restarts():
