@@ -454,8 +454,8 @@ void MeshdBus::perform(const MeshdRequest& request) {
 }
 
 void MeshdBus::make_call(const CallMeshd& wanted) {
-  const auto [entry, is_new] =
-      pending_.try_emplace(wanted.number, *this, wanted.number, wanted.call);
+  const auto entry =
+      pending_.emplace(wanted.number, Pending{*this, wanted.number, wanted.call}).first;
   Pending& pending = entry->second;
   const SdBusMessage message =
       std::visit([this](const auto& call) { return compose(call); }, wanted.call);
