@@ -155,7 +155,9 @@ TEST_F(MeshdAdapterTest, LetsMeshdForgetAnEarlierAttachment) {
   const std::string before = fake.name_of_application();
   fake.meshd.is_without_controller = true;  // and so it refuses what keeps the link up
   adapter->manage(ResetBoardOrder{}, [](const OrderAnswer&) {});
-  ASSERT_TRUE(eventually([&] { return !listener.is_up(); }));
+  ASSERT_TRUE(eventually([&] {
+    return listener.all<LinkChange>().back().detail.find("waits for") != std::string::npos;
+  }));
   fake.meshd.is_without_controller = false;
   ASSERT_TRUE(comes_up());
   EXPECT_NE(fake.name_of_application(), before);
