@@ -65,7 +65,9 @@ TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
 
 TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
   TwoBrokers brokers;
-  auto& [first, second, link] = brokers;
+  auto& first = brokers.first;
+  auto& second = brokers.second;
+  auto& link = brokers.link;
   ASSERT_TRUE(brokers.moves_on());
   first.start();
   second.kill();
@@ -75,7 +77,8 @@ TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
 
 TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
   TwoBrokers brokers(true);
-  auto& [first, second, link] = brokers;
+  auto& first = brokers.first;
+  auto& link = brokers.link;
   ASSERT_TRUE(brokers.moves_on());
   const std::size_t failures = link.listener.reasons.size();
   first.start();
@@ -87,7 +90,9 @@ TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
 
 TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
   TwoBrokers brokers(true);
-  auto& [first, second, link] = brokers;
+  auto& first = brokers.first;
+  auto& second = brokers.second;
+  auto& link = brokers.link;
   ASSERT_TRUE(brokers.moves_on());
   link.upstream->publish(1, {"gw/state", to_bytes("online"), Qos::at_least_once, true});
   ASSERT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
