@@ -9,6 +9,7 @@ import { RobotView, rightsWords } from './robot.js';
 import { RobotsView, goneWords, isThere, problems } from './robots.js';
 import { shown } from './shown.js';
 import { drawSteps } from './steps.js';
+import { rosMap } from './rosmap.js';
 import { TraceView } from './trace.js';
 import { age, lifeWords, meshNames, outcomeWords } from './words.js';
 
@@ -344,6 +345,14 @@ $('save-csv').addEventListener('click', () => {
     }
   }
   save(`map-${stamp()}.csv`, new Blob([lines.join('\n'), '\n'], { type: 'text/csv' }));
+});
+
+$('save-ros').addEventListener('click', () => {
+  const name = `map-${stamp()}`;
+  const files = rosMap(map.grid, name);
+  if (!files) return toast('The grid is empty, or its parts lie too far apart for one picture.');
+  save(`${name}.pgm`, new Blob(files.pgm));
+  save(`${name}.yaml`, new Blob([files.yaml]));
 });
 
 const KEYS = [

@@ -276,6 +276,18 @@ pageTest('PNG and CSV save what is drawn; a name is no formula', {}, async (page
   assert.ok(lines.some((line) => line.startsWith("'=1-1,obstacle,40.0,30.0,1.00,20")), lines.find((line) => line.includes('=1-')));
 });
 
+pageTest('ROS saves the grid as a picture and where it lies', {}, async (page) => {
+  await world.update('ros-1', 5, 6, 40, 30);
+  await until(page, () => window.slamgw.model.robots.get('ros-1')?.kept);
+  const files = [];
+  page.on('download', (download) => files.push(download));
+  await page.click('#save-ros');
+  for (let i = 0; i < 100 && files.length < 2; i++) await page.waitForTimeout(100);
+  const [pgm, yaml] = await Promise.all(files.map(async (file) => readFileSync(await file.path())));
+  assert.equal(pgm.subarray(0, 3).toString(), 'P5\n');
+  assert.match(yaml.toString(), /^image: map-.*\.pgm\nresolution: 0\.02\norigin: /);
+});
+
 // ---- commands
 
 async function clickRoom(page, x, y) {
