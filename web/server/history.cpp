@@ -39,6 +39,11 @@ void count(std::uint16_t& in_slot, std::optional<std::uint64_t>& before,
   before = total;
 }
 
+/// In the ring. `number`: of the slot, since 1970.
+std::size_t place_of(std::int64_t number) {
+  return static_cast<std::size_t>(number) % History::slots;
+}
+
 }  // namespace
 
 History::Day* History::day_of(std::string_view robot, std::int64_t now_ms) {
@@ -55,10 +60,10 @@ History::Slot& History::slot_at(Day& day, std::int64_t now_ms) {
   const std::int64_t number = std::max(day.newest, now_ms / slot_ms);
   const std::int64_t first =
       std::max(day.newest + 1, number - static_cast<std::int64_t>(slots) + 1);
-  for (std::int64_t each = first; each <= number; ++each) day.ring[each % slots] = {};
+  for (std::int64_t each = first; each <= number; ++each) day.ring[place_of(each)] = {};
   day.newest = number;
   day.oldest = std::max(day.oldest, number - static_cast<std::int64_t>(slots) + 1);
-  return day.ring[number % slots];
+  return day.ring[place_of(number)];
 }
 
 void History::on_numbers(std::string_view payload, std::int64_t now_ms) {
@@ -111,7 +116,7 @@ std::string History::text(std::string_view robot, std::int64_t now_ms) const {
   const auto row = [&](std::string_view name, auto&& value_of) {
     fmt::format_to(std::back_inserter(out), R"(,"{}":[)", name);
     for (std::int64_t each = day.oldest; each <= day.newest; ++each) {
-      const std::optional<std::int64_t> value = value_of(day.ring[each % slots]);
+      const std::optional<std::int64_t> value = value_of(day.ring[place_of(each)]);
       fmt::format_to(std::back_inserter(out), "{}{}", each == day.oldest ? "" : ",",
                      value ? fmt::to_string(*value) : "null");
     }

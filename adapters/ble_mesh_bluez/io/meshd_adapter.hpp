@@ -26,7 +26,8 @@ class MeshdShell : public BleShell<MeshdMesh> {
              [this](MeshdEvent event) { driver()->on_meshd(event, read_clocks()); }) {}
 
   MeshdBus& bus() { return bus_; }
-  void perform_on_link(const auto&) { assert(!"MeshdRadio has no serial port"); }
+  /// MeshdRadio has no serial port.
+  void perform_on_link(const auto&) { assert(false); }
 
  private:
   void open() override { bus_.open(); }
