@@ -390,8 +390,8 @@ export class Model {
   }
 
   takeGateway(message, id, what, rest) {
-    const gateway = this.gateway(id);
-    if (!gateway) return;
+    const gateway = what === 'commands' ? this.gateways.get(id) : this.gateway(id); // an outcome may be of yesterday's gateway
+    if (!gateway && what !== 'commands') return;
     const said = message.encoding === 'json' && isObject(message.payload) ? message.payload : null;
     if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // taken back
     else if (what === 'state') gateway.state = said;
