@@ -65,7 +65,7 @@ class MeshdRadio final : public Radio {
   /// `random` makes the UUID and the device key of the gateway's node.
   MeshdRadio(MeshdSettings settings, std::optional<RadioKeys> keys, RandomSource random)
       : settings_(std::move(settings)),
-        keys_(std::move(keys)),
+        keys_(keys),
         random_(std::move(random)),
         node_(decode_node(settings_.node)) {}
 

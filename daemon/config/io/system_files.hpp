@@ -8,8 +8,8 @@ namespace slamgw {
 
 class SystemFiles : public Files {
  public:
-  /// `service_user`: the other user besides root and this process's that may own a secret.
-  explicit SystemFiles(const char* service_user) : service_user_(service_user) {}
+  /// `owner`: the other user besides root and this process's that may own a secret.
+  explicit SystemFiles(const char* owner) : service_user_(owner) {}
   Result<FileText, FileError> read(const std::string& path) const override;
   std::string certificate_fault(const std::string& pem) const override;
   std::string key_fault(const std::string& pem) const override;
