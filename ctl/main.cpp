@@ -461,32 +461,20 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
   return broker;
 }
 
-/// What the daemon's own link says about a refused user is about the daemon's files.
-Replayed publish(std::vector<RecordedMessage> messages, const slamgw::BrokerSettings& broker,
-                 const HostTask& task) {
-  try {
-    return replay(std::move(messages), broker, task.speed);
-  } catch (const Failure& failure) {
-    const std::string why = failure.what();
-    const std::size_t about_files = why.find(" (user '");
-    if (!task.user.empty() && about_files != why.npos)
-      throw Failure(why.substr(0, about_files) + " ('" + task.user + "')");
-    if (!broker.credentials)
-      throw Failure(why.substr(0, why.find(": give one in ")) + "; see --user");
-    throw;
-  }
-}
-
 int replay(const Installation& installation, const HostTask& task) {
   std::ifstream file = open_file(task.file);
   auto messages = read_recording(file, task.file);
   if (messages.empty()) throw Failure(task.file + " holds no message of a robot");
   slamgw::BrokerSettings broker = broker_for(installation, task);
-  if (!task.user.empty()) broker.credentials = {task.user, read_password(task.user)};
+  const bool is_user_typed = !task.user.empty();
+  if (is_user_typed) {
+    broker.credentials = {task.user, read_password(task.user)};
+    broker.credentials_file.reset();
+  }
   const std::chrono::duration<double> length = messages.back().after;
   std::cerr << fmt::format("publishing {} messages over {:.1f} s to {}:{}\n", messages.size(),
                            length.count() / task.speed, broker.host, broker.port);
-  const Replayed done = publish(std::move(messages), broker, task);
+  const Replayed done = replay(std::move(messages), std::move(broker), task.speed, is_user_typed);
   if (task.json) {
     std::cout << slamgw::control::to_line(
         {{"published", done.published}, {"refused", done.refused}});

@@ -204,7 +204,7 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
   app.add_flag("--heartbeats", options.has_heartbeats,
                "Heartbeat events each 10 s; with --firmware 5.0.0");
   app.add_option("--robot-reach", options.robot_reach,
-                 "Robots stand in a row, and hear the heartbeats of so many on either side")
+                 "Robots stand in a row; each hears the heartbeats of N on either side")
       ->check(CLI::Range(1U, 65535U))
       ->default_str("all");
   app.add_option("--state", options.state,

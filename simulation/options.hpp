@@ -107,7 +107,7 @@ struct BleOptions {
   Bytes uuid_prefix;  ///< at most 12 octets
   Bytes static_oob;   ///< 16 octets, or none
   bool has_heartbeats = false;
-  unsigned robot_reach = 65535;  ///< robots stand in a row and hear so many on either side
+  unsigned robot_reach = 65535;  ///< robots stand in a row; each hears this many on either side
   std::string state;             ///< a file, or none
 
   /// With a start and a stop bit.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the radio and BlueZ's bluetooth-meshd say to each other, as values: the calls of
-// org.bluez.mesh (BlueZ's doc/mesh-api.txt) that the gateway makes, and what comes back. Key index
+// Calls of org.bluez.mesh (BlueZ's doc/mesh-api.txt) that the gateway makes, and the answers and
+// events of BlueZ's bluetooth-meshd, as values. Key index
 // 0 of both keys. io/meshd_bus.hpp puts them on D-Bus.
 #pragma once
 

@@ -237,17 +237,17 @@ void MeshdRadio::clear(TimePoint) {
     return;
   }
   is_clearing_ = true;
-  leave("an operator has the gateway's node made anew");
+  leave("an operator has ordered a new node for the gateway");
 }
 
 bool MeshdRadio::restart(TimePoint) {
   if (stage_ != Stage::up) return false;
-  leave("the gateway's node is made anew, to hear all robots");
+  leave("the gateway makes a new node, to hear all robots");
   return true;
 }
 
-/// No call takes a key of ours for the one that meshd's database has. So the node is made anew when
-/// the keys change that it sends under.
+/// No call replaces a key in meshd's database. So the gateway makes a new node when the keys change
+/// under which it sends.
 void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
   const bool sends_as_before = keys_ && keys_->keys == keys.keys;
   keys_ = keys;

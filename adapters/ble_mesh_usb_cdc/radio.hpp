@@ -34,7 +34,7 @@ struct RadioKeys {
   MeshKeys keys;                      ///< sends under these, and hears them
   std::optional<MeshKeys> next = {};  ///< hears these, too
   std::optional<MeshKeys> former =
-      {};                      ///< a radio that still has these forgets all and begins anew
+      {};                      ///< a radio that still has these forgets all and starts again
   std::uint32_t iv_index = 0;  ///< of the mesh, as far as it is known
 };
 

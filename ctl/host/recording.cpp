@@ -53,14 +53,22 @@ void check_gaps(const std::vector<RecordedMessage>& messages, const std::string&
 /// Under way to the broker at once; more wait here, and what comes late is published at once.
 constexpr std::uint64_t max_under_way = 16;
 
+ConnectionTraits traits(bool is_user_typed) {
+  ConnectionTraits traits{.make_link = make_mosquitto_link,
+                          .without_credentials = "(no user name was sent): see --user"};
+  if (is_user_typed) traits.credentials_file.clear();
+  return traits;
+}
+
 class Replay final : private UpstreamListener {
  public:
-  Replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed)
+  Replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed,
+         bool is_user_typed)
       : messages_(std::move(messages)),
         speed_(speed),
         untried_(broker.others.size()),
         timer_(io_),
-        upstream_(io_, std::move(broker), {make_mosquitto_link}, *this) {}
+        upstream_(io_, std::move(broker), traits(is_user_typed), *this) {}
 
   Replayed run() {
     const auto until_stopped = boost::asio::make_work_guard(io_);  // links work elsewhere
@@ -177,11 +185,12 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
   return messages;
 }
 
-Replayed replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed) {
+Replayed replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed,
+                bool is_user_typed) {
   if (messages.empty()) return {};
   if (broker.client_id.empty()) broker.client_id = "slam-gateway";
   broker.client_id += "-replay-" + std::to_string(getpid());
-  return Replay(std::move(messages), std::move(broker), speed).run();
+  return Replay(std::move(messages), std::move(broker), speed, is_user_typed).run();
 }
 
 }  // namespace slamgw::ctl

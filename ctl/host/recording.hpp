@@ -40,7 +40,8 @@ struct Replayed {
 };
 
 /// Returns when the broker has taken the last message. `speed`: 2 is twice as fast. Throws Failure
-/// when the broker is not reached, or goes away.
-Replayed replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed);
+/// when the broker is not reached, or goes away. `is_user_typed`: no file has the user.
+Replayed replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed,
+                bool is_user_typed = false);
 
 }  // namespace slamgw::ctl

@@ -40,14 +40,13 @@ std::string client_id_at(std::size_t place, std::string id) {
 
 /// Names the rejected user and where to fix it.
 std::string explain_credentials(const BrokerSettings& settings, const ConnectionTraits& traits) {
-  if (!settings.credentials)
-    return fmt::format(" (no user name was sent): give one in {}, and restart",
-                       traits.where_credentials_are);
+  if (!settings.credentials) return " " + traits.without_credentials;
   const std::string& user = settings.credentials->username;
   if (settings.credentials_file)
     return fmt::format(
         " (user '{}' from {}): correct that file, or the broker's password for the user", user,
         *settings.credentials_file);
+  if (traits.credentials_file.empty()) return fmt::format(" ('{}')", user);
   return fmt::format(
       " (user '{}' from the systemd credential `broker`): correct {} and restart, or correct the "
       "broker's password for the user",

@@ -27,10 +27,13 @@ struct ConnectionTraits {
   MakeLink make_link;
   LastWill will{};
   std::uint32_t max_inbound_octets = max_inbound_packet_octets;
-  /// Of the packaged service.
+  /// Of the packaged service, to be corrected when the broker refuses its user. Empty: the user was
+  /// typed.
   std::string credentials_file = "/etc/slam-gateway/credentials.json";
-  std::string where_credentials_are =
-      "broker.credentials_file, for the packaged service in /etc/slam-gateway/credentials.json";
+  /// Said when the broker wants a user and none is configured.
+  std::string without_credentials =
+      "(no user name was sent): give one in broker.credentials_file, for the packaged service in "
+      "/etc/slam-gateway/credentials.json, and restart";
 };
 
 class Upstream final : private MqttLinkListener {

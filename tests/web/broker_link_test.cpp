@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -28,6 +29,40 @@ std::string refusal_of(const test::Mosquitto& broker,
   const BrokerLink link(io, settings, {"a/#"}, listener);
   io.run_for(std::chrono::seconds(30));
   return refusal;
+}
+
+TEST(WebBrokerLink, PassesOnWhoSendsACommandAndWhereAMessageCameFrom) {
+  const test::Mosquitto broker;
+  const test::Subscriber robot(broker, "a/server/#", "%t %x %P", "mqttv5");
+  BrokerSettings settings;
+  settings.port = broker.port();
+  boost::asio::io_context io;
+  std::vector<BrokerMessage> heard;
+  bool is_up = false;
+  BrokerLink::Listener listener;
+  listener.on_state = [&](bool is_there, const std::string&) { is_up = is_there; };
+  listener.on_message = [&](const BrokerMessage& message) { heard.push_back(message); };
+  BrokerLink link(io, settings, {"a/robot/#"}, listener);
+  EXPECT_FALSE(link.publish({"a/server/r/run", "stop", "ada"})) << "the broker is away";
+  ASSERT_TRUE(test::eventually(io, [&] { return is_up; }));
+  ASSERT_TRUE(link.publish({"a/server/r/run", "stop", "ada, page at 192.0.2.1"}));
+  ASSERT_TRUE(test::eventually(io, [&] { return robot.lines().size() == 1; }));
+  EXPECT_EQ(robot.lines().front(), "a/server/r/run 73746f70 sender:ada, page at 192.0.2.1");
+  const auto user_property = [](const std::string& name, const std::string& value) {
+    return std::vector<std::string>{"-D", "publish", "user-property", name, value};
+  };
+  std::vector<std::string> arguments{"-V", "5", "-t", "a/robot/r/update", "-m", "x"};
+  for (const auto& each : {user_property("mesh", "ble"), user_property("gateway", "pi"),
+                           user_property("received_at", "2026-11-21T13:57:43.613Z")})
+    arguments.insert(arguments.end(), each.begin(), each.end());
+  // The subscription may come after the first ones.
+  ASSERT_TRUE(test::eventually(io, [&] {
+    if (heard.empty()) test::mosquitto_publish(broker, arguments);
+    return !heard.empty();
+  }));
+  EXPECT_EQ(heard.front().mesh, "ble");
+  EXPECT_EQ(heard.front().gateway, "pi");
+  EXPECT_EQ(heard.front().received_at, "2026-11-21T13:57:43.613Z");
 }
 
 TEST(WebBrokerLink, NamesTheUserThatTheBrokerRefusesAndTheFile) {

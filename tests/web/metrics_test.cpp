@@ -18,7 +18,6 @@ class WebMetrics : public testing::Test {
   static constexpr std::int64_t now = 1'795'269'500'000;  // 2026-11-21T13:58:20Z
   Roster roster;
   OutcomeCounts outcomes;
-  LastHeard heard;
 
   void hear(const std::string& rest, const std::string& payload) {
     const std::string topic = "ntnu-slam/gateway/" + rest;
@@ -27,11 +26,11 @@ class WebMetrics : public testing::Test {
     roster.on_document(topics.gateway_topic(topic), payload, now, false);
     roster.update(now);
   }
-  void hear_robot(const std::string& topic, const std::string& gateway, const std::string& at) {
-    heard.add(topics, {"ntnu-slam/robot/" + topic, "", now, false, {}, gateway, at});
+  void hear_robot(const std::string& gateway, const std::string& at) {
+    roster.on_robot_message("r", gateway, at, now);
   }
   std::string text() const {
-    return metrics_text({.version = "0.1.0"}, topics, known, roster, outcomes, heard);
+    return metrics_text({.version = "0.1.0"}, topics, known, roster, outcomes);
   }
   bool has(const std::string& line) const {
     return text().find("\n" + line + "\n") != std::string::npos;
@@ -69,11 +68,11 @@ slamgw_latency_seconds_count{gateway="g",mesh="thread"} 5
 }
 
 TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
+  hear("g/robots/r", R"({"state":"online","mesh":"ble"})");
   hear("g/numbers",
        R"({"robots":{"r":{"up":70,"down":2,"repeats":1,"rate_hz":5.1,"latency_p50_us":1500,
            "latency_p99_us":9000,"rssi_dbm":-70,"last_heard":"2026-11-21T13:57:43.500Z","mesh":"ble",
            "meshes":{"ble":{"up":60,"down":2,"repeats":1},"thread":{"up":10}}}}})");
-  hear("g/robots/r", R"({"state":"online","mesh":"ble"})");
   EXPECT_TRUE(
       has(R"(slamgw_robot_messages_total{gateway="g",robot="r",mesh="ble",direction="up"} 60)"));
   EXPECT_TRUE(
@@ -90,6 +89,7 @@ TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
 }
 
 TEST_F(WebMetrics, TellWhenARobotWasHeardByItsMessages) {
+  hear("g/robots/r", R"({"state":"online","mesh":"thread"})");
   hear("g/numbers",
        R"({"robots":{"r":{"last_heard":"2026-11-21T13:57:43.500Z","mesh":"thread"}}})");
   const auto is_heard_at = [&](const char* time) {
@@ -97,24 +97,16 @@ TEST_F(WebMetrics, TellWhenARobotWasHeardByItsMessages) {
         R"(slamgw_robot_last_heard_timestamp_seconds{gateway="g",robot="r",mesh="thread"} )" +
         std::string(time));
   };
-  hear_robot("r/update", "g", "2026-11-21T13:57:49.250Z");
+  hear_robot("g", "2026-11-21T13:57:49.250Z");
   EXPECT_TRUE(is_heard_at("1795269469.25")) << text();
-  hear_robot("r/update", "g", "2026-11-21T13:57:40Z");
+  hear_robot("g", "2026-11-21T13:57:40Z");
   EXPECT_TRUE(is_heard_at("1795269463.5")) << "an old one that came out of the store";
-  hear_robot("r/update", "", "");
+  hear_robot("another", "2026-11-21T13:57:49.250Z");
+  EXPECT_TRUE(is_heard_at("1795269463.5")) << "nothing is known of that gateway";
+  hear_robot("", "");
   EXPECT_TRUE(is_heard_at("1795269500")) << "when this program got it";
-  hear_robot("r/update", "another", "2026-11-21T13:57:49.250Z");
-  EXPECT_TRUE(is_heard_at("1795269463.5"));
-  hear_robot("r/will", "g", "2026-11-21T13:57:49.250Z");
   hear("g/robots/r", R"({"state":"offline","mesh":"thread"})");
   EXPECT_TRUE(is_heard_at("1795269463.5")) << "a last will is no sign of life";
-}
-
-TEST_F(WebMetrics, BoundTheRobotsWhoseMessagesAreTimed) {
-  for (std::size_t i = 0; i <= LastHeard::max_robots; ++i)
-    hear_robot("r" + std::to_string(i) + "/update", "g", "2026-11-21T13:57:49Z");
-  EXPECT_TRUE(heard.at("r0", "g"));
-  EXPECT_FALSE(heard.at("r" + std::to_string(LastHeard::max_robots), "g"));
 }
 
 TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {

@@ -35,6 +35,12 @@ TEST(WebPast, TellsUpdatesInOrderWithTheirTimes) {
   EXPECT_TRUE(told(past, "$web/past/r", start + 400, start + 500).is_null());
 }
 
+TEST(WebPast, KnowsPositionsThatBeginLikeJson) {
+  Past past;
+  past.on_update("r", "{\0\x02\0"s, start);  // x is 123 cm
+  EXPECT_EQ(told(past, "$web/past/r", 0, start)["updates"], (json{{start, "7b000200"}}));
+}
+
 TEST(WebPast, TellsEventsAsTheyWere) {
   Past past;
   for (int i = 0; i < 3; ++i)
@@ -90,8 +96,8 @@ TEST(WebPast, IsBoundedInRobotsEventsAndWhatItTells) {
 
 TEST(WebPast, TakesNonsenseForNothing) {
   Past past;
-  for (const std::string& payload : {""s, "abc"s, "abcdef"s, std::string(24, 'x'), "{"s, "{\"x\":"s,
-                                     "{" + std::string(300, ' ') + "}", "[]"s})
+  for (const std::string& payload : {""s, "abc"s, "abcdef"s, std::string(24, 'x'), "{"s,
+                                     "{\"x\":1"s, "{" + std::string(300, ' ') + "}", "[]"s})
     past.on_update("r", payload, start);
   past.on_update("\xff", place, start);
   EXPECT_EQ(past.updates(), 0u);

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/metrics.hpp"
 
-#include <algorithm>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 
 #include "web/server/exposition.hpp"
 
@@ -161,12 +159,6 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
   }
 }
 
-std::optional<double> unix_time(const std::string& iso8601) {
-  const auto ms = unix_ms(iso8601);
-  if (!ms) return std::nullopt;
-  return static_cast<double>(*ms) / 1000;
-}
-
 /// Of each mesh that the robot was on. A gateway of an older version has only the sums.
 void add_counts(Exposition& out, const Labels& robot, const std::string& mesh, const json& counts) {
   Labels labels = robot;
@@ -196,9 +188,7 @@ void add_quantiles(Exposition& out, Labels labels, const json& numbers) {
   }
 }
 
-/// `clock_ahead_s`: of the gateway, by whose clock both times are.
-void add_robot(Exposition& out, const Labels& robot, const json& numbers,
-               std::optional<double> heard, double clock_ahead_s) {
+void add_robot(Exposition& out, const Labels& robot, const json& numbers) {
   Labels labels = robot;
   const std::string mesh = text(numbers, {"mesh"});
   labels.emplace_back("mesh", mesh);
@@ -213,12 +203,6 @@ void add_robot(Exposition& out, const Labels& robot, const json& numbers,
             {{"rssi_dbm"}, "slamgw_robot_rssi_dbm", "Strength of the robot's signal."}},
            labels);
   add_quantiles(out, labels, numbers);
-  if (const auto told = unix_time(text(numbers, {"last_heard"})); told || heard)
-    out.add(
-        "slamgw_robot_last_heard_timestamp_seconds",
-        "When the robot was heard last: its last message here, or a later sign of life that its "
-        "gateway reports every 10 s.",
-        labels, std::max(told.value_or(0), heard.value_or(0)) - clock_ahead_s);
 }
 
 json payload_of(const SharedText& message) {
@@ -231,11 +215,10 @@ json payload_of(const SharedText& message) {
 /// Reads each document once.
 class Gateways {
  public:
-  Gateways(const Topics& topics, const LastKnown& known, const Roster& roster,
-           const LastHeard& heard)
-      : topics_(topics), known_(known), roster_(roster), heard_(heard) {}
+  Gateways(const Topics& topics, const LastKnown& known, const Roster& roster)
+      : topics_(topics), known_(known), roster_(roster) {}
 
-  void add_to(Exposition& out) {
+  void add_to(Exposition& out) const {
     for (const auto& entry : known_.topics()) {
       const auto [name, rest] = topics_.gateway_topic(entry.first);
       if (rest == "state") add_life(out, std::string(name));
@@ -255,17 +238,23 @@ class Gateways {
   }
 
   /// Of several gateways only the one that tells where the robot is.
-  void add_presence(Exposition& out, std::string_view topic) {
+  void add_presence(Exposition& out, std::string_view topic) const {
     constexpr std::string_view robots = "robots/";
     const auto [gateway, rest] = topics_.gateway_topic(topic);
     if (!rest.starts_with(robots) || roster_.gateway(gateway).state != "online") return;
     const std::string_view robot = rest.substr(robots.size());
     const RobotLife life = roster_.robot(robot);
     if (life.gateway != gateway) return;
-    if (life.state == "offline") offline_.emplace(gateway, robot);
-    out.add("slamgw_robot_online", "Whether the robot is there (1), or asleep or gone (0).",
-            {{"gateway", std::string(gateway)}, {"robot", std::string(robot)}, {"mesh", life.mesh}},
+    const Labels labels{
+        {"gateway", std::string(gateway)}, {"robot", std::string(robot)}, {"mesh", life.mesh}};
+    out.add("slamgw_robot_online", "Whether the robot is there (1), or asleep or gone (0).", labels,
             life.state == "online" ? 1 : 0);
+    if (const std::int64_t heard_ms = roster_.last_heard_ms(robot); heard_ms > 0)
+      out.add(
+          "slamgw_robot_last_heard_timestamp_seconds",
+          "When the robot was heard last: its last message here, or a later sign of life that its "
+          "gateway reports every 10 s.",
+          labels, static_cast<double>(heard_ms) / 1000);
   }
 
   void add_document(Exposition& out, std::string_view topic, const SharedText& message) const {
@@ -279,20 +268,13 @@ class Gateways {
   void add_robots(Exposition& out, const std::string& gateway, const json& numbers) const {
     const json* robots = find(numbers, {"robots"});
     if (robots == nullptr || !robots->is_object()) return;
-    for (const auto& [robot, values] : robots->items()) {
-      // What came last of a robot that is offline is its last will.
-      const bool is_offline = offline_.contains({gateway, robot});
-      add_robot(out, {{"gateway", gateway}, {"robot", robot}}, values,
-                is_offline ? std::nullopt : heard_.at(robot, gateway),
-                static_cast<double>(roster_.gateway(gateway).clock_ahead_ms) / 1000);
-    }
+    for (const auto& [robot, values] : robots->items())
+      add_robot(out, {{"gateway", gateway}, {"robot", robot}}, values);
   }
 
   const Topics& topics_;
   const LastKnown& known_;
   const Roster& roster_;
-  const LastHeard& heard_;
-  std::set<std::pair<std::string_view, std::string_view>> offline_;  ///< gateway, robot: in topics
 };
 
 }  // namespace
@@ -304,33 +286,10 @@ void OutcomeCounts::add(std::string_view gateway, std::string_view payload) {
   ++counts_[key];
 }
 
-void LastHeard::add(const Topics& topics, const BrokerMessage& message) {
-  constexpr std::string_view branch = "/robot/";
-  if (message.is_retained || topics.kind_of(message.topic) != TopicKind::robot) return;
-  std::string_view robot = std::string_view(message.topic).substr(topics.prefix().size());
-  robot = robot.substr(branch.size(), robot.find('/', branch.size()) - branch.size());
-  auto found = robots_.find(robot);
-  if (found == robots_.end()) {
-    if (robots_.size() >= max_robots) return;
-    found = robots_.emplace(robot, Heard{}).first;
-  }
-  found->second = {message.gateway, message.received_at, message.at_ms};
-}
-
-std::optional<double> LastHeard::at(std::string_view robot, std::string_view gateway) const {
-  const auto found = robots_.find(robot);
-  if (found == robots_.end()) return std::nullopt;
-  const Heard& heard = found->second;
-  if (!heard.gateway.empty() && heard.gateway != gateway) return std::nullopt;
-  if (const auto received = unix_time(heard.received_at)) return received;
-  return static_cast<double>(heard.at_ms) / 1000;
-}
-
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
-                         const Roster& roster, const OutcomeCounts& outcomes,
-                         const LastHeard& heard) {
+                         const Roster& roster, const OutcomeCounts& outcomes) {
   Exposition gateways;
-  Gateways(topics, known, roster, heard).add_to(gateways);
+  Gateways(topics, known, roster).add_to(gateways);
   Exposition out;
   add_own(out, own);
   out.add("slamgw_web_left_out_samples", "Samples left out here because there are too many.", {},

@@ -6,13 +6,11 @@
 
 #include <cstdint>
 #include <map>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "web/server/last_known.hpp"
-#include "web/server/mirror.hpp"
 #include "web/server/roster.hpp"
 #include "web/server/topics.hpp"
 
@@ -45,28 +43,7 @@ class OutcomeCounts {
   std::map<std::pair<std::string, std::string>, std::uint64_t> counts_;
 };
 
-/// When this program heard each robot's last message. Gateways report that every 10 s only.
-class LastHeard {
- public:
-  static constexpr std::size_t max_robots = 20'000;
-
-  /// Takes robots' messages only. A message's time is when its gateway got it, by the gateway's
-  /// clock. A broker without MQTT 5 does not pass that on: then it is when this program got it.
-  void add(const Topics& topics, const BrokerMessage& message);
-  /// Unix time; nothing for a robot that was not heard through this gateway.
-  std::optional<double> at(std::string_view robot, std::string_view gateway) const;
-
- private:
-  struct Heard {
-    std::string gateway;  ///< may be empty: the broker does not pass it on
-    std::string received_at;
-    std::int64_t at_ms = 0;
-  };
-  std::map<std::string, Heard, std::less<>> robots_;
-};
-
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
-                         const Roster& roster, const OutcomeCounts& outcomes,
-                         const LastHeard& heard);
+                         const Roster& roster, const OutcomeCounts& outcomes);
 
 }  // namespace slamgw::web

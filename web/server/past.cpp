@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/normalizer.hpp"
 #include "daemon/core/utf8.hpp"
 #include "web/server/mirror.hpp"
 
@@ -15,40 +16,40 @@ using nlohmann::json;
 
 constexpr std::size_t entry_bytes = 64;  // of the deque and the shared text
 
-void append_place(std::string& octets, const json& place) {
+void append_place(ByteWriter& octets, const json& place) {
   for (const char* key : {"x", "y"}) {
     const auto found = place.find(key);
     const double value = found != place.end() && found->is_number() ? found->get<double>() : 0;
-    const auto whole = static_cast<std::int16_t>(std::clamp(value, -32768.0, 32767.0));
-    octets += static_cast<char>(whole & 0xff);
-    octets += static_cast<char>(whole >> 8 & 0xff);
+    octets.write_i16_le(static_cast<std::int16_t>(std::clamp(value, -32768.0, 32767.0)));
   }
 }
 
-/// Positions without the stray octet; empty when it is none.
-std::string positions(std::string_view payload) {
-  constexpr std::size_t longest_json = 256;
-  std::string octets;
-  if (payload.starts_with('{') && payload.size() <= longest_json) {
-    const json update = json::parse(payload, nullptr, false);
-    if (!update.is_object()) return {};
-    append_place(octets, update);
-    const auto obstacles = update.find("obstacles");
-    if (obstacles == update.end() || !obstacles->is_array()) return octets;
+Bytes positions(const json& update) {
+  constexpr std::size_t most_obstacles = 4;
+  ByteWriter octets;
+  append_place(octets, update);
+  const auto obstacles = update.find("obstacles");
+  std::size_t count = 0;
+  if (obstacles != update.end() && obstacles->is_array())
     for (const json& each : *obstacles)
-      if (each.is_object() && octets.size() < 20) append_place(octets, each);
-    return octets;
-  }
-  const std::size_t size = payload.size() / 4 * 4;
-  return size >= 4 && size <= 20 && payload.size() - size <= 1
-             ? std::string(payload.substr(0, size))
-             : "";
+      if (each.is_object() && count++ < most_obstacles) append_place(octets, each);
+  return octets.take();
+}
+
+/// Positions without the stray octet; empty when it is none. Those of a robot at x = 123 cm begin
+/// like JSON.
+Bytes positions(std::string_view payload) {
+  constexpr std::size_t longest_json = 256;
+  if (payload.starts_with('{') && payload.size() <= longest_json)
+    if (const json update = json::parse(payload, nullptr, false); update.is_object())
+      return positions(update);
+  return parse_update(as_bytes(payload)).has_value() ? drop_stray_byte(to_bytes(payload)) : Bytes();
 }
 
 }  // namespace
 
 void Past::on_update(std::string_view robot, std::string_view payload, std::int64_t at_ms) {
-  const std::string octets = positions(payload);
+  const Bytes octets = positions(payload);
   if (octets.empty() || !is_utf8(robot)) return;
   auto known = robots_.find(robot);
   if (known == robots_.end()) {
@@ -112,7 +113,7 @@ std::string Past::text_of(const std::string& robot, const Updates& updates, std:
     const Update& update = begin[static_cast<std::ptrdiff_t>(i)];
     if (payload.back() != '[') payload += ',';
     payload += '[' + std::to_string(update.at_ms) + ",\"" +
-               to_hex(as_bytes(std::string_view(update.octets.data(), update.size))) + "\"]";
+               to_hex(ByteView(update.octets.data(), update.size)) + "\"]";
   }
   return own_message("past", payload + "]}");
 }

@@ -43,7 +43,7 @@ class Past {
   struct Update {
     std::int64_t at_ms = 0;
     std::uint8_t size = 0;
-    std::array<char, max_octets> octets{};
+    std::array<std::uint8_t, max_octets> octets{};
   };
   struct Event {
     std::int64_t at_ms = 0;

@@ -126,13 +126,14 @@ void Roster::on_clock(Gateway& gateway, std::int64_t time_ms, std::int64_t at_ms
 
 void Roster::on_robot_message(std::string_view robot, std::string_view gateway,
                               std::string_view received_at, std::int64_t at_ms) {
-  const auto known = robots_.find(robot);
-  if (known != robots_.end()) known->second.message_at_ms = at_ms;
   const auto sender = gateways_.find(gateway);
+  if (sender == gateways_.end() && !gateway.empty()) return;
+  const auto received_ms = sender == gateways_.end() ? std::nullopt : unix_ms(received_at);
+  if (const auto known = robots_.find(robot); known != robots_.end())
+    known->second.newest = {std::string(received_ms ? gateway : ""), received_ms.value_or(at_ms)};
   if (sender == gateways_.end()) return;
   sender->second.sign_of_life_ms = at_ms;
-  if (const auto received_ms = unix_ms(received_at))
-    sender->second.messages.add(*received_ms - at_ms);
+  if (received_ms) sender->second.messages.add(*received_ms - at_ms);
 }
 
 void Roster::forget(std::string_view gateway, std::string_view rest) {
@@ -295,9 +296,11 @@ RobotLife Roster::robot(std::string_view id) const {
 
 std::int64_t Roster::last_heard_ms(std::string_view id) const {
   const auto found = robots_.find(id);
-  return found == robots_.end()
-             ? 0
-             : std::max(found->second.life.heard_ms, found->second.message_at_ms);
+  if (found == robots_.end()) return 0;
+  const auto& [gateway_of_newest, at_ms] = found->second.newest;
+  const RobotLife& life = found->second.life;
+  if (life.state == "offline") return life.heard_ms;
+  return std::max(life.heard_ms, at_ms - gateway(gateway_of_newest).clock_ahead_ms);
 }
 
 }  // namespace slamgw::web

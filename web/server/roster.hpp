@@ -53,7 +53,8 @@ class Roster {
   /// Of the topics that LastKnown holds, which bounds this; an empty payload takes one back.
   void on_document(const Topics::GatewayTopic& topic, std::string_view payload, std::int64_t at_ms,
                    bool is_retained);
-  /// `received_at` by the gateway's clock.
+  /// `received_at` by the gateway's clock. Without MQTT 5 both are empty: then it counts when this
+  /// program got the message.
   void on_robot_message(std::string_view robot, std::string_view gateway,
                         std::string_view received_at, std::int64_t at_ms);
   void on_broker_lost(std::int64_t now_ms);
@@ -70,7 +71,8 @@ class Roster {
   void each_robot(Visitor&& visit) const {
     for (const auto& [id, robot] : robots_) visit(id, robot.life);
   }
-  /// Beside what gateways say, messages that came here are signs of life.
+  /// As RobotLife::heard_ms, and by the newest message that came here; gateways report every 10 s
+  /// only. What came last of a robot that is offline is its last will, and does not count.
   std::int64_t last_heard_ms(std::string_view id) const;
 
  private:
@@ -99,10 +101,14 @@ class Roster {
     std::int64_t since_ms = 0;  ///< its gateway's clock, as the next
     std::int64_t seen_ms = 0;
   };
+  struct Message {
+    std::string gateway;  ///< by whose clock `at_ms` is; empty: by this program's
+    std::int64_t at_ms = 0;
+  };
   struct Robot {
     std::map<std::string, Presence, std::less<>> presence;        ///< by gateway
     std::map<std::string, std::int64_t, std::less<>> heard_ms{};  ///< `numbers`, by gateway
-    std::int64_t message_at_ms = 0;
+    Message newest{};
     RobotLife life;
   };
 

@@ -109,7 +109,7 @@ int get_version(sd_bus*, const char*, const char*, const char*, sd_bus_message* 
                 sd_bus_error*) {
   return get_u16(1, reply);
 }
-/// So many senders meshd keeps apart; without it, 100.
+/// Length of the replay list that meshd keeps for the node; without it, 100.
 int get_crpl(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
              sd_bus_error*) {
   return get_u16(last_unicast_address, reply);
@@ -191,13 +191,10 @@ void MeshdBus::open() {
 
 int MeshdBus::connect() {
   sd_bus* made = nullptr;
-  if (const int error = sd_bus_new(&made); error < 0) return error;
+  const int failure = address_.empty() ? sd_bus_open_system(&made) : sd_bus_new(&made);
+  if (failure < 0) return failure;
   bus_.reset(made);
-  if (address_.empty()) {
-    bus_.reset();
-    if (const int error = sd_bus_open_system(&made); error < 0) return error;
-    bus_.reset(made);
-  } else {
+  if (!address_.empty()) {
     sd_bus_set_address(made, address_.c_str());
     sd_bus_set_bus_client(made, 1);
     if (const int error = sd_bus_start(made); error < 0) return error;
@@ -207,7 +204,9 @@ int MeshdBus::connect() {
                                               "/org/freedesktop/DBus", "org.freedesktop.DBus",
                                               "NameOwnerChanged", on_owner_changed, nullptr, this);
   if (error < 0) return error;
-  socket_.emplace(io_, ::fcntl(sd_bus_get_fd(made), F_DUPFD_CLOEXEC, 0));
+  const int socket = ::fcntl(sd_bus_get_fd(made), F_DUPFD_CLOEXEC, 0);
+  if (socket < 0) return -errno;
+  socket_.emplace(io_, socket);
   return sd_bus_call_method_async(made, nullptr, "org.freedesktop.DBus", "/org/freedesktop/DBus",
                                   "org.freedesktop.DBus", "GetNameOwner", on_owner, this, "s",
                                   service);

@@ -114,7 +114,8 @@ class MeshdBus {
   std::map<std::uint64_t, Pending> pending_;
   SdBusMessage join_complete_;      ///< waits for its answer
   SdBusMessage prov_data_request_;  ///< waits for its answer
-  /// A queued handler can't be cancelled. Anew with each connection.
+  /// Each connection has one. A handler that is still queued when the connection closes sees by it
+  /// that it must do nothing.
   std::shared_ptr<void> life_;
 };
 

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -60,7 +61,7 @@ std::string HearingSurvey::begin(TimePoint now) {
         senders, replay_list_size);
   robots_ = std::move(robots);
   rows_.clear();
-  state_ = "running";
+  state_ = State::running;
   is_asking_ = false;
   due_ = now;
   go_to_source(0);
@@ -69,7 +70,7 @@ std::string HearingSurvey::begin(TimePoint now) {
 
 void HearingSurvey::on_link_down() {
   if (!is_on()) return;
-  state_ = "failed";
+  state_ = State::failed;
   why_ = "the BLE link went down: " + link_.down_reason;
 }
 
@@ -102,7 +103,7 @@ void HearingSurvey::go_on() {
   if (phase_ != Phase::publishing && ++at_ < robots_.size()) return;
   if (phase_ == Phase::subscribing) return go_to(Phase::publishing);
   if (phase_ != Phase::closing) return go_to_source(source_ + 1);
-  state_ = "done";
+  state_ = State::done;
 }
 
 void HearingSurvey::go_to(Phase phase) {
@@ -188,13 +189,14 @@ std::string HearingSurvey::json() const {
   const Duration of_source = heartbeat_time + question_time * (2 * robots);
   const Duration left = of_source * (robots - source_) + question_time * (2 * robots);
   const auto seconds = std::chrono::ceil<std::chrono::seconds>(is_on() ? left : Duration{});
-  nlohmann::ordered_json json{{"state", state_},
+  nlohmann::ordered_json json{{"state", std::array{"none", "running", "done", "failed"}.at(
+                                            static_cast<std::size_t>(state_))},
                               {"robots", robots},
                               {"measured", source_},
                               {"seconds_left", seconds.count()},
                               {"silent", std::move(silent)},
                               {"rows", std::move(rows)}};
-  if (state_ == "failed") json["why"] = why_;
+  if (state_ == State::failed) json["why"] = why_;
   return json.dump();
 }
 

@@ -19,9 +19,9 @@ class HearingSurvey : private ProvisionerPart {
   static constexpr Duration heartbeat_time = std::chrono::seconds{9};
   /// A typical one, for the forecast.
   static constexpr Duration question_time = std::chrono::milliseconds{150};
-  /// A robot that leaves so many questions in a row unanswered is not asked any more.
+  /// Unanswered questions in a row after which a robot is asked no more.
   static constexpr unsigned max_misses = 2;
-  /// How often a robot is told to publish, when it does not answer.
+  /// Requests to publish that a robot gets at most, when it does not answer.
   static constexpr unsigned max_attempts = 3;
   /// In robots' replay lists, after each source has taken a place there.
   static constexpr std::size_t spare_places = 4;
@@ -30,7 +30,7 @@ class HearingSurvey : private ProvisionerPart {
 
   /// Goes on with the one that runs. Returns why none can begin, else nothing.
   std::string begin(TimePoint now);
-  bool is_on() const { return state_ == "running"; }
+  bool is_on() const { return state_ == State::running; }
   void on_link_down();
 
   /// When and whom to ask next; nothing while an answer is waited for.
@@ -46,6 +46,7 @@ class HearingSurvey : private ProvisionerPart {
   std::string json() const;
 
  private:
+  enum class State : std::uint8_t { none, running, done, failed };
   enum class Phase : std::uint8_t {
     subscribing,  ///< the others get ready to count
     publishing,   ///< the source sends
@@ -75,7 +76,7 @@ class HearingSurvey : private ProvisionerPart {
 
   std::vector<Robot> robots_;
   std::vector<Row> rows_;
-  std::string state_ = "none";
+  State state_ = State::none;
   std::string why_;
   Phase phase_ = Phase::closing;
   std::size_t source_ = 0;

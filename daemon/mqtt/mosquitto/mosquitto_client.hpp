@@ -7,6 +7,7 @@
 
 #include <mosquitto.h>
 
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/thread_pool.hpp>
@@ -15,6 +16,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -104,6 +106,16 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   std::optional<int> subscribe(const std::string& filter, Qos qos, int options = 0,
                                const mosquitto_property* properties = nullptr);
   std::optional<int> unsubscribe(const std::string& filter);
+
+  /// Takes out what belongs to the packet, of a list of packet ids and values.
+  template <class Value>
+  static std::optional<Value> take(std::vector<std::pair<int, Value>>& from, int packet_id) {
+    const auto found = std::ranges::find(from, packet_id, &std::pair<int, Value>::first);
+    if (found == from.end()) return std::nullopt;
+    Value value = std::move(found->second);
+    from.erase(found);
+    return value;
+  }
 
   bool is_reached() const { return is_reached_; }  ///< by TCP
   bool is_open() const { return is_open_; }        ///< CONNACK has come, and was good

@@ -5,7 +5,6 @@
 #include <mosquitto.h>
 #include <mqtt_protocol.h>
 
-#include <algorithm>
 #include <boost/asio/post.hpp>
 #include <cerrno>
 #include <cstring>
@@ -19,16 +18,6 @@ using boost::system::error_code;
 
 /// Whether the broker has closed the connection, or its host has.
 bool is_closing(int error) { return error == ECONNRESET || error == EPIPE; }
-
-/// Takes out what belongs to the packet.
-template <class Value>
-std::optional<Value> take(std::vector<std::pair<int, Value>>& from, int packet_id) {
-  const auto found = std::ranges::find(from, packet_id, &std::pair<int, Value>::first);
-  if (found == from.end()) return std::nullopt;
-  Value value = std::move(found->second);
-  from.erase(found);
-  return value;
-}
 
 }  // namespace
 

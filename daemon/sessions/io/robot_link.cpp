@@ -3,7 +3,6 @@
 
 #include <mqtt_protocol.h>
 
-#include <algorithm>
 #include <cerrno>
 
 #include "daemon/mqtt/connect_failure.hpp"
@@ -104,12 +103,8 @@ void RobotLink::on_ended(const Ended& ended) {
 }
 
 void RobotLink::on_subscribed(const Subscribed& subscribed) {
-  const auto found =
-      std::ranges::find(subscribing_, subscribed.packet_id, &std::pair<int, std::string>::first);
-  if (found == subscribing_.end()) return;
-  const std::string filter = std::move(found->second);
-  subscribing_.erase(found);
-  links_.listener_.on_subscribed(robot_, filter, subscribed.is_granted);
+  if (const auto filter = take(subscribing_, subscribed.packet_id))
+    links_.listener_.on_subscribed(robot_, *filter, subscribed.is_granted);
 }
 
 void RobotLink::on_confirmed(const Confirmed& confirmed) {

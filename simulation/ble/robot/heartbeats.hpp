@@ -30,7 +30,7 @@ class Heartbeats {
   };
   std::optional<Heartbeat> next() { return std::exchange(next_, std::nullopt); }
   bool hears(Address destination, const NodeConfiguration& configuration) const;
-  /// One that it hears has come, over so many hops.
+  /// A heartbeat that it hears has come. `hops`: 1 without relays.
   void on_heartbeat(Address source, Address destination, std::uint8_t hops, TimePoint now);
   void reset() { *this = Heartbeats(*firmware_); }
 

@@ -62,7 +62,7 @@ class Node {
   /// A message of the node has left.
   void on_transmitted() { heartbeats_.on_transmitted(); }
   std::optional<Heartbeats::Heartbeat> next_heartbeat();
-  /// One of another node has come, over so many hops. False when this node does not hear it.
+  /// A heartbeat of another node has come. Returns false when this node does not hear it.
   void on_heartbeat(const Node& source, const Heartbeats::Heartbeat& heartbeat, std::uint8_t hops,
                     TimePoint now);
   bool is_relay() const { return !is_gone() && address() != 0 && configuration_.relay == 1; }

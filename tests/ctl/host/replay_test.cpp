@@ -69,6 +69,26 @@ TEST(Replay, GoesToTheFirstBrokerOfTheListThatIsThere) {
             1u);
 }
 
+TEST(Replay, SaysWhatToDoAboutARefusedUser) {
+  const Mosquitto broker({}, "robots", "right");
+  const auto complaint = [&](std::optional<Credentials> credentials, bool is_typed) {
+    BrokerSettings settings = at_port(broker.port());
+    settings.credentials = std::move(credentials);
+    try {
+      ctl::replay({recorded(0us, "p/t", {1}, Qos::at_least_once)}, settings, 1, is_typed);
+    } catch (const ctl::Failure& failure) {
+      return std::string(failure.what());
+    }
+    return std::string();
+  };
+  EXPECT_TRUE(complaint({}, false).ends_with("(no user name was sent): see --user"))
+      << complaint({}, false);
+  const Credentials wrong{"ada", "not it"};
+  EXPECT_TRUE(complaint(wrong, true).ends_with(" ('ada')")) << complaint(wrong, true);
+  EXPECT_NE(complaint(wrong, false).find("correct /etc/slam-gateway/credentials.json"),
+            std::string::npos);
+}
+
 TEST(Replay, SaysThatNoBrokerIsThere) {
   const std::uint16_t port = free_tcp_port();
   try {

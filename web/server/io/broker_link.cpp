@@ -28,7 +28,9 @@ ConnectionTraits traits() {
   return {.make_link = &make_mosquitto_link,
           .max_inbound_octets = BrokerLink::max_packet,
           .credentials_file = "/etc/slam-gateway/web-credentials.json",
-          .where_credentials_are = "web-credentials.json, beside gateway.json"};
+          .without_credentials =
+              "(no user name was sent): give one in web-credentials.json, beside gateway.json, and "
+              "restart slam-gateway-web"};
 }
 
 }  // namespace

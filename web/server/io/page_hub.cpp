@@ -128,7 +128,6 @@ std::string PageHub::publish(const CommandRequest& command) {
 void PageHub::on_message(const BrokerMessage& message) {
   ++own_.messages;
   const TopicKind kind = topics_.kind_of(message.topic);
-  heard_.add(topics_, message);
   if (kind == TopicKind::event) {
     const auto [gateway, rest] = topics_.gateway_topic(message.topic);
     if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
@@ -280,9 +279,8 @@ void PageHub::make_metrics(std::function<void(std::string)> done) {
   own_.cpu_seconds = cpu_seconds();
   own_.resident_bytes = resident_bytes();
   boost::asio::post(metrics_thread_, [this, own = own_, known = known_, roster = roster_,
-                                      outcomes = outcomes_, heard = heard_,
-                                      done = std::move(done)]() mutable {
-    std::string text = metrics_text(own, topics_, known, roster, outcomes, heard);
+                                      outcomes = outcomes_, done = std::move(done)]() mutable {
+    std::string text = metrics_text(own, topics_, known, roster, outcomes);
     boost::asio::post(
         io_, [text = std::move(text), done = std::move(done)]() mutable { done(std::move(text)); });
   });

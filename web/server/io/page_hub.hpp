@@ -33,7 +33,7 @@ class PageHub {
  public:
   /// Each page costs a copy of all traffic on the wire. A lab has a handful.
   static constexpr std::size_t max_pages = 32;
-  /// Who is alive is decided so often, however much comes.
+  /// How often the states of gateways and robots are decided.
   static constexpr std::chrono::milliseconds roster_period{250};
 
   PageHub(boost::asio::io_context& io, const Config& config, Tokens tokens, std::string version);
@@ -96,7 +96,6 @@ class PageHub {
   History history_;
   Past past_;
   OutcomeCounts outcomes_;
-  LastHeard heard_;
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
   Places places_{max_pages};
