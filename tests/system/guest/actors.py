@@ -58,9 +58,13 @@ class Listener:
     def _text(self):
         return pathlib.Path(self.file.name).read_text(encoding="utf-8", errors="replace")
 
+    def lines(self):
+        """Topic and payload, in hexadecimal, of each message."""
+        return [line.removeprefix("HEARD ") for line in self._text().splitlines() if line.startswith("HEARD ")]
+
     def heard(self):
         """How many messages of each topic."""
-        return collections.Counter(line.split()[1] for line in self._text().splitlines() if line.startswith("HEARD "))
+        return collections.Counter(line.split()[0] for line in self.lines())
 
     def wait_for(self, counts):
         """Until at least so many of each topic have come."""

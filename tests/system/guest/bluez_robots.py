@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Robots on BLE Mesh for ./dev system-test --vm bluez: each a bluetooth-meshd of its own, on a bus and a controller of its own.
-They join, publish updates with the sensor_update client, and obey pos_cmd. What became of each is in FILE, as JSON."""
+They join, publish updates with the sensor_update client, each until it is acknowledged, and obey pos_cmd. What became of each
+is in FILE, as JSON. Payloads that stand, by UUID, in the file of that name with the suffix play are sent in place of their own."""
 import json
 import os
 import pathlib
@@ -91,11 +92,13 @@ class Element(dbus.service.Object):
 
 
 class Robot:
-    def __init__(self, number, period_ms):
+    def __init__(self, number, period_ms, play):
         self.uuid = bytes.fromhex("736c616d000040008000") + bytes([number] * 6)
-        self.facts = {"uuid": self.uuid.hex(), "sent": 0, "acknowledged": 0, "obeyed": []}
+        self.facts = {"uuid": self.uuid.hex(), "sent": 0, "played": 0, "acknowledged": 0, "obeyed": []}
         self.node = None
         self.may_publish = False
+        self.play = play
+        self.update = None  # not acknowledged yet
         home = pathlib.Path(f"/run/robot{number}")
         (home / "store").mkdir(parents=True)
         address = f"unix:path={home}/bus"
@@ -126,18 +129,30 @@ class Robot:
                   failed=lambda _: GLib.timeout_add(1000, self.attach, token))
         return False
 
+    def next_update(self):
+        """None when all of a given list are acknowledged."""
+        if not self.play.exists():
+            self.facts["sent"] += 1
+            return struct.pack("<hh", self.facts["sent"], 0)
+        updates = json.loads(self.play.read_text(encoding="utf-8")).get(self.uuid.hex(), [])
+        if self.facts["played"] == len(updates):
+            return None
+        self.facts["played"] += 1
+        return bytes.fromhex(updates[self.facts["played"] - 1])
+
     def publish(self):
         if self.node and self.may_publish:
-            self.facts["sent"] += 1
-            place = struct.pack("<hh", self.facts["sent"] % 1000, 0)
-            vendor = dbus.Dictionary({"Vendor": dbus.UInt16(COMPANY)}, signature="sv")
-            self.call(self.node, "Node1", "Publish", "oqa{sv}ay", ROOT + "/element", dbus.UInt16(UPDATE_CLIENT), vendor,
-                      octets(SET + place))
+            self.update = self.update or self.next_update()
+            if self.update:
+                vendor = dbus.Dictionary({"Vendor": dbus.UInt16(COMPANY)}, signature="sv")
+                self.call(self.node, "Node1", "Publish", "oqa{sv}ay", ROOT + "/element", dbus.UInt16(UPDATE_CLIENT), vendor,
+                          octets(SET + self.update))
         return True
 
     def hear(self, source, key, data):
-        if data.startswith(STATUS):
+        if data.startswith(STATUS) and self.update:
             self.facts["acknowledged"] += 1
+            self.update = None
         if data.startswith(COMMAND):
             self.facts["obeyed"].append(data[len(COMMAND):].hex())
             self.call(self.node, "Node1", "Send", "oqqa{sv}ay", ROOT + "/element", source, key, no_options(), octets(OBEYED))
@@ -146,7 +161,7 @@ class Robot:
 def main():
     first, count, period_ms, path = int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), pathlib.Path(sys.argv[4])
     dbus.mainloop.glib.DBusGMainLoop(set_as_default=True)
-    robots = [Robot(number, period_ms) for number in range(first, first + count)]
+    robots = [Robot(number, period_ms, path.with_suffix(".play")) for number in range(first, first + count)]
 
     def note():
         path.with_suffix(".new").write_text(json.dumps([robot.facts for robot in robots]), encoding="utf-8")

@@ -1,25 +1,31 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of ./dev system-test --vm bluez: the confined service, a bluetooth-meshd as docs/bluez.md sets it up, and robots
+"""The steps of ./dev system-test --vm bluez: the confined service, a bluetooth-meshd as docs/first-hour.md sets it up, and robots
 with meshds of their own on virtual controllers that hear each other."""
 import contextlib
 import glob
 import json
 import pathlib
+import shutil
+import struct
 import subprocess
 import sys
 
-from actors import PASSWORDS, Listener, set_up_broker
-from machine import (CONFIG, STATE, demand, install, now, restart, run, says, status, wait_for, wait_for_status, write_config,
+from actors import PASSWORDS, Listener, Robots, demand_nothing_lost, set_up_broker
+from first_hour import commands, make_operator, type_in
+from machine import (BOARD, STATE, demand, install, now, restart, run, says, status, wait_for, wait_for_status, write_config,
                      write_credentials)
 from stepping import run_steps
 
 ROBOTS = 10
-PERIOD_MS = 4000
+PERIOD_MS = 2000
 GATEWAYS_CONTROLLER = "hci0"
-DROP_IN = pathlib.Path("/etc/systemd/system/bluetooth-mesh.service.d/override.conf")
 MODULES = ["hci_vhci", "algif_skcipher", "algif_hash", "ecb", "cmac", "ccm"]
 FACTS = pathlib.Path("/run/robots.json")
+PLAY = FACTS.with_suffix(".play")
+SETS = 500
+ALIKE = 3  # robots that say the same on each mesh
+UPDATES = 20  # of each
 
 world = {}
 
@@ -45,21 +51,18 @@ def install_service():
     install(*glob.glob("/job/input/debs/*.deb"))
     set_up_broker()
     write_credentials(PASSWORDS["slam-gateway"])
+    make_operator()
     write_config(ble_mesh={"enabled": True, "radio": "bluez", "controller": GATEWAYS_CONTROLLER}, robots=[])
     restart()
 
 
 def meshd():
-    """bluetooth-meshd as docs/bluez.md sets it up; the link is up."""
+    """What docs/first-hour.md has the owner of a Pi without a board type; the link is up."""
     install_service()
-    if not DROP_IN.exists():
-        run("systemctl", "mask", "--now", "bluetooth")
-        wait_for("controllers that nobody holds", lambda: "UP RUNNING" not in run("hciconfig"))
-        DROP_IN.parent.mkdir()
-        DROP_IN.write_text("[Service]\nExecStart=\nExecStart=/usr/libexec/bluetooth/bluetooth-meshd --nodetach --io "
-                           f"generic:{GATEWAYS_CONTROLLER}\n", encoding="ascii")
-        run("systemctl", "daemon-reload")
-        run("systemctl", "enable", "--now", "bluetooth-mesh")
+    if "is typed" not in world:
+        world["is typed"] = True
+        for line in commands("### Without a board"):
+            type_in(line)
     wait_for_status("ble up")
 
 
@@ -79,6 +82,10 @@ def robots():
         world["robots"] = subprocess.Popen(["python3", script, "1", str(ROBOTS), str(PERIOD_MS), FACTS])
     wait_for("robots in the mesh", lambda: [node["state"] for node in nodes()] == ["configured"] * ROBOTS)
     wait_for("acknowledged updates", lambda: all(robot["acknowledged"] > 1 for robot in facts()))
+
+
+def acknowledgements():
+    return sum(robot["acknowledged"] for robot in facts())
 
 
 def robots_are_heard():
@@ -109,8 +116,21 @@ def takes_in_ten_robots():
     """ten robots join by themselves, are configured, and their updates reach the broker and are acknowledged"""
     robots()
     robots_are_heard()
-    sent, acknowledged = (sum(robot[what] for robot in facts()) for what in ("sent", "acknowledged"))
-    return f"{acknowledged} of {sent} updates acknowledged"
+
+
+def acknowledges_500_updates():
+    """500 updates: each is acknowledged in the end, and what is acknowledged is at the broker"""
+    robots()
+    listener = Listener()
+    before = facts()
+    wait_for(f"{SETS} acknowledgements", lambda: acknowledgements() - sum(robot["acknowledged"] for robot in before) >= SETS)
+    names = {node["uuid"]: node["robot"] for node in nodes()}
+    wanted = {f"ntnu-slam/robot/{names[late['uuid']]}/update {struct.pack('<hh', number, 0).hex()}"
+              for early, late in zip(before, facts())
+              for number in range(early["acknowledged"] + 2, late["acknowledged"] + 1)}  # the first was perhaps under way
+    wait_for("all of them at the broker", lambda: wanted <= set(listener.lines()))
+    listener.end()
+    return f"{len(wanted)} of {len(wanted)} at the broker"
 
 
 def commands_reach_each_robot():
@@ -140,14 +160,69 @@ def goes_on_after_restarts():
     demand(status()["meshes"]["ble"]["counters"]["robots_deaf"] == 0, "robots do not hear the gateway")
 
 
+def updates_of(names, listener):
+    """What the robots of these names have said, sorted, once that is all: number of the robot, payload."""
+    def lines():
+        found = [line.split() for line in listener.lines()]
+        return sorted((names.index(topic.split("/")[-2]), payload) for topic, payload in found
+                      if topic.split("/")[-2] in names and topic.endswith("/update"))
+    wait_for(f"updates of {names}", lambda: len(lines()) >= ALIKE * UPDATES)
+    listener.end()
+    return lines()
+
+
+def names_of(mesh):
+    return [f"{mesh}{number}" for number in range(1, ALIKE + 1)]
+
+
+def hear_simulated(mesh, listener, *options):
+    alike = ["--robots", ALIKE, "--messages", UPDATES, "--seed", 7, "--id-prefix", mesh, "--max-obstacles", 2]
+    demand_nothing_lost(Robots("ble" if mesh == "board" else "thread", *alike, *options).result())
+    return updates_of(names_of(mesh), listener)
+
+
+def with_radio(radio, robots_of_it):
+    write_config(ble_mesh={"enabled": True, "radio": radio, "controller": GATEWAYS_CONTROLLER, "device": BOARD},
+                 robots=robots_of_it)
+    restart()
+
+
+def says_the_same_on_three_ways():
+    """the same robots say the same on Thread, over a board, and over BlueZ"""
+    robots()
+    PLAY.write_text("{}", encoding="ascii")  # they fall silent
+    members = sorted(nodes(), key=lambda node: node["uuid"])[:ALIKE]
+    thread = hear_simulated("thread", Listener())
+    demand(len(set(thread)) > ALIKE * UPDATES / 2, "the robots stand still")
+
+    run("systemctl", "stop", "slam-gateway")
+    shutil.move(STATE / "mesh.json", "/root/mesh.json")  # the board's robots are in another mesh
+    with_radio("nordic", [{"id": name, "ble_address": 0x100 + n} for n, name in enumerate(names_of("board"))])
+    board = hear_simulated("board", Listener(), "--acknowledged")
+    run("systemctl", "stop", "slam-gateway")
+    shutil.move("/root/mesh.json", STATE / "mesh.json")
+
+    with_radio("bluez", [{"id": name, "ble_address": node["address"]} for name, node in zip(names_of("bluez"), members)])
+    wait_for_status("ble up")
+    listener = Listener()
+    by_robot = {node["uuid"]: [payload for number, payload in thread if number == n] for n, node in enumerate(members)}
+    PLAY.write_text(json.dumps(by_robot), encoding="ascii")
+    bluez = updates_of(names_of("bluez"), listener)
+    demand(thread == board, f"Thread and board differ: {set(thread) ^ set(board)}")
+    demand(thread == bluez, f"Thread and BlueZ differ: {set(thread) ^ set(bluez)}")
+    return f"{len(bluez)} updates of {ALIKE} robots"
+
+
 STEPS = [
     says_what_meshd_lacks,
     takes_in_ten_robots,
+    acknowledges_500_updates,
     commands_reach_each_robot,
     goes_on_after_restarts,
+    says_the_same_on_three_ways,
 ]
 
 if __name__ == "__main__":
     with contextlib.ExitStack() as at_end:
-        at_end.callback(lambda: [process.kill() for process in world.values()])
+        at_end.callback(lambda: [world[name].kill() for name in ("btvirt", "robots") if name in world])
         sys.exit(run_steps(STEPS, sys.argv[1:]))

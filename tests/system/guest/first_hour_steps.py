@@ -2,36 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of ./dev system-test --first-hour: an operator in the virtual machine types the commands of docs/first-hour.md,
 taken from the page that is in the package, in their order."""
-import functools
 import re
 import subprocess
 import sys
 
+from first_hour import OPERATOR, commands, make_operator, operator, page, type_in
 from hardware import INTERFACE, RecordedRobots, Radios, UsbBoard
 from machine import Failure, demand, run, wait_for
 from stepping import run_steps
 
-OPERATOR = "pi"
-# Words of commands that need another computer, a clock server, a mirror of Debian's, or a border router.
-NOT_HERE = ("raspberrypi.local", "git clone", "./dev ", "apt update", "timedatectl", "ot-ctl")
 LONGEST_S = 1000  # a command that is left running
 
 world = {}
-
-
-@functools.cache
-def page():
-    return run("sh", "-c", "dpkg-deb --fsys-tarfile /job/input/debs/slam-gateway_*.deb"
-                           " | tar -xO ./usr/share/doc/slam-gateway/first-hour.md")
-
-
-def commands(section):
-    """The lines of the section's blocks, with their comments."""
-    text = page().split(f"{section}\n", 1)[1].split("\n#", 1)[0]
-    lines = "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines()
-    found = [line for line in lines if not any(word in line for word in NOT_HERE)]
-    demand(found, f"{section} has no commands")
-    return found
 
 
 def in_a_sentence(before, after=""):
@@ -39,23 +21,6 @@ def in_a_sentence(before, after=""):
     found = re.search(re.escape(before) + "`([^`]+)`" + re.escape(after), page())
     demand(found, f"the page has no command between '{before}' and '{after}'")
     return found[1]
-
-
-def operator(command):
-    """Each command in a login of its own, so that a new group is in force."""
-    return ["runuser", "-l", OPERATOR, f"--session-command={command}"]
-
-
-def type_in(line):
-    """The command's output; typed again until that has what its comment quotes."""
-    promised = re.findall(r'"([^"]+)"', line.partition(" # ")[2])
-
-    def output():
-        text = run(*operator(line))
-        missing = [words for words in promised if words not in text]
-        demand(not missing, f"{line}\nhas not {missing}:\n{text}")
-        return text or "nothing"
-    return wait_for(line, output)
 
 
 class Terminal:
@@ -79,8 +44,7 @@ class Terminal:
 
 def installs_the_package():
     """2 The package: installed from the operator's home, the operator in the group, status says that broker and Thread are up"""
-    run("useradd", "-m", "-s", "/bin/bash", "-G", "sudo", OPERATOR)
-    run("sh", "-c", f"echo '{OPERATOR} ALL=(ALL) NOPASSWD: ALL' >/etc/sudoers.d/{OPERATOR}")
+    make_operator()
     run("sh", "-c", f"cp /job/input/debs/*.deb /job/input/debs/more/*.deb /home/{OPERATOR}/")
     run("systemctl", "start", "mosquitto")  # as if it came only now
     for line in commands("## 2 The package"):
