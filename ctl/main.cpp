@@ -240,7 +240,8 @@ nlohmann::json topology(Connection& connection, const nlohmann::json& nodes) {
   for (const auto& node : nodes) {
     nlohmann::json row{{"robot", node.value("robot", "")}, {"address", node.value("address", "")}};
     for (const auto& robot : robots) {
-      if (robot.value("id", "") != row.value("robot", "") || robot.value("mesh", "") != "ble") continue;
+      if (robot.value("id", "") != row.value("robot", "") || robot.value("mesh", "") != "ble")
+        continue;
       for (const char* key : {"hops", "ttl", "rssi_dbm", "last_seen", "state"})
         if (robot.contains(key)) row[key] = robot[key];
     }

@@ -456,6 +456,19 @@ std::size_t widest(const json& rows, const char* key, std::size_t head) {
   return std::min(width, most);
 }
 
+/// What the broker does not take, a line each.
+std::string refused_topics(const json& refused, const Screen& screen) {
+  std::string out;
+  const json listed = list_at(refused, "list");
+  for (const json& topic : listed)
+    out +=
+        fmt::format("          {} {}: {} ({} messages wait)\n", screen.paint("refused", "refused:"),
+                    text_at(topic, "topic"), text_at(topic, "why"), count_at(topic, "waiting"));
+  if (const std::uint64_t topics = count_at(refused, "topics"); topics > listed.size())
+    out += fmt::format("          and {} more topics\n", topics - listed.size());
+  return out;
+}
+
 }  // namespace
 
 std::string status(const json& status, const Screen& screen) {
@@ -472,7 +485,10 @@ std::string status(const json& status, const Screen& screen) {
   const std::string why = text_at(broker, "why");
   out += fmt::format("Broker    {} {} since {}\n", screen.paint(state, pad(state, 8)),
                      text_at(broker, "uri"), text_at(broker, "since"));
-  if (!why.empty() && state != "up") out += fmt::format("                   {}\n", why);
+  const std::string refused = refused_topics(group_at(broker, "refused"), screen);
+  if (refused.empty() && !why.empty() && state != "up")
+    out += fmt::format("                   {}\n", why);
+  out += refused;
   if (const auto rights = broker.find("missing_rights"); rights != broker.end())
     for (const json& right : *rights)
       out += fmt::format("          {} {}; grant: {}\n", screen.paint("refused", "no right:"),

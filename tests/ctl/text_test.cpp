@@ -235,6 +235,22 @@ TEST(CtlShow, MarksRobotsThatAreDeafOrContested) {
   EXPECT_NE(text.find("most robots do not hear the gateway"), std::string::npos) << text;
 }
 
+TEST(CtlShow, NamesEachTopicThatTheBrokerRefuses) {
+  const json list{{{"topic", "p/robot/r1/adv"}, {"why", "not authorised"}, {"waiting", 1}},
+                  {{"topic", "p/robot/r1/update"}, {"why", "not authorised"}, {"waiting", 5}}};
+  const json broker{{"state", "refusing"},
+                    {"why", "the first one"},
+                    {"refused", {{"topics", 3}, {"list", list}}}};
+  const std::string text = ctl::show::status({{"broker", broker}}, {false, noon});
+  EXPECT_NE(text.find("refused: p/robot/r1/adv: not authorised (1 messages wait)\n"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("refused: p/robot/r1/update: not authorised (5 messages wait)\n"),
+            std::string::npos);
+  EXPECT_NE(text.find("and 1 more topics\n"), std::string::npos);
+  EXPECT_EQ(text.find("the first one"), std::string::npos) << "the list says more";
+}
+
 TEST(CtlShow, LetsNothingThroughToTheTerminal) {
   const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
   const std::string shown = ctl::show::robots(robots, {false, noon});
