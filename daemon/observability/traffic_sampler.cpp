@@ -26,7 +26,7 @@ std::optional<TrafficLine> TrafficSampler::on_traffic(const TrafficEvent& event,
   const auto of_stream = sample(event, now);
   if (!of_stream) return std::nullopt;
   if (!event.is_proven && mode_ == TrafficLogMode::sampled) {
-    if (!unproven_->may_write(event.robot, now)) return std::nullopt;
+    if (!unproven_->may_write_traffic(event.robot, now)) return std::nullopt;
     return TrafficLine{*of_stream, 0};
   }
   Streams& of_class = streams_[event.is_proven];

@@ -67,23 +67,33 @@ class FloodGate {
   std::int64_t held_back_ = 0;  // in this window
 };
 
-/// All lines about clients that are not proven (Report::is_proven): traffic, presence, refusals.
+/// All lines about clients that are not proven (Report::is_proven). Robots that only publish are
+/// among them: each has a line a second, which must not take those of presence and refusals.
 class UnprovenLines {
  public:
   static constexpr std::int64_t lines_at_once = 100;
   static constexpr std::int64_t lines_per_second = 40;
+  static constexpr std::int64_t traffic_lines_per_second = 80;
 
-  bool may_write(const std::string& robot, TimePoint now) {
-    if (gate_.take(now)) return true;
-    ++left_out_;
-    last_ = robot;
-    return false;
+  /// A line about presence or a refusal.
+  bool may_write(const std::string& robot, TimePoint now) { return take(gate_, robot, now); }
+  /// A line about a message.
+  bool may_write_traffic(const std::string& robot, TimePoint now) {
+    return take(traffic_gate_, robot, now);
   }
   /// One line for all that were left out since the last call; to be called every few seconds.
   std::optional<Notice> summary();
 
  private:
+  bool take(FloodGate& gate, const std::string& robot, TimePoint now) {
+    if (gate.take(now)) return true;
+    ++left_out_;
+    last_ = robot;
+    return false;
+  }
+
   FloodGate gate_{lines_at_once, lines_per_second};
+  FloodGate traffic_gate_{lines_at_once, traffic_lines_per_second};
   std::uint64_t left_out_ = 0;
   std::string last_;
 };
