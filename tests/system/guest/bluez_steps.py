@@ -13,7 +13,7 @@ import sys
 
 from actors import PASSWORDS, Listener, Robots, demand_nothing_lost, set_up_broker
 from first_hour import commands, make_operator, type_in
-from machine import (BOARD, STATE, demand, install, now, restart, run, says, status, wait_for, wait_for_status, write_config,
+from machine import (BOARD, CONFIG, STATE, demand, install, now, restart, run, says, status, wait_for, wait_for_status, write_config,
                      write_credentials)
 from stepping import run_steps
 
@@ -182,6 +182,7 @@ def hear_simulated(mesh, listener, *options):
 
 
 def with_radio(radio, robots_of_it):
+    (CONFIG.parent / "gateway.d/ble.json").unlink(missing_ok=True)  # it was typed
     write_config(ble_mesh={"enabled": True, "radio": radio, "controller": GATEWAYS_CONTROLLER, "device": BOARD},
                  robots=robots_of_it)
     restart()
