@@ -167,11 +167,13 @@ class Acts:
     def fail_disk(self):
         down, failing, world = self.outage(), self.outage() / 2, self.world
         log_position = len(world.daemon.log.read_text())
-        with world.trouble(f"stop the broker for {down + failing:.1f} s; I/O errors for {failing:.1f} s of them", LINK_LOST):
+        with world.trouble(f"stop the broker for {down + failing:.1f} s; I/O errors for {failing:.1f} s of them",
+                           LINK_LOST + sum(FLEETS.values())):
             world.end_broker(signal.SIGTERM)
             world.pass_time(down / 2)
             with self.failing_disk():
                 world.pass_time(failing)
+            self.repair_disk()
             world.pass_time(down / 2)
             self.start_broker_after(0)
         if world.told_as_lost(log_position):
@@ -187,6 +189,7 @@ class Acts:
             with self.failing_disk():
                 world.start_daemon()
                 world.pass_time(failing)
+            self.repair_disk()
             self.start_broker_after(0)
 
     @contextlib.contextmanager
@@ -194,6 +197,13 @@ class Acts:
         self.world.disk.fail()
         yield
         self.world.disk.mend()
+
+    def repair_disk(self):
+        if self.world.disk.is_broken():
+            self.world.say("  the host starts anew, because its file system is broken")
+            self.world.end_daemon(signal.SIGTERM)
+            self.world.disk.repair()
+            self.world.start_daemon()
 
     def damage_store(self):
         down, world = self.outage(), self.world

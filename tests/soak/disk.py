@@ -38,8 +38,13 @@ class Disk:
             os.rmdir(self.directory / "lost+found")
         return is_mounted
 
+    def is_broken(self):
+        """After an I/O error at one of its tables the kernel takes no more of the file system, until the host starts anew."""
+        told = subprocess.run(["tune2fs", "-l", self.loop], capture_output=True, text=True, check=False).stdout
+        return "with errors" in told
+
     def repair(self):
-        """As a host does when it starts: after an I/O error at one of its tables the kernel takes no more of the file system."""
+        """As a host does when it starts."""
         if self.loop and succeeds("umount", self.directory):
             succeeds("e2fsck", "-f", "-y", self.loop)
             if not self.mount(self.loop):
