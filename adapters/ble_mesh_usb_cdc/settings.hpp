@@ -21,6 +21,7 @@ struct ProvisioningSettings {
   bool enabled = true;
   std::vector<std::string> uuid_prefixes;  ///< hex, any case
   std::optional<std::string> static_oob;   ///< secret: never logged
+  bool over_mqtt = false;                  ///< clients of the broker may permit joining
   bool operator==(const ProvisioningSettings&) const = default;
 };
 

@@ -97,6 +97,10 @@ App::App(Config config, std::string config_file)
                        action);
           },
           [this] { on_outbox_drained(); }),
+      join_requests_driver_(io_, join_requests_,
+                            [this](JoinAction& action) {
+                              std::visit([this](auto& what) { perform(what); }, action);
+                            }),
       store_(io_, config_.store,
              [this](StoreEvent event) {
                outbox_driver_->on_store_event(std::move(event), read_clocks());
@@ -134,6 +138,8 @@ void App::run() {
   start_control();
   report_configured_robots();
   start_meshes();
+  if (config_.ble_mesh.provisioning.over_mqtt)
+    gateway_driver_->subscribe_own(scheme_.join_request_topic());
   fleet_.start();
   upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
@@ -268,6 +274,7 @@ void App::close_everything() {
   fleet_.stop();
   gateway_driver_.stop();
   outbox_driver_.stop();
+  join_requests_driver_.stop();
   network_watch_->stop();
   upstream_.stop();
   store_.stop();
@@ -302,13 +309,17 @@ void App::warn_of_lost_messages() {
 }
 
 void App::publish_stats() {
-  if (!broker_link_.is_up) return;  // old numbers are of no use later
-  const auto publish = [this](std::string topic, Bytes payload) {
-    submit({std::move(topic), std::move(payload), Qos::at_most_once, false}, no_receipt);
-  };
-  publish(scheme_.stats_topic(), to_bytes(escape_unprintable(status().dump(
-                                     -1, ' ', false, nlohmann::json::error_handler_t::replace))));
-  publish(scheme_.numbers_topic(), numbers_text(gateway_.registry().robots(), read_clocks().mono));
+  publish_now(scheme_.stats_topic(),
+              to_bytes(escape_unprintable(
+                  status().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace))));
+  publish_now(scheme_.numbers_topic(),
+              numbers_text(gateway_.registry().robots(), read_clocks().mono));
+}
+
+/// Or never: what is old is of no use later.
+void App::publish_now(std::string topic, Bytes payload) {
+  if (!broker_link_.is_up) return;
+  submit({std::move(topic), std::move(payload), Qos::at_most_once, false}, no_receipt);
 }
 
 void App::perform(PassUp& action) {
@@ -350,6 +361,22 @@ void App::perform(Notice& notice) {
     log_notice(notice);
 }
 
+void App::perform(OrderJoining& action) {
+  manage_ble(action.who, action.order, [this](const OrderAnswer& answer) {
+    join_requests_driver_->on_ordered(answer, read_clocks());
+  });
+}
+
+void App::perform(AskJoining& action) {
+  meshes_.manage_ble(action.order, [this](const OrderAnswer& answer) {
+    join_requests_driver_->on_news(answer, read_clocks());
+  });
+}
+
+void App::perform(PublishJoining& action) {
+  publish_now(scheme_.join_response_topic(), to_bytes(action.document));
+}
+
 void App::perform(FireReceipt& action) {
   for (TrafficObserver* observer : traffic_observers_)
     observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
@@ -372,6 +399,8 @@ void App::on_outbox_drained() {
 
 nlohmann::json App::status() {
   Status status = status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono);
+  if (config_.ble_mesh.provisioning.over_mqtt)
+    join_requests_.add_to(status.meshes[Mesh::ble].counters);
   status.configuration = std::filesystem::absolute(config_file_).lexically_normal().string();
   return to_json(status);
 }
@@ -493,6 +522,8 @@ void App::on_subscribe_result(const std::string& filter, bool is_granted) {
 
 void App::on_message(BrokerMessage message, const UserProperties& said) {
   message.sender = sender_of(said);
+  if (config_.ble_mesh.provisioning.over_mqtt && message.topic == scheme_.join_request_topic())
+    return join_requests_driver_->on_request(message, read_clocks());
   if (!meshes_.takes(message) && !fleet_.takes(message))
     gateway_driver_->on_broker_message(std::move(message), read_clocks());
 }

@@ -20,6 +20,7 @@
 #include "daemon/control/control_server.hpp"
 #include "daemon/core/adapter.hpp"
 #include "daemon/core/gateway.hpp"
+#include "daemon/core/join_requests.hpp"
 #include "daemon/core/trace.hpp"
 #include "daemon/delivery/outbox.hpp"
 #include "daemon/mqtt/upstream.hpp"
@@ -62,6 +63,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void close_everything();
   void publish_stats_regularly();
   void publish_stats();
+  void publish_now(std::string topic, Bytes payload);
   void warn_of_lost_messages();
 
   // What the core leaves:
@@ -77,6 +79,10 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(TrafficEvent& event);
   void perform(MeshStep& step);
   void perform(Notice& notice);
+  // What requests over the broker leave:
+  void perform(OrderJoining& action);
+  void perform(AskJoining& action);
+  void perform(PublishJoining& action);
   // What the outbox leaves:
   void perform(FireReceipt& action);
   void perform(DeliveryStep& step);
@@ -124,6 +130,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   MachineDriver<Gateway> gateway_driver_;
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
+  JoinRequests join_requests_;
+  MachineDriver<JoinRequests> join_requests_driver_;
   DiskStore store_;
   DiskSessionStore session_store_;
   Upstream upstream_;

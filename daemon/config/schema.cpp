@@ -264,6 +264,8 @@ constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
      }},
     {"ble_mesh.provisioning.enabled",
      [](Value v, Config& c) { v.boolean(c.ble_mesh.provisioning.enabled); }},
+    {"ble_mesh.provisioning.over_mqtt",
+     [](Value v, Config& c) { v.boolean(c.ble_mesh.provisioning.over_mqtt); }},
     {"ble_mesh.provisioning.uuid_prefixes",
      [](Value v, Config& c) {
        v.texts(c.ble_mesh.provisioning.uuid_prefixes, is_uuid_prefix, "1-32 hex digits");

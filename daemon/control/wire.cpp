@@ -154,8 +154,8 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     const auto minutes = request.find("minutes");
     if (minutes == request.end() || !minutes->is_number_unsigned())
       return std::string("ble permit-join needs the number minutes");
-    constexpr std::uint64_t most = 24 * 60;
-    const auto count = std::min(minutes->get<std::uint64_t>(), most);
+    constexpr auto most = std::chrono::minutes(PermitJoinOrder::longest).count();
+    const auto count = std::min<std::uint64_t>(minutes->get<std::uint64_t>(), most);
     return Request(PermitJoinOrder{std::chrono::minutes(count), robot.value_or("")});
   }
   if (command == "ble joining") return Request(JoinEventsOrder{number_of(request, "after")});

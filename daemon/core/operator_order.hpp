@@ -20,11 +20,19 @@ struct ProvisionOrder {
   std::string uuid;   ///< 32 hex digits, hyphens allowed
   std::string robot;  ///< its name from then on
 };
-/// Allows robots to join for a while, whatever the configuration says; 0 minutes ends that.
+/// Allows robots to join for a while, whatever the configuration says; 0 seconds ends that.
 /// Answered at once, in the form of JoinEventsOrder.
 struct PermitJoinOrder {
-  std::chrono::minutes time{0};
+  static constexpr std::chrono::hours longest{24};  ///< more is as much
+  std::chrono::seconds time{0};
   std::string robot;  ///< the one that may join gets this name; empty: all may
+
+  /// `5 min`, `90 s`
+  std::string time_words() const {
+    constexpr std::chrono::minutes minute{1};
+    return time % minute == time.zero() ? std::to_string(time / minute) + " min"
+                                        : std::to_string(time.count()) + " s";
+  }
 };
 /// Asks who has joined: the answer has the time left, and the events numbered above `after`.
 struct JoinEventsOrder {

@@ -28,8 +28,7 @@ std::optional<AuditedOrder> audited(const BleOrder& order) {
             return Audited({"ble provision", known.robot});
           },
           [](const PermitJoinOrder& known) {
-            return Audited(
-                {fmt::format("ble permit-join {} min", known.time.count()), known.robot});
+            return Audited({"ble permit-join " + known.time_words(), known.robot});
           },
           [](const RemoveOrder& known) {
             return Audited({known.is_forced ? "ble remove --force" : "ble remove", known.robot});

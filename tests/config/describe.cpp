@@ -75,11 +75,11 @@ std::string describe_ble_mesh(const ble::Settings& settings) {
   const auto& [enabled, radio, controller, device, protocol, baud_rate, flow_control, address, ttl,
                groups, gateway_group, relay, relay_group, min_com, sensor_update, pos_cmd,
                on_off_model, provisioning, will, cobs_content, robot_id, offline_after] = settings;
-  const auto& [is_provisioning, uuid_prefixes, static_oob] = provisioning;
+  const auto& [is_provisioning, uuid_prefixes, static_oob, over_mqtt] = provisioning;
   return all(enabled, radio, controller, device, protocol, baud_rate, flow_control, address, ttl,
              groups, gateway_group, relay, relay_group, min_com, sensor_update, pos_cmd,
-             on_off_model, is_provisioning, uuid_prefixes, static_oob, will, cobs_content, robot_id,
-             offline_after);
+             on_off_model, is_provisioning, uuid_prefixes, static_oob, over_mqtt, will,
+             cobs_content, robot_id, offline_after);
 }
 
 std::string describe_mqttsn(const mqttsn::Settings& settings) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <set>
 
 #include "tests/e2e/gateway_process.hpp"
@@ -185,6 +186,111 @@ TEST(NewRobots, ComeAndGoByHand) {
   EXPECT_TRUE(eventually([&] { return !updates.lines().empty(); })) << gateway.log();
   EXPECT_EQ(gateway.ctl({"ble", "remove", "lego-1"})["robot"], "lego-1") << gateway.log();
   EXPECT_EQ(gateway.ctl({"ble", "nodes"}), json::array());
+}
+
+// --- By a request at the broker, as the live page sends it ---------------------------------------
+
+constexpr const char* request_topic = "ntnu-slam/gateway/test/request/permit_join";
+constexpr const char* responses = "ntnu-slam/gateway/+/response/permit_join";
+
+json closed_mesh(const Mosquitto& broker, bool takes_requests = true) {
+  return {
+      {"broker", {{"uri", broker.uri()}}},
+      {"ble_mesh",
+       {{"enabled", true}, {"provisioning", {{"enabled", false}, {"over_mqtt", takes_requests}}}}}};
+}
+
+void request(const Mosquitto& broker, const std::string& payload,
+             const std::string& topic = request_topic) {
+  mosquitto_publish(broker, {"-V", "5", "-q", "1", "-t", topic, "-m", payload, "-D", "publish",
+                             "user-property", "sender", "ada"});
+}
+
+bool has(const Subscriber& subscriber, const std::string& text) {
+  const auto lines = subscriber.lines();
+  return std::ranges::any_of(
+      lines, [&](const std::string& line) { return line.find(text) != std::string::npos; });
+}
+bool gets(const Subscriber& subscriber, const std::string& text) {
+  return eventually([&] { return has(subscriber, text); });
+}
+
+class JoinRequest : public testing::TestWithParam<const char*> {};
+
+TEST_P(JoinRequest, LetsANamedRobotIn) {
+  Mosquitto broker;
+  Subscriber answers(broker, responses, "%p");
+  Subscriber presence(broker, "ntnu-slam/gateway/test/robots/lego-1");
+  json settings = closed_mesh(broker);
+  settings["broker"]["client"] = GetParam();
+  GatewayProcess gateway(settings);
+  SimulatorProcess simulator(
+      {"ble", "--tty", gateway.tty(), "--unprovisioned", "--robots", "1", "--rate", "2"});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); }, join_limit));
+  request(broker, R"({"seconds": 90, "name": "lego-1"})");
+  ASSERT_TRUE(eventually([&] { return !presence.lines().empty(); }, join_limit)) << gateway.log();
+  ASSERT_TRUE(gets(answers, R"("event":"configured")")) << gateway.log();
+  const json end = json::parse(answers.lines().back());
+  EXPECT_EQ(end["under_way"], 0);
+  EXPECT_EQ(end["seconds_left"], 0);  // the name is given
+  ASSERT_EQ(end["events"].size(), 3U) << end;
+  EXPECT_EQ(end["events"][2]["event"], "configured");
+  EXPECT_EQ(end["events"][2]["robot"], "lego-1");
+  EXPECT_EQ(json::parse(answers.lines().front())["seconds_left"], 90);
+  EXPECT_TRUE(gateway.logs("ble permit-join 90 s lego-1: done; asked by broker: ada"))
+      << gateway.log();
+  EXPECT_EQ(gateway.ctl({"status"})["meshes"]["ble"]["counters"]["join_requests"], 1);
+  request(broker, R"({"seconds": 90, "name": "lego-1"})");
+  EXPECT_TRUE(gets(answers, "lego-1 is another robot already"));
+}
+
+INSTANTIATE_TEST_SUITE_P(With, JoinRequest, testing::Values("paho", "mosquitto"),
+                         [](const auto& client) { return std::string(client.param); });
+
+TEST(JoinRequests, WithoutABoardOrAMeshAreRefusedInWords) {
+  Mosquitto broker;
+  Subscriber answers(broker, responses, "%t %p");
+  GatewayProcess gateway(closed_mesh(broker));
+  json settings = closed_mesh(broker);
+  settings["gateway"]["id"] = "other";
+  settings["ble_mesh"]["enabled"] = false;
+  GatewayProcess other(settings);
+  ASSERT_TRUE(eventually(
+      [&] { return gateway.logs("connected (MQTT 5)") && other.logs("connected (MQTT 5)"); }));
+  request(broker, R"({"seconds": 60})", "ntnu-slam/gateway/other/request/permit_join");
+  EXPECT_TRUE(gets(answers, "other/response/permit_join {\"error\":\"the BLE mesh is not enabled"));
+  request(broker, R"({"seconds": 60})");
+  EXPECT_TRUE(gets(answers, "test/response/permit_join {\"error\":\"the BLE link is down"));
+  EXPECT_EQ(answers.lines().size(), 2U);
+  EXPECT_TRUE(eventually([&] {  // the first may come within a second of the one before
+    request(broker, "let them in");
+    return has(answers, "a request is");
+  }));
+  EXPECT_GE(gateway.ctl({"status"})["meshes"]["ble"]["counters"]["join_requests_refused"], 1);
+}
+
+TEST(JoinRequests, ThatAreRetainedLetNobodyIn) {
+  Mosquitto broker;
+  mosquitto_publish(broker, {"-r", "-q", "1", "-t", request_topic, "-m", R"({"seconds": 60})"});
+  Subscriber answers(broker, responses, "%p");
+  GatewayProcess gateway(closed_mesh(broker));
+  EXPECT_TRUE(gets(answers, "it is retained"));
+  EXPECT_TRUE(gateway.logs("a request to let robots join was refused: it is retained"));
+  EXPECT_FALSE(gateway.logs("permit-join"));
+}
+
+TEST(JoinRequests, AreNotHeardUnlessTheConfigurationSaysSo) {
+  Mosquitto broker;
+  Subscriber answers(broker, responses, "%p");
+  GatewayProcess gateway(closed_mesh(broker, /*takes_requests=*/false));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("connected (MQTT 5)"); }));
+  request(broker, R"({"seconds": 60})");
+  // A command that is answered came after it, so the request has come, too, if it comes at all.
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/nobody");
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/nobody/run", "-m", "stop"});
+  ASSERT_TRUE(eventually([&] { return !outcomes.lines().empty(); })) << gateway.log();
+  EXPECT_TRUE(answers.lines().empty());
+  EXPECT_FALSE(gateway.ctl({"status"})["meshes"]["ble"]["counters"].contains("join_requests"));
 }
 
 }  // namespace

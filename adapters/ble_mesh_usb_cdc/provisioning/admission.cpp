@@ -77,8 +77,8 @@ std::vector<Candidate> Candidates::all(TimePoint now) const {
   return all;
 }
 
-void JoinPermit::open(std::chrono::minutes time, std::string robot, TimePoint now) {
-  until_ = now + std::min(time, longest);
+void JoinPermit::open(std::chrono::seconds time, std::string robot, TimePoint now) {
+  until_ = now + std::min<std::chrono::seconds>(time, PermitJoinOrder::longest);
   robot_ = std::move(robot);
   named_.reset();
   under_way_.clear();

@@ -65,13 +65,12 @@ Duration pause_after(int failures);
 /// Pure; part of Admission.
 class JoinPermit {
  public:
-  static constexpr std::chrono::minutes longest{24 * 60};
   /// Events of the permit that are kept. A new one replaces the oldest.
   static constexpr std::size_t max_events = 256;
 
   /// `robot`: the name of the one robot that may join; empty: all may. A permit that is open is
   /// replaced.
-  void open(std::chrono::minutes time, std::string robot, TimePoint now);
+  void open(std::chrono::seconds time, std::string robot, TimePoint now);
   void close() { until_.reset(); }
   bool is_open() const { return until_.has_value(); }
   /// Closes it when its time is over; true when it was closed now.

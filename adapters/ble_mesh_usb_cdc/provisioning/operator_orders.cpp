@@ -147,10 +147,10 @@ OrderAnswer OperatorOrders::permit_join(const PermitJoinOrder& wanted, TimePoint
   is_closing ? permit.close() : permit.open(wanted.time, wanted.robot, now);
   if (permit.is_open() || was_open)
     notify(Severity::notice,
-           is_closing ? "an operator lets no new robots join any more"
-                      : fmt::format("an operator lets new robots join for {} min{}",
-                                    std::min(wanted.time, JoinPermit::longest).count(),
-                                    wanted.robot.empty() ? "" : ", one, as " + wanted.robot));
+           is_closing
+               ? "an operator lets no new robots join any more"
+               : fmt::format("an operator lets new robots join for {}{}", wanted.time_words(),
+                             wanted.robot.empty() ? "" : ", one, as " + wanted.robot));
   return {permit.json(no_events, now), {}};
 }
 
