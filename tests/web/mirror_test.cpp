@@ -25,15 +25,19 @@ TEST(WebTopics, AreToldApart) {
   const Topics topics("a/b");
   EXPECT_EQ(topics.kind_of("a/b/robot/r/update"), TopicKind::robot);
   EXPECT_EQ(topics.kind_of("a/b/server/r/cmd"), TopicKind::command);
-  for (const char* rest : {"state", "stats", "numbers", "robots/r"})
+  for (const char* rest : {"state", "stats", "numbers", "robots/r", "response/permit_join"})
     EXPECT_EQ(topics.kind_of("a/b/gateway/g/"s + rest), TopicKind::state) << rest;
-  EXPECT_EQ(topics.kind_of("a/b/gateway/g/commands/r"), TopicKind::event);
+  for (const char* rest : {"commands/r", "request/permit_join"})
+    EXPECT_EQ(topics.kind_of("a/b/gateway/g/"s + rest), TopicKind::event) << rest;
   for (const char* topic : {"a", "a/b", "a/b/robot", "a/b/robot/", "a/bc/robot/r/x", "x", ""})
     EXPECT_EQ(topics.kind_of(topic), TopicKind::foreign) << topic;
-  EXPECT_TRUE(topics.is_command_topic("a/b/server/r/cmd"));
-  for (const char* topic : {"a/b/server/r", "a/b/server/r/x/y", "a/b/server//x", "a/b/robot/r/cmd",
-                            "a/b/gateway/g/state", "a/b/server/+/cmd", "a/b/server/r/#"})
-    EXPECT_FALSE(topics.is_command_topic(topic)) << topic;
+  EXPECT_TRUE(topics.may_publish("a/b/server/r/cmd"));
+  EXPECT_TRUE(topics.may_publish("a/b/gateway/g/request/permit_join"));
+  for (const char* topic :
+       {"a/b/server/r", "a/b/server/r/x/y", "a/b/server//x", "a/b/robot/r/cmd",
+        "a/b/gateway/g/state", "a/b/gateway/+/request/permit_join", "a/b/gateway/g/request/x",
+        "a/b/gateway//request/permit_join", "a/b/server/+/cmd", "a/b/server/r/#"})
+    EXPECT_FALSE(topics.may_publish(topic)) << topic;
 }
 
 TEST(WebMirror, GatewaysDocumentsAreJsonValues) {

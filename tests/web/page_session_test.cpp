@@ -42,6 +42,17 @@ TEST_F(WebSession, PayloadsInHexAreOctets) {
   EXPECT_EQ(reaction.publish->payload, std::string("\x0a\0\xec\xff", 4));
 }
 
+TEST_F(WebSession, LetsRobotsInAsItSendsCommands) {
+  constexpr const char* open =
+      R"({"topic":"ntnu-slam/gateway/pi/request/permit_join","payload":"{\"seconds\":300}"})";
+  EXPECT_FALSE(say(open).publish);
+  say(right);
+  const auto reaction = say(open);
+  ASSERT_TRUE(reaction.publish);
+  EXPECT_EQ(reaction.publish->payload, R"({"seconds":300})");
+  EXPECT_EQ(reaction.publish->sender, "operator, page at 192.0.2.1");
+}
+
 TEST_F(WebSession, PublishesNothingButCommands) {
   say(right);
   for (const char* topic : {"ntnu-slam/robot/r/update", "ntnu-slam/gateway/g/state", "x",

@@ -2,6 +2,7 @@
 // Wires link, model and views; keys, theme, dialogs.
 import { encodeCmd } from './decode.js';
 import { $, attempt, csv, element, keep, save, setText, stamp, toast } from './dom.js';
+import { JoinDialog } from './join.js';
 import { Link } from './link.js';
 import { WorldMap } from './map.js';
 import { Model } from './model.js';
@@ -39,6 +40,8 @@ const robotView = new RobotView(model, {
   },
 });
 const traceView = new TraceView(model);
+const joinDialog = new JoinDialog(model, (gateway, wanted) => mayOrder() && link.say(`${model.prefix}/gateway/${gateway.id}/request/permit_join`, JSON.stringify(wanted)));
+$('steps').addEventListener('click', (event) => event.target.closest('button') && joinDialog.open());
 model.onRay = (...ray) => map.grid.ray(...ray);
 model.mayLeave = (robot) => robot !== map.chosen;
 model.onMessage = (row) => traceView.take(row);
@@ -77,13 +80,15 @@ function takeOwn({ topic, payload }) {
 }
 
 // ---- commands
+function mayOrder() {
+  if (model.maySend) return true;
+  if (model.holder) toast(`The token of ${model.holder} may watch, and send no commands.`);
+  else if (model.takesToken) askToken();
+  else toast('This page only watches: web.token_file is not set.');
+  return false;
+}
 function send(robot, type, place) {
-  if (!model.maySend) {
-    if (model.holder) toast(`The token of ${model.holder} may watch, and send no commands.`);
-    else if (model.takesToken) askToken();
-    else toast('This page only watches: web.token_file is not set.');
-    return null;
-  }
+  if (!mayOrder()) return null;
   const at = typeof place === 'object' ? robot.fromRoom(place.x, place.y) : null;
   if (at && Math.max(Math.abs(at.x), Math.abs(at.y)) > 32767) return toast('A robot cannot be sent that far: 327 m from where it started.'), null;
   const command = { type, text: at ? `go to ${at.x}, ${at.y}` : place, begun: performance.now() };
@@ -276,7 +281,7 @@ function decoded(text) {
   }
 }
 function drawTables() {
-  attempt(() => model.expire(), drawTrouble, drawLink);
+  attempt(() => model.expire(), drawTrouble, drawLink, () => joinDialog.draw());
   if (view === 'map') attempt(drawList, drawPilot, drawTime, () => map.fade());
   if (view === 'robots') robotsView.draw();
   if (view === 'robot') attempt(() => robotView.draw());

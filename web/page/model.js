@@ -16,6 +16,7 @@ const MAX_QUALITY = 60; // of one robot; gateways tell it each 10 s
 const MAX_COMMANDS = 20; // of one robot
 const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
 const MAX_GATEWAYS = 100;
+const STATES = ['state', 'stats', 'numbers', 'robots', 'response']; // of a gateway; the rest happens once
 const SECONDS = 60;
 const FADES_FROM_MS = 10000; // of silence
 const FADED_AT_MS = 60000;
@@ -287,7 +288,7 @@ export class Model {
     let gateway = this.gateways.get(id);
     if (!gateway && id !== this.own && this.gateways.size >= MAX_GATEWAYS) this.gatewaysLeftOut = true;
     else if (!gateway) {
-      gateway = { id, state: null, stats: null, life: null };
+      gateway = { id, state: null, stats: null, life: null, join: null };
       this.gateways.set(id, gateway);
     }
     return gateway;
@@ -390,16 +391,19 @@ export class Model {
   }
 
   takeGateway(message, id, what, rest) {
-    const gateway = what === 'commands' ? this.gateways.get(id) : this.gateway(id); // an outcome may be of yesterday's gateway
-    if (!gateway && what !== 'commands') return;
+    const isState = STATES.includes(what);
+    const gateway = isState ? this.gateway(id) : this.gateways.get(id); // an outcome may be of yesterday's gateway
+    if (!gateway && isState) return;
     const said = message.encoding === 'json' && isObject(message.payload) ? message.payload : null;
     if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // taken back
     else if (what === 'state') gateway.state = said;
     else if (what === 'stats') gateway.stats = said;
     else if (what === 'numbers') this.takeNumbers(id, said);
     else if (what === 'robots') this.takePresence(id, rest, said);
+    else if (what === 'response' && said) gateway.join = said.error ? { ...gateway.join, error: said.error } : { ...said, at: message.at };
     else if (what === 'commands' && said) this.takeOutcome(rest, said, message.at);
-    if (what !== 'stats' && what !== 'numbers') this.note(shortened(message), `gateway ${id}`, rest.split('/')[0], what);
+    const robot = what === 'request' || what === 'response' ? '' : rest.split('/')[0];
+    if (what !== 'stats' && what !== 'numbers') this.note(shortened(message), `gateway ${id}`, robot, what);
   }
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {
@@ -440,6 +444,9 @@ export class Model {
     if (at >= 0) this.end(robot, at, said.outcome, said.after_ms, said.why);
   }
   refuse({ topic, why }) {
+    const [, asked] = String(topic).slice(this.prefix.length).match(/^\/gateway\/([^/]+)\/request\//) ?? [];
+    const gateway = this.gateways.get(asked);
+    if (gateway) return void (gateway.join = { ...gateway.join, error: why });
     const [id, type] = String(topic).slice(this.prefix.length + 8).split('/');
     const robot = this.robots.get(id);
     const at = robot ? robot.pending.findLastIndex((command) => command.type === type) : -1;

@@ -52,12 +52,13 @@ function lines(robot) {
   ];
 }
 
-export function rightsWords(robot, model) {
-  if (!robot.best) return 'No gateway serves it: commands will not arrive.';
+// Why this page may order nothing; empty when it may.
+export function lacksWords(model) {
   if (model.maySend) return '';
   if (model.holder) return 'Your token may watch, and send no commands.';
   return model.takesToken ? 'To send commands, unlock this page.' : 'This page only watches.';
 }
+export const rightsWords = (robot, model) => (robot.best ? lacksWords(model) : 'No gateway serves it: commands will not arrive.');
 
 export class RobotView {
   // `actions`: send(robot, type, place), point(robot), ask(ids).

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a first visitor has to do until a robot is on the map: each step with its command. Fed by what the gateways publish.
 import { $, element, keep, setText } from './dom.js';
+import { takesRequests } from './join.js';
 import { lifeWords } from './words.js';
 
 const MARKS = { done: '✓', todo: '○', off: '–' };
 
-// {state, title, words, command}: `off` is what need not be.
+// {state, title, words, command, hasButton}: `off` is what need not be; the button lets robots in.
 export function steps(model) {
   const all = [];
   const add = (isDone, title, words, command, isOptional) => all.push({ state: isDone ? 'done' : isOptional ? 'off' : 'todo', title, words: words || '', command: isDone ? '' : command });
@@ -22,19 +23,23 @@ export function steps(model) {
   add(link('ble')?.state === 'up', 'Board of the BLE mesh', said('ble'), isOff('ble') ? `echo '{"ble_mesh": {"enabled": true}}' | sudo tee /etc/slam-gateway/gateway.d/ble.json` : 'slam-gatewayctl doctor', isOff('ble'));
   add(link('thread')?.state === 'up', 'Thread', said('thread'), 'slam-gatewayctl doctor', isOff('thread'));
   const robots = [...model.robots.values()].filter((robot) => robot.state === 'online');
-  const first = link('ble')?.state === 'up' ? 'sudo slam-gatewayctl ble permit-join' : 'slam-gateway-sim thread --gateway localhost:47193';
-  add(robots.length > 0, 'First robot', robots.length ? robots[0].id : link('ble')?.state === 'up' ? 'switch it on: it may join while this runs' : 'switch it on, or simulate some', first);
+  const isBoardUp = link('ble')?.state === 'up';
+  const first = isBoardUp ? 'sudo slam-gatewayctl ble permit-join' : 'slam-gateway-sim thread --gateway localhost:47193';
+  add(robots.length > 0, 'First robot', robots.length ? robots[0].id : isBoardUp ? 'switch it on: it may join while this runs' : 'switch it on, or simulate some', first);
+  const step = all.at(-1);
+  if (step.command && isBoardUp && takesRequests(gateway)) Object.assign(step, { words: 'switch it on, and let it in', command: '', hasButton: true });
   add(model.takesToken, 'Commands from this page', model.takesToken ? 'with a token: Unlock' : 'it only watches: web.token_file is not set', 'man slam-gateway-web', true);
   return all;
 }
 
 export function drawSteps(model) {
   const all = steps(model);
-  keep($('steps'), all.length, () => element('li', {}, element('span', { class: 'mark' }), element('strong'), element('span', { class: 'muted' }), element('code')));
-  all.forEach(({ state, title, words, command }, i) => {
+  keep($('steps'), all.length, () => element('li', {}, element('span', { class: 'mark' }), element('strong'), element('span', { class: 'muted' }), element('code'), element('button', { type: 'button' }, 'Let robots in')));
+  all.forEach(({ state, title, words, command, hasButton }, i) => {
     const item = $('steps').children[i];
     item.className = state;
     [MARKS[state], title, words, command].forEach((text, part) => setText(item.children[part], text));
-    item.lastChild.hidden = !command;
+    item.children[3].hidden = !command;
+    item.children[4].hidden = !hasButton;
   });
 }

@@ -58,8 +58,10 @@ PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint 
   if (!holder_) return {refusal(command.topic, "this page only watches: it has sent no token")};
   if (holder_->role != Role::operator_)
     return {refusal(command.topic, holder_->name + " may watch, and send no commands")};
-  if (!topics_.is_command_topic(command.topic))
-    return {refusal(command.topic, "no command: only <prefix>/server/<id>/<type> is allowed")};
+  if (!topics_.may_publish(command.topic))
+    return {refusal(command.topic,
+                    "no command: only <prefix>/server/<id>/<type> and "
+                    "<prefix>/gateway/<gw>/request/permit_join are allowed")};
   if (!take_turn(now)) return {refusal(command.topic, "too many commands at once")};
   command.sender = holder_->name + ", page at " + client_.name;
   return {"", std::move(command)};

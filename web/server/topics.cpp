@@ -16,8 +16,8 @@ TopicKind Topics::kind_of(std::string_view topic) const {
   if (!below(topic, "/server/").empty()) return TopicKind::command;
   const std::string_view rest = gateway_topic(topic).rest;
   if (rest.empty()) return TopicKind::foreign;
-  const bool is_newest_all =
-      rest == "state" || rest == "stats" || rest == "numbers" || rest.starts_with("robots/");
+  const bool is_newest_all = rest == "state" || rest == "stats" || rest == "numbers" ||
+                             rest == join_response || rest.starts_with("robots/");
   return is_newest_all ? TopicKind::state : TopicKind::event;
 }
 
@@ -33,7 +33,9 @@ std::string_view Topics::robot_of(std::string_view topic) const {
   return levels.substr(0, levels.find('/'));
 }
 
-bool Topics::is_command_topic(std::string_view topic) const {
+bool Topics::may_publish(std::string_view topic) const {
+  const auto [gateway, rest] = gateway_topic(topic);
+  if (rest == "request/permit_join") return is_valid_level(gateway);
   return TopicScheme(prefix_, "").parse_command_topic(topic).has_value();
 }
 

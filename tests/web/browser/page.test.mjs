@@ -631,6 +631,41 @@ pageTest('a first visitor without robots has a list of steps, each with its comm
   assert.equal((await marks()).Gateway, 'todo systemctl status slam-gateway');
 });
 
+pageTest('* new BLE robots are let in with a button: one by name, then whoever comes', { view: 'robots' }, async (page) => {
+  const words = (pattern) => until(page, (source) => new RegExp(source).test(document.querySelector('#join-words').textContent), pattern);
+  const ready = (pattern) => until(page, (source) => [...document.querySelectorAll('#join-events .good')].some((line) => new RegExp(source).test(line.textContent)), pattern);
+  world.startClosedMesh();
+  await until(page, () => window.slamgw.model.gateways.get('there')?.stats?.meshes?.ble?.state === 'up');
+  await page.click('#join');
+  await page.selectOption('#join-gateway', 'here');
+  await words('^Gateway here takes no requests: ble_mesh.provisioning.over_mqtt is not set');
+  assert.equal(await page.textContent('#join-command'), 'sudo slam-gatewayctl ble permit-join --minutes 5');
+  assert.equal(await page.isVisible('#join-begin'), false);
+  await page.selectOption('#join-gateway', 'there');
+  await words('unlock this page');
+  await page.fill('#join-name', 'lego-1');
+  await page.click('#join-begin');
+  await page.fill('#token', token);
+  await page.click('#token-form .main');
+  await until(page, () => window.slamgw.model.maySend);
+  await page.click('#join-begin');
+  await ready('^lego-1 is ready$');
+  await until(page, () => window.slamgw.model.robots.get('lego-1')?.state === 'online');
+  await page.click('#join-begin');
+  await words('^lego-1 is another robot already');
+  await page.fill('#join-name', '');
+  await page.waitForTimeout(1100); // a gateway takes one request a second
+  await page.click('#join-begin');
+  await ready('^ble-.* is ready$');
+  await words('^Robots may join for another 4:[0-5][0-9]: switch them on');
+  await shot(page, 'join.png');
+  await page.click('#join-end');
+  await until(page, () => document.querySelector('#join-words').textContent === '' && document.querySelector('#join-end').hidden);
+  const robots = await page.evaluate(() => [...window.slamgw.model.robots.values()].filter((robot) => robot.best?.gateway === 'there').map(({ id }) => id));
+  assert.equal(robots.length, 2, robots.join());
+  await world.endClosedMesh(robots);
+});
+
 // ---- the page of one robot
 
 pageTest('a robot’s page is opened from the table by the keyboard, and has a URL of its own', { view: 'robots' }, async (page) => {

@@ -119,6 +119,23 @@ export class World {
   startDaemon() {
     this.spawn('daemon', join(bin, 'slam-gatewayd'), ['--config', join(this.directory, 'gateway.json')]);
   }
+  // A second gateway, `there`, and two robots that wait to be let in.
+  startClosedMesh() {
+    const file = (name) => join(this.directory, name);
+    this.write('there.json', JSON.stringify({
+      gateway: { id: 'there' }, broker: { uri: `mqtt://127.0.0.1:${this.ports.broker}` }, mqttsn: { enabled: false },
+      ble_mesh: { enabled: true, device: file('board-there'), provisioning: { enabled: false, over_mqtt: true } },
+      store: { directory: file('store-there') }, control: { socket: file('there.sock') },
+    }));
+    this.spawn('there', join(bin, 'slam-gatewayd'), ['--config', file('there.json')]);
+    this.spawn('new-robots', join(bin, 'slam-gateway-sim'), ['ble', '--tty', file('board-there'), '--robots', '2', '--unprovisioned', '--rate', '2']);
+  }
+  async endClosedMesh(robots) {
+    await this.end('new-robots');
+    await this.end('there');
+    for (const robot of robots) await this.publish(`ntnu-slam/gateway/there/robots/${robot}`, '', '-r');
+    await this.publish('ntnu-slam/gateway/there/state', '', '-r');
+  }
   async stop() {
     await this.browser?.close();
     for (const name of [...this.processes.keys()].reverse()) await this.end(name);

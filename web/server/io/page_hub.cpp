@@ -174,7 +174,8 @@ bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
   if (!message.payload.empty()) return known_.keep(message.topic, text);
   if (!known_.forget(message.topic)) return false;  // a retained message was taken back
   const auto [gateway, rest] = topics_.gateway_topic(message.topic);
-  for (const char* each : {"stats", "numbers"}) {
+  for (const std::string_view each :
+       {std::string_view("stats"), std::string_view("numbers"), Topics::join_response}) {
     if (rest == "state")
       known_.forget(fmt::format("{}/gateway/{}/{}", topics_.prefix(), gateway, each));
   }
