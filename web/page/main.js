@@ -5,6 +5,7 @@ import { $, attempt, csv, element, keep, save, setText, stamp, toast } from './d
 import { JoinDialog } from './join.js';
 import { Link } from './link.js';
 import { WorldMap } from './map.js';
+import { mcap } from './mcap.js';
 import { Model } from './model.js';
 import { RobotView, rightsWords } from './robot.js';
 import { RobotsView, goneWords, isThere, problems } from './robots.js';
@@ -358,6 +359,12 @@ $('save-ros').addEventListener('click', () => {
   if (!files) return toast('The grid is empty, or its parts lie too far apart for one picture.');
   save(`${name}.pgm`, new Blob(files.pgm));
   save(`${name}.yaml`, new Blob([files.yaml]));
+});
+
+$('save-mcap').addEventListener('click', () => {
+  const parts = mcap([...model.robots.values()].filter((robot) => robot.isShown));
+  if (!parts) return toast('No robot has been anywhere yet.');
+  save(`robots-${stamp()}.mcap`, new Blob(parts));
 });
 
 const KEYS = [

@@ -288,6 +288,14 @@ pageTest('ROS saves the grid as a picture and where it lies', {}, async (page) =
   assert.match(yaml.toString(), /^image: map-.*\.pgm\nresolution: 0\.02\norigin: /);
 });
 
+pageTest('* MCAP saves where the robots were and what they saw', {}, async (page) => {
+  await until(page, () => window.slamgw.model.robots.get('robot1')?.kept);
+  const { name, octets } = await downloaded(page, '#save-mcap'); // tests/web/mcap_test.mjs reads one
+  assert.match(name, /^robots-.*\.mcap$/);
+  assert.equal(octets.subarray(0, 8).toString('hex'), '894d434150300d0a');
+  for (const topic of ['/robot1/pose', '/robot1/obstacles']) assert.ok(octets.includes(topic), topic);
+});
+
 // ---- commands
 
 async function clickRoom(page, x, y) {
