@@ -202,6 +202,7 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) {
        v.text(c.web.listen, is_listen_address, "\"IPv4:PORT\" or \"[IPv6]:PORT\"");
      }},
+    {"web.note_file", [](Value v, Config& c) { v.file_path(c.web.note_file); }},
     {"web.token_file", [](Value v, Config& c) { v.file_path(c.web.token_file); }},
     {"web.hosts",
      [](Value v, Config& c) {

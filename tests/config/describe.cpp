@@ -111,12 +111,13 @@ std::string describe(const Config& config) {
   const auto& [prefix, extra_publish, extra_subscribe, retain] = topics;
   const auto& [directory, max_bytes] = store;
   const auto& [level, traffic] = log;
-  const auto& [listen, token_file, hosts] = web;
+  const auto& [listen, token_file, note_file, hosts] = web;
   std::vector<std::string> keys;
   for (const auto& [identity, key] : robot_keys) keys.push_back(identity + "=" + to_hex(key));
   return describe_broker(broker) + describe_ble_mesh(ble_mesh) + describe_mqttsn(mqttsn) +
          all(gateway_id, prefix, extra_publish, extra_subscribe, retain, update_mode, robots, bans,
-             keys, directory, max_bytes, level, traffic, control_socket, listen, token_file, hosts);
+             keys, directory, max_bytes, level, traffic, control_socket, listen, token_file,
+             note_file, hosts);
 }
 
 }  // namespace slamgw::test

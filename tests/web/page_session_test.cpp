@@ -115,6 +115,12 @@ TEST_F(WebRoles, AViewerWatchesAndSendsNothing) {
   EXPECT_NE(reaction.reply.find("bob may watch, and send no commands"), std::string::npos);
 }
 
+TEST_F(WebRoles, OnlyAnOperatorReadsTheNote) {
+  tokens.set_note("MQTT: user slam-server\n");
+  EXPECT_EQ(say(of_bob).reply.find("slam-server"), std::string::npos);
+  EXPECT_NE(say(right).reply.find(R"("note":"MQTT: user slam-server\n")"), std::string::npos);
+}
+
 TEST_F(WebRoles, AnOperatorsCommandTellsWhoSentIt) {
   say(right);
   const auto reaction = say(stop);

@@ -62,6 +62,18 @@ TEST_F(WebStartup, RefusesATokenThatOthersCanRead) {
   EXPECT_EQ(problem(), "");
 }
 
+TEST_F(WebStartup, TakesANoteThatOthersCannotRead) {
+  write("gateway.json", R"({"web": {"note_file": "note"}})");
+  EXPECT_NE(problem().find("a text is needed"), std::string::npos) << problem();
+  write("note", "password: x", 0644);
+  EXPECT_NE(problem().find("web.note_file"), std::string::npos) << problem();
+  write("note", std::string(4097, 'x'), 0640);
+  EXPECT_NE(problem().find("more than 4096 octets"), std::string::npos) << problem();
+  write("note", "password: x", 0640);
+  EXPECT_EQ(problem(), "");
+  EXPECT_EQ(load().tokens.note(), "password: x");
+}
+
 TEST_F(WebStartup, RefusesATokenOfAStranger) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   write("gateway.json", R"({"web": {"token_file": "token"}})");

@@ -76,6 +76,8 @@ function takeOwn({ topic, payload }) {
   if (!payload.accepted && model.isLocked && !$('token-dialog').open) askToken();
   setText($('token-words'), payload.accepted ? '' : payload.why);
   if (payload.accepted) $('token-dialog').close();
+  setText($('note'), payload.note || '');
+  $('note').hidden = !payload.note;
   map.choose(map.chosen);
   drawPilot();
 }

@@ -26,9 +26,11 @@ PageSession::Reaction PageSession::on_token(const TokenOffer& offer, TimePoint n
   if (!holder_) return on_wrong_token(now);
   guesses_.forget(client_);
   answer_due_ = now;
-  const nlohmann::json payload{
+  nlohmann::json payload{
       {"accepted", true}, {"name", holder_->name}, {"role", to_string(holder_->role)}};
-  Reaction reaction{own_message("token", payload.dump())};
+  if (holder_->role == Role::operator_ && !tokens_.note().empty()) payload["note"] = tokens_.note();
+  constexpr auto replace = nlohmann::json::error_handler_t::replace;
+  Reaction reaction{own_message("token", payload.dump(-1, ' ', false, replace))};
   reaction.drops_delayed_reply = true;
   return reaction;
 }

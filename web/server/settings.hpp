@@ -11,6 +11,7 @@ namespace slamgw::web {
 struct Settings {
   std::string listen = "127.0.0.1:8321";  ///< an IP address and a port
   std::optional<std::string> token_file;  ///< nothing: no page may send commands
+  std::optional<std::string> note_file;   ///< a text that operators read with the first steps
   std::vector<std::string> hosts;         ///< names that a `Host` header may say besides addresses
   bool operator==(const Settings&) const = default;
 };

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -40,6 +41,9 @@ class Tokens {
   bool empty() const { return holders_.empty(); }
   /// Once the file names a viewer, nobody watches without a token.
   bool guard_watching() const { return guards_watching_; }
+  /// A text that operators read; empty: none.
+  const std::string& note() const { return note_; }
+  void set_note(std::string note) { note_ = std::move(note); }
   /// Null when nobody holds it. Takes equally long wherever the first difference is.
   const TokenHolder* find(std::string_view token) const;
 
@@ -49,6 +53,7 @@ class Tokens {
     std::string token;
   };
   std::vector<Entry> holders_;
+  std::string note_;
   bool guards_watching_ = false;
 };
 

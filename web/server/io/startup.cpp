@@ -6,6 +6,7 @@
 #include <boost/asio/ip/address.hpp>
 #include <cstdlib>
 #include <filesystem>
+#include <optional>
 
 #include "daemon/config/credentials.hpp"
 #include "daemon/config/io/load.hpp"
@@ -17,6 +18,7 @@ namespace {
 
 constexpr unsigned others = 0007;
 constexpr const char* token_key = "web.token_file";
+constexpr const char* note_key = "web.note_file";
 constexpr const char* own_user = "slam-gateway-web";  // of the packaged service
 
 void read_own_credentials(ParseResult& result, const std::string& config_file) {
@@ -44,15 +46,16 @@ void refuse_at(ParseResult& result, const char* key, const std::string& file, st
   result.problems.push_back({at.file, at.line, key, std::move(text)});
 }
 
-/// Empty with a problem when the file is no good.
-Tokens read_tokens(ParseResult& result, const std::string& path) {
+/// The text of a file that others must not read; nothing, with a problem, when it is no good.
+std::optional<std::string> read_closed(ParseResult& result, const char* key,
+                                       const std::string& path, const char* what) {
   const auto refuse = [&](std::string text) {
-    refuse_at(result, token_key, path, std::move(text));
-    return Tokens();
+    refuse_at(result, key, path, std::move(text));
+    return std::nullopt;
   };
   const auto file = SystemFiles(own_user).read(path);
   if (!file) {
-    std::string remedy = "a file of lines NAME ROLE TOKEN is needed";
+    std::string remedy = fmt::format("{} is needed", what);
     if (file.error().is_denied)
       remedy = fmt::format("type: chgrp slam-gateway-web {} && chmod 640 {}", path, path);
     return refuse(fmt::format("{} cannot be read: {}; {}", path, file.error().text, remedy));
@@ -64,13 +67,31 @@ Tokens read_tokens(ParseResult& result, const std::string& path) {
   if (!file->strange_owner.empty())
     return refuse(fmt::format("{} belongs to {}, who can read and change it; type: chown root {}",
                               path, file->strange_owner, path));
-  auto tokens = Tokens::parse(file->text);
-  if (auto* problem = std::get_if<Tokens::Problem>(&tokens))
-    return refuse(fmt::format(
-        "{}:{}: {} (not shown: it is secret); each line is NAME ROLE TOKEN, the role viewer or "
-        "operator, the token 16 to 256 printable characters; or the file is one token",
-        path, problem->line, problem->text));
+  return file->text;
+}
+
+/// Empty with a problem when the file is no good.
+Tokens read_tokens(ParseResult& result, const std::string& path) {
+  const auto text = read_closed(result, token_key, path, "a file of lines NAME ROLE TOKEN");
+  if (!text) return {};
+  auto tokens = Tokens::parse(*text);
+  if (auto* problem = std::get_if<Tokens::Problem>(&tokens)) {
+    refuse_at(result, token_key, path,
+              fmt::format("{}:{}: {} (not shown: it is secret); each line is NAME ROLE TOKEN, the "
+                          "role viewer or operator, the token 16 to 256 printable characters; or "
+                          "the file is one token",
+                          path, problem->line, problem->text));
+    return {};
+  }
   return std::get<Tokens>(std::move(tokens));
+}
+
+std::string read_note(ParseResult& result, const std::string& path) {
+  constexpr std::size_t longest = 4096;
+  const auto text = read_closed(result, note_key, path, "a text");
+  if (text && text->size() > longest)
+    refuse_at(result, note_key, path, fmt::format("{} has more than {} octets", path, longest));
+  return text.value_or("");
 }
 
 bool is_loopback(const std::string& listen) {
@@ -106,6 +127,8 @@ Startup load_startup(const std::string& config_file) {
   drop_unreadable_certificate(startup.parsed);
   const auto& token_file = startup.parsed.config.web.token_file;
   if (token_file) startup.tokens = read_tokens(startup.parsed, *token_file);
+  if (const auto& note_file = startup.parsed.config.web.note_file)
+    startup.tokens.set_note(read_note(startup.parsed, *note_file));
   if (const std::string& listen = startup.parsed.config.web.listen;
       !token_file && !is_loopback(listen))
     refuse_at(startup.parsed, "web.listen", config_file,
