@@ -42,6 +42,7 @@ void prepare_store_directory(const std::string& path) {
 Gateway::Settings gateway_settings(const Config& config, const Now& started) {
   Gateway::Settings settings{SLAMGW_VERSION, config.update_mode, started.wall};
   settings.retain = config.topics.retain;
+  settings.describes_robots = config.topics.home_assistant;
   settings.probes_rights = true;
   return settings;
 }
@@ -236,6 +237,7 @@ void App::apply(const Reload& reload) {
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics,
                       reload.has_other_keys);
+  gateway_driver_->presence().describe_robots(config_.topics.home_assistant, read_clocks());
   report_configured_robots();
   for (const std::string& name : reload.replaced_names) gateway_driver_->forget(name);
   publish_offline_at(left);

@@ -32,6 +32,7 @@ std::string keys_in_force(const Config& now, const Config& wanted) {
   note(keys, now.robot_keys == wanted.robot_keys, "robots' keys");
   note(keys, now.topics.extra_publish == wanted.topics.extra_publish, "topics.extra_publish");
   note(keys, now.topics.extra_subscribe == wanted.topics.extra_subscribe, "topics.extra_subscribe");
+  note(keys, now.topics.home_assistant == wanted.topics.home_assistant, "topics.home_assistant");
   note(keys, now.broker == broker_at_once(now.broker, wanted.broker), "broker");
   return keys;
 }
@@ -88,6 +89,7 @@ Reload reload_of(const Config& now, Config wanted) {
   config.robot_keys = std::move(wanted.robot_keys);
   config.topics.extra_publish = std::move(wanted.topics.extra_publish);
   config.topics.extra_subscribe = std::move(wanted.topics.extra_subscribe);
+  config.topics.home_assistant = wanted.topics.home_assistant;
   config.broker = broker_at_once(now.broker, std::move(wanted.broker));
   return reload;
 }

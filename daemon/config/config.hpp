@@ -22,6 +22,7 @@ struct TopicSettings {
   std::vector<std::string> extra_publish;
   std::vector<std::string> extra_subscribe;
   std::vector<std::string> retain = {"*"};  ///< types that devices may retain; "*": any
+  bool home_assistant = false;              ///< describes each robot to Home Assistant
   bool operator==(const TopicSettings&) const = default;
 };
 

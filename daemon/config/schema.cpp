@@ -132,6 +132,7 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
            c.topics.retain, [](std::string_view type) { return type == "*" || is_valid_level(type); },
            "the last level of a topic, such as \"map\", or \"*\" for any");
      }},
+    {"topics.home_assistant", [](Value v, Config& c) { v.boolean(c.topics.home_assistant); }},
     {"bans",
      [](Value v, Config& c) {
        v.texts(c.bans, Bans::is_valid,

@@ -36,7 +36,10 @@ Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker
       settings_(std::move(settings)),
       broker_(broker),
       directory_{RobotRegistry(), RobotNames(), {}, std::move(presence_on), {}},
-      presence_(scheme_, {settings_.version, settings_.started}, broker_, directory_, actions_),
+      presence_(
+          scheme_,
+          {settings_.version, settings_.started, settings_.update_mode, settings_.describes_robots},
+          broker_, directory_, actions_),
       commands_(scheme_, directory_, actions_, settings_.max_open_commands),
       rights_(scheme_) {}
 

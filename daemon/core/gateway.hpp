@@ -33,6 +33,7 @@ class Gateway {
     std::size_t max_open_commands = CommandLedger::default_max_open;
     bool probes_rights = false;               ///< checks the broker's access list (RightsProbe)
     std::vector<std::string> retain = {"*"};  ///< `topics.retain`
+    bool describes_robots = false;            ///< `topics.home_assistant`
   };
   struct Traffic {
     std::uint64_t up = 0;            ///< robots' messages that went to the outbox

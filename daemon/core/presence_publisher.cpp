@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "daemon/core/announcements.hpp"
+#include "daemon/core/home_assistant.hpp"
 
 namespace slamgw {
 namespace {
@@ -15,6 +16,9 @@ namespace {
 constexpr std::chrono::minutes presence_refresh{5};
 
 using Json = nlohmann::ordered_json;  // keys in the order of docs/topics.md
+
+/// Topics that wait for the broker to be cleared: presence, and documents for Home Assistant.
+constexpr std::size_t max_to_clear = 2 * RobotRegistry::max_robots;
 
 /// The payload of our last will.
 constexpr std::string_view last_will_state = R"({"state":"offline"})";
@@ -41,7 +45,8 @@ void PresencePublisher::on_broker_link(const Now& now) {
   if (!waiting_wills_.empty()) wills_due_ = now.mono + will_patience;
   leftovers_.on_broker_up(now.mono);
   publish_state();
-  for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
+  for (const std::string& topic : std::exchange(to_clear_, {})) clear_retained(topic);
+  for (auto& [id, robot] : directory_.registry.robots()) robot.is_described_with_signal.reset();
   announce_at_ = now.mono + settling;
 }
 
@@ -58,7 +63,10 @@ void PresencePublisher::on_presence(const PresenceChange& change, const Now& now
   const bool hears_again = was_deaf && !change.is_deaf && change.presence == Presence::online;
   Robot* robot = directory_.registry.on_presence(change, now);
   withdraw_evicted();
-  to_withdraw_.erase(change.robot);
+  if (!to_clear_.empty()) {
+    to_clear_.erase(scheme_.presence_topic(change.robot));
+    to_clear_.erase(home_assistant_topic(scheme_, change.robot));
+  }
   if (robot) announce(change.robot, *robot, now.mono);
   if (change.presence != Presence::offline) waiting_wills_.erase(change.robot);
   actions_.push(Notice{.severity = change.is_deaf ? Severity::warning : Severity::info,
@@ -88,8 +96,29 @@ void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint 
   if (!broker_.is_up) return;
   robot.is_announcement_due =
       !directory_.places.is_held(id) && (!knows_others(now) || directory_.places.is_elsewhere(id));
-  if (!robot.is_announcement_due)
-    publish_retained(scheme_.presence_topic(id), presence_json(robot));
+  if (robot.is_announcement_due) return;
+  publish_retained(scheme_.presence_topic(id), presence_json(robot));
+  describe(id, robot);
+}
+
+/// Publishes the robot's document for Home Assistant, unless the broker has it. A signal that was
+/// seen once stays in it, because a robot on two meshes has one only in some of its messages.
+void PresencePublisher::describe(const std::string& id, Robot& robot) {
+  if (!about_.describes_robots) return;
+  auto& described = robot.is_described_with_signal;
+  const bool has_signal = described.value_or(false) || (robot.radio && robot.radio->rssi_dbm);
+  if (described == has_signal) return;
+  described = has_signal;
+  publish_retained(home_assistant_topic(scheme_, id),
+                   home_assistant_document(scheme_, id, about_.update_mode, has_signal));
+}
+
+void PresencePublisher::describe_robots(bool is_wanted, const Now& now) {
+  if (std::exchange(about_.describes_robots, is_wanted) == is_wanted) return;
+  if (is_wanted) return announce_all(now);
+  for (auto& [id, robot] : directory_.registry.robots())
+    if (std::exchange(robot.is_described_with_signal, std::nullopt))
+      clear_retained(home_assistant_topic(scheme_, id));
 }
 
 void PresencePublisher::announce_all(const Now& now) {
@@ -171,13 +200,15 @@ void PresencePublisher::on_session_held(const std::string& robot, const std::str
                                         const Now& now) {
   if (!dead_owner.empty()) publish_retained(scheme_.presence_topic_at(dead_owner, robot), {});
   Robot* known = directory_.registry.find(robot);
-  if (known && known->presence().is_known) announce(robot, *known, now.mono);
+  if (!known || !known->presence().is_known) return;
+  known->is_described_with_signal.reset();  // the document names the gateway before
+  announce(robot, *known, now.mono);
 }
 
 void PresencePublisher::on_given_up(const std::string& robot) {
   waiting_wills_.erase(robot);
   directory_.registry.forget(robot);
-  withdraw(robot);
+  clear_retained(scheme_.presence_topic(robot));
 }
 
 void PresencePublisher::on_contested(const std::string& robot, bool is_contested, const Now& now) {
@@ -198,13 +229,19 @@ std::string PresencePublisher::drop(const std::string& robot) {
   return {};
 }
 
-/// An empty retained message deletes the retained one at the broker.
+/// The document for Home Assistant is that of the gateway which shows the robot.
 void PresencePublisher::withdraw(const std::string& robot) {
-  if (broker_.is_up) {
-    publish_retained(scheme_.presence_topic(robot), "");
-  } else if (to_withdraw_.size() < RobotRegistry::max_robots) {
-    to_withdraw_.insert(robot);
-  }
+  clear_retained(scheme_.presence_topic(robot));
+  if (about_.describes_robots && !directory_.places.is_elsewhere(robot))
+    clear_retained(home_assistant_topic(scheme_, robot));
+}
+
+/// An empty retained message deletes the retained one at the broker.
+void PresencePublisher::clear_retained(std::string topic) {
+  if (broker_.is_up)
+    publish_retained(std::move(topic), "");
+  else if (to_clear_.size() < max_to_clear)
+    to_clear_.insert(std::move(topic));
 }
 
 void PresencePublisher::withdraw_evicted() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the broker retains of this gateway: its `state`, and the presence of each robot that it
-// serves, also after a restart, beside other gateways, and when the broker has forgotten them.
+// serves, also after a restart, beside other gateways, and when the broker has forgotten them. With
+// `topics.home_assistant` also the document of each robot for Home Assistant.
 // Pure; part of Gateway.
 #pragma once
 
@@ -14,6 +15,7 @@
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/gateway_actions.hpp"
 #include "daemon/core/leftover_robots.hpp"
+#include "daemon/core/normalizer.hpp"
 #include "daemon/core/robot_directory.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
@@ -32,6 +34,8 @@ class PresencePublisher {
   struct About {
     std::string version;
     WallTime started{};  ///< "since" in `state`
+    UpdateMode update_mode = UpdateMode::positions;
+    bool describes_robots = false;  ///< `topics.home_assistant`
   };
 
   /// All but `about` outlive it.
@@ -47,6 +51,8 @@ class PresencePublisher {
   /// Publishes the robot's presence, if it is this gateway that has to.
   void announce(const std::string& id, Robot& robot, TimePoint now);
   void announce_all(const Now& now);
+  /// `topics.home_assistant` was read again.
+  void describe_robots(bool is_wanted, const Now& now);
   /// What this gateway says of itself; also published at each connection.
   void publish_state();
   void on_store(bool is_full);
@@ -82,6 +88,8 @@ class PresencePublisher {
   void announce_unheld(const Now& now);
   void end_leftovers(const Now& now);
   void withdraw(const std::string& robot);
+  void describe(const std::string& id, Robot& robot);
+  void clear_retained(std::string topic);
   void publish_retained(std::string topic, std::string_view payload);
 
   const TopicScheme& scheme_;
@@ -94,7 +102,7 @@ class PresencePublisher {
   std::optional<TimePoint> announce_at_;         ///< robots whose sessions are not held
   std::map<std::string, Report> waiting_wills_;  ///< by robot
   std::optional<TimePoint> wills_due_;
-  std::set<std::string> to_withdraw_;  ///< retained presence to clear when the broker is back
+  std::set<std::string> to_clear_;  ///< retained topics to clear when the broker is back
   bool is_store_full_ = false;
   bool is_stopping_ = false;
   bool sends_retained_ = false;  ///< the broker does, to subscriptions with wildcards

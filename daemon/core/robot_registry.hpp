@@ -41,10 +41,12 @@ struct Robot {
   TimePoint first_heard{};
   TimePoint last_heard{};  ///< any sign of life
   RobotNumbers numbers;
-  std::string last_type;              ///< of its last message; empty: it said nothing yet
-  TimePoint announced{};              ///< its presence was published last
-  bool is_announcement_due = false;   ///< it was not published, because the robot may be elsewhere
-  std::optional<RadioFacts> radio;    ///< of its last message
+  std::string last_type;             ///< of its last message; empty: it said nothing yet
+  TimePoint announced{};             ///< its presence was published last
+  bool is_announcement_due = false;  ///< it was not published, because the robot may be elsewhere
+  std::optional<RadioFacts> radio;   ///< of its last message
+  /// The broker has its document for Home Assistant: with its signal or without.
+  std::optional<bool> is_described_with_signal;
   bool is_session_contested = false;  ///< another client takes its session at the broker
   LogThrottle rejected_throttle;
 

@@ -15,6 +15,7 @@ TEST(Reload, TakesWhatCanChangeWhileTheDaemonRuns) {
   wanted.broker.host = "elsewhere";
   wanted.robots = {{"r", 0x0100, {}}};
   wanted.topics.extra_publish = {"lab/#"};
+  wanted.topics.home_assistant = true;
   const Reload reload = reload_of(Config{}, wanted);
   EXPECT_EQ(reload.config.log.level, Severity::debug);
   EXPECT_EQ(reload.config.broker.host, "elsewhere");
@@ -23,7 +24,9 @@ TEST(Reload, TakesWhatCanChangeWhileTheDaemonRuns) {
   EXPECT_TRUE(reload.has_other_robots);
   EXPECT_TRUE(reload.has_other_topics);
   EXPECT_TRUE(reload.needs_restart.empty());
-  EXPECT_EQ(reload.in_force, "log, robots, topics.extra_publish, broker") << "only what differs";
+  EXPECT_TRUE(reload.config.topics.home_assistant);
+  EXPECT_EQ(reload.in_force, "log, robots, topics.extra_publish, topics.home_assistant, broker")
+      << "only what differs";
   EXPECT_EQ(reload_of(wanted, wanted).in_force, "");
 }
 

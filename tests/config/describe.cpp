@@ -108,16 +108,16 @@ std::string describe_broker(const BrokerSettings& settings) {
 std::string describe(const Config& config) {
   const auto& [gateway_id, broker, topics, update_mode, robots, bans, ble_mesh, mqttsn, robot_keys,
                store, log, control_socket, web] = config;
-  const auto& [prefix, extra_publish, extra_subscribe, retain] = topics;
+  const auto& [prefix, extra_publish, extra_subscribe, retain, home_assistant] = topics;
   const auto& [directory, max_bytes] = store;
   const auto& [level, traffic] = log;
   const auto& [listen, token_file, note_file, hosts] = web;
   std::vector<std::string> keys;
   for (const auto& [identity, key] : robot_keys) keys.push_back(identity + "=" + to_hex(key));
   return describe_broker(broker) + describe_ble_mesh(ble_mesh) + describe_mqttsn(mqttsn) +
-         all(gateway_id, prefix, extra_publish, extra_subscribe, retain, update_mode, robots, bans,
-             keys, directory, max_bytes, level, traffic, control_socket, listen, token_file,
-             note_file, hosts);
+         all(gateway_id, prefix, extra_publish, extra_subscribe, retain, home_assistant,
+             update_mode, robots, bans, keys, directory, max_bytes, level, traffic, control_socket,
+             listen, token_file, note_file, hosts);
 }
 
 }  // namespace slamgw::test
