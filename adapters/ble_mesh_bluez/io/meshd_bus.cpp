@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_bluez/io/meshd_bus.hpp"
 
-#include <fcntl.h>
-#include <poll.h>
-
 #include <algorithm>
-#include <boost/asio/post.hpp>
-#include <cerrno>
 #include <cstring>
 #include <utility>
 
@@ -14,8 +9,6 @@
 
 namespace slamgw::ble {
 namespace {
-
-namespace asio = boost::asio;
 
 constexpr const char* service = "org.bluez.mesh";
 constexpr const char* network_path = "/org/bluez/mesh";
@@ -173,47 +166,17 @@ struct MeshdBus::Objects {
       SD_BUS_VTABLE_END};
 };
 
-MeshdBus::MeshdBus(asio::io_context& io, std::string address, std::optional<Key> static_oob,
+MeshdBus::MeshdBus(boost::asio::io_context& io, std::string address, std::optional<Key> static_oob,
                    std::function<void(MeshdEvent)> on_event)
-    : io_(io),
-      address_(std::move(address)),
-      static_oob_(static_oob),
+    : static_oob_(static_oob),
       on_event_(std::move(on_event)),
-      timer_(io) {}
+      connection_(io, std::move(address), service,
+                  {[this](sd_bus* bus) { return offer_objects(bus); },
+                   [this](const std::string& fault) { on_meshd(fault); }}) {}
 
 // --- The connection ------------------------------------------------------------------------------
 
-void MeshdBus::open() {
-  life_ = std::make_shared<char>();
-  const int error = connect();
-  error < 0 ? fail(error) : watch();
-}
-
-int MeshdBus::connect() {
-  sd_bus* made = nullptr;
-  const int failure = address_.empty() ? sd_bus_open_system(&made) : sd_bus_new(&made);
-  if (failure < 0) return failure;
-  bus_.reset(made);
-  if (!address_.empty()) {
-    sd_bus_set_address(made, address_.c_str());
-    sd_bus_set_bus_client(made, 1);
-    if (const int error = sd_bus_start(made); error < 0) return error;
-  }
-  if (const int error = offer_objects(); error < 0) return error;
-  const int error = sd_bus_match_signal_async(made, nullptr, "org.freedesktop.DBus",
-                                              "/org/freedesktop/DBus", "org.freedesktop.DBus",
-                                              "NameOwnerChanged", on_owner_changed, nullptr, this);
-  if (error < 0) return error;
-  const int socket = ::fcntl(sd_bus_get_fd(made), F_DUPFD_CLOEXEC, 0);
-  if (socket < 0) return -errno;
-  socket_.emplace(io_, socket);
-  return sd_bus_call_method_async(made, nullptr, "org.freedesktop.DBus", "/org/freedesktop/DBus",
-                                  "org.freedesktop.DBus", "GetNameOwner", on_owner, this, "s",
-                                  service);
-}
-
-int MeshdBus::offer_objects() {
-  sd_bus* const bus = bus_.get();
+int MeshdBus::offer_objects(sd_bus* bus) {
   const auto add = [&](const char* path, const char* interface, const sd_bus_vtable* table) {
     return sd_bus_add_object_vtable(bus, nullptr, path, interface, table, this);
   };
@@ -226,120 +189,34 @@ int MeshdBus::offer_objects() {
 }
 
 void MeshdBus::close() {
-  life_.reset();
-  timer_.cancel();
+  forget_calls();
+  connection_.close();
+}
+
+void MeshdBus::forget_calls() {
   pending_.clear();
   join_complete_.reset();
   prov_data_request_.reset();
-  socket_.reset();
-  is_reading_ = is_writing_ = false;
-  bus_.reset();
-  owner_.clear();
 }
 
-void MeshdBus::fail(int error) {
-  open_later();
-  on_event_(MeshdGone{std::string("the system bus is not there: ") + std::strerror(-error)});
-}
-
-void MeshdBus::open_later() {
-  close();
-  life_ = std::make_shared<char>();
-  timer_.expires_after(reopen_after);
-  timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code failure) {
-    if (!failure && !life.expired()) open();
-  });
-}
-
-/// Waits for what sd-bus waits for.
-void MeshdBus::watch() {
-  if (!socket_) return;
-  const auto on_wait = [this, life = std::weak_ptr(life_)](bool& is_waiting) {
-    return [this, life, &is_waiting](boost::system::error_code error) {
-      if (life.expired() || error == asio::error::operation_aborted) return;
-      is_waiting = false;
-      on_ready();
-    };
-  };
-  const int events = sd_bus_get_events(bus_.get());
-  if (events < 0) return fail(events);
-  if (!std::exchange(is_reading_, true))
-    socket_->async_wait(asio::posix::descriptor_base::wait_read, on_wait(is_reading_));
-  if ((events & POLLOUT) != 0 && !std::exchange(is_writing_, true))
-    socket_->async_wait(asio::posix::descriptor_base::wait_write, on_wait(is_writing_));
-  std::uint64_t due_us = 0;
-  if (sd_bus_get_timeout(bus_.get(), &due_us) < 0 || due_us == UINT64_MAX) return;
-  timer_.expires_at(std::chrono::steady_clock::time_point(
-      std::chrono::microseconds(static_cast<std::int64_t>(due_us))));
-  timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code error) {
-    if (!error && !life.expired()) on_ready();
-  });
-}
-
-void MeshdBus::on_ready() {
-  const std::weak_ptr<void> life = life_;
-  for (int count = 0; count < max_at_once; ++count) {
-    const int result = sd_bus_process(bus_.get(), nullptr);
-    if (life.expired()) return;  // closed meanwhile
-    if (result < 0) return fail(result);
-    if (result == 0) return watch();
-  }
-  asio::post(io_, [this, life] {
-    if (!life.expired()) on_ready();
-  });
-}
-
-void MeshdBus::set_owner(std::string owner) {
-  if (owner == owner_) return;
-  owner_ = std::move(owner);
-  pending_.clear();
-  join_complete_.reset();
-  prov_data_request_.reset();
-  if (owner_.empty())
-    on_event_(MeshdGone{"bluetooth-meshd is not running; see slam-gatewayctl doctor"});
-  else
-    on_event_(MeshdCame{});
+void MeshdBus::on_meshd(const std::string& fault) {
+  forget_calls();
+  if (!connection_.owner().empty()) return on_event_(MeshdCame{});
+  on_event_(MeshdGone{fault.empty() ? "bluetooth-meshd is not running; see slam-gatewayctl doctor"
+                                    : fault});
 }
 
 /// Only meshd may call the gateway's objects.
 int MeshdBus::on_filter(sd_bus_message* message, void* bus, sd_bus_error*) {
   const char* const sender = sd_bus_message_get_sender(message);
   if (sd_bus_message_is_method_call(message, nullptr, nullptr) <= 0) return 0;
-  if (sender != nullptr && static_cast<MeshdBus*>(bus)->owner_ == sender) return 0;
+  if (sender != nullptr && static_cast<MeshdBus*>(bus)->connection_.owner() == sender) return 0;
   const int error =
       sd_bus_reply_method_errorf(message, SD_BUS_ERROR_ACCESS_DENIED, "for bluetooth-meshd only");
   return error < 0 ? error : 1;
 }
 
-int MeshdBus::on_owner_changed(sd_bus_message* message, void* bus, sd_bus_error*) {
-  const char *name = nullptr, *before = nullptr, *after = nullptr;
-  if (sd_bus_message_read(message, "sss", &name, &before, &after) > 0 &&
-      std::strcmp(name, service) == 0)
-    static_cast<MeshdBus*>(bus)->set_owner(after);
-  return 0;
-}
-
-int MeshdBus::on_owner(sd_bus_message* message, void* bus, sd_bus_error*) {
-  MeshdBus& self = *static_cast<MeshdBus*>(bus);
-  const char* owner = "";
-  if (sd_bus_message_is_method_error(message, nullptr) <= 0)
-    sd_bus_message_read(message, "s", &owner);
-  if (*owner != '\0') {
-    self.set_owner(owner);
-  } else if (self.owner_.empty()) {
-    self.on_event_(MeshdGone{"bluetooth-meshd is not running; see slam-gatewayctl doctor"});
-  }
-  return 0;
-}
-
 // --- Calls at meshd ------------------------------------------------------------------------------
-
-/// To the connection, not the name: a call must not have the bus start meshd.
-SdBusMessage MeshdBus::to(const char* path, const char* interface, const char* member) const {
-  sd_bus_message* made = nullptr;
-  sd_bus_message_new_method_call(bus_.get(), &made, owner_.c_str(), path, interface, member);
-  return SdBusMessage(made);
-}
 
 SdBusMessage MeshdBus::compose(const Attach& call) const {
   SdBusMessage message = to(network_path, network, "Attach");
@@ -438,7 +315,7 @@ SdBusMessage MeshdBus::compose(const GetAddresses&) const { return get_property(
 SdBusMessage MeshdBus::compose(const GetIvIndex&) const { return get_property("IvIndex"); }
 
 void MeshdBus::perform(const MeshdRequest& request) {
-  if (!bus_) return;
+  if (!connection_.bus()) return;
   std::visit(overloaded{
                  [this](const CallMeshd& wanted) { make_call(wanted); },
                  [this](const AcceptToken&) {
@@ -446,10 +323,13 @@ void MeshdBus::perform(const MeshdRequest& request) {
                    join_complete_.reset();
                  },
                  [this](const GiveAddress& given) { answer(prov_data_request_, given); },
-                 [this](const Reconnect&) { open_later(); },
+                 [this](const Reconnect&) {
+                   forget_calls();
+                   connection_.reopen();
+                 },
              },
              request);
-  watch();
+  connection_.watch();
 }
 
 void MeshdBus::make_call(const CallMeshd& wanted) {
@@ -459,13 +339,13 @@ void MeshdBus::make_call(const CallMeshd& wanted) {
   const SdBusMessage message =
       std::visit([this](const auto& call) { return compose(call); }, wanted.call);
   sd_bus_slot* slot = nullptr;
-  const int error = sd_bus_call_async(bus_.get(), &slot, message.get(), on_reply, &pending, 0);
+  const int error =
+      sd_bus_call_async(connection_.bus(), &slot, message.get(), on_reply, &pending, 0);
   pending.slot.reset(slot);
   if (error >= 0) return;
   pending_.erase(entry);
-  asio::post(io_, [this, life = std::weak_ptr(life_), number = wanted.number, error] {
-    if (!life.expired())
-      on_event_(MeshdAnswer{.number = number, .error = "D-Bus", .why = std::strerror(-error)});
+  connection_.post([this, number = wanted.number, error] {
+    on_event_(MeshdAnswer{.number = number, .error = "D-Bus", .why = std::strerror(-error)});
   });
 }
 

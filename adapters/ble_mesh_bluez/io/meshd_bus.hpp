@@ -1,44 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 // D-Bus between the radio and bluetooth-meshd: makes the radio's calls, and offers the objects that
-// meshd calls. A bus or a meshd that is not there is a state, not a failure. Nothing waits: sd-bus
-// gets its turns from the loop. Loop's thread only.
+// meshd calls. Loop's thread only.
 #pragma once
 
-#include <systemd/sd-bus.h>
-
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/posix/stream_descriptor.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <map>
-#include <memory>
 #include <optional>
 #include <string>
 
 #include "adapters/ble_mesh_bluez/meshd_call.hpp"
+#include "daemon/runtime/bus_connection.hpp"
 
 namespace slamgw::ble {
 
-template <auto unref>
-struct SdBusUnref {
-  void operator()(auto* object) const { unref(object); }
-};
-using SdBus = std::unique_ptr<sd_bus, SdBusUnref<sd_bus_close_unref>>;
-using SdBusSlot = std::unique_ptr<sd_bus_slot, SdBusUnref<sd_bus_slot_unref>>;
-using SdBusMessage = std::unique_ptr<sd_bus_message, SdBusUnref<sd_bus_message_unref>>;
-
 class MeshdBus {
  public:
-  static constexpr std::chrono::seconds reopen_after{2};
-  /// Messages in one turn of the loop.
-  static constexpr int max_at_once = 64;
-
-  /// `address` of the bus; empty: the system bus. `static_oob` of robots that join, if they have
-  /// one.
+  /// `address` as for BusConnection. `static_oob` of robots that join, if they have one.
   MeshdBus(boost::asio::io_context& io, std::string address, std::optional<Key> static_oob,
            std::function<void(MeshdEvent)> on_event);
 
-  void open();
+  void open() { connection_.open(); }
   void close();
   void perform(const MeshdRequest& request);
 
@@ -50,15 +31,13 @@ class MeshdBus {
     SdBusSlot slot = {};
   };
 
-  int connect();
-  int offer_objects();
-  void fail(int error);
-  void open_later();
-  void watch();
-  void on_ready();
-  void set_owner(std::string owner);
+  int offer_objects(sd_bus* bus);
+  void on_meshd(const std::string& fault);
+  void forget_calls();
 
-  SdBusMessage to(const char* path, const char* interface, const char* member) const;
+  SdBusMessage to(const char* path, const char* interface, const char* member) const {
+    return connection_.call(path, interface, member);
+  }
   SdBusMessage to_node(const char* interface, const char* member) const {
     return to(node_path_.c_str(), interface, member);
   }
@@ -85,8 +64,6 @@ class MeshdBus {
 
   // Called by sd-bus.
   static int on_filter(sd_bus_message* message, void* bus, sd_bus_error* error);
-  static int on_owner_changed(sd_bus_message* message, void* bus, sd_bus_error* error);
-  static int on_owner(sd_bus_message* message, void* bus, sd_bus_error* error);
   static int on_reply(sd_bus_message* message, void* pending, sd_bus_error* error);
   static int on_join_complete(sd_bus_message* message, void* bus, sd_bus_error* error);
   static int on_scan_result(sd_bus_message* message, void* bus, sd_bus_error* error);
@@ -100,23 +77,13 @@ class MeshdBus {
                               void* bus, sd_bus_error*);
   struct Objects;  ///< their vtables
 
-  boost::asio::io_context& io_;
-  std::string address_;
   std::optional<Key> static_oob_;
   std::function<void(MeshdEvent)> on_event_;
-  SdBus bus_;
-  std::optional<boost::asio::posix::stream_descriptor> socket_;  ///< to wait at
-  boost::asio::steady_timer timer_;  ///< sd-bus's own deadline, or the next attempt to open
-  bool is_reading_ = false;
-  bool is_writing_ = false;
-  std::string owner_;  ///< of org.bluez.mesh; empty: it is not there
+  BusConnection connection_;
   std::string node_path_;
   std::map<std::uint64_t, Pending> pending_;
   SdBusMessage join_complete_;      ///< waits for its answer
   SdBusMessage prov_data_request_;  ///< waits for its answer
-  /// Each connection has one. A handler that is still queued when the connection closes sees by it
-  /// that it must do nothing.
-  std::shared_ptr<void> life_;
 };
 
 }  // namespace slamgw::ble

@@ -4,39 +4,21 @@
 
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <fstream>
 #include <set>
 
 #include "tests/ble_mesh_bluez/io/fake_meshd_service.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
-#include "tests/support/child_process.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/memory_session_store.hpp"
+#include "tests/support/private_bus.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::ble {
 namespace {
 
-namespace fs = std::filesystem;
-
-/// A bus on which everybody may do everything.
-class PrivateBus {
- public:
-  explicit PrivateBus(const std::string& socket)
-      : socket_(socket),
-        daemon_({"dbus-daemon", "--session", "--nofork", "--nopidfile",
-                 "--address=" + address_of(socket)}) {
-    EXPECT_TRUE(test::eventually([&] { return fs::exists(socket); }));
-  }
-  ~PrivateBus() { fs::remove(socket_); }
-  static std::string address_of(const std::string& socket) { return "unix:path=" + socket; }
-
- private:
-  std::string socket_;
-  test::ChildProcess daemon_;
-};
+using test::PrivateBus;
 
 /// What a real meshd and the gateway have called at each other.
 std::set<std::string> recorded_calls() {

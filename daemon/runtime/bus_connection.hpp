@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// A connection to D-Bus and to one service there: notices when the service comes and goes, and
+// opens the bus again when it breaks. A bus or a service that is not there is a state, not a
+// failure. Nothing waits: sd-bus gets its turns from the loop. Loop's thread only.
+#pragma once
+
+#include <systemd/sd-bus.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+namespace slamgw {
+
+template <auto unref>
+struct SdBusUnref {
+  void operator()(auto* object) const { unref(object); }
+};
+using SdBus = std::unique_ptr<sd_bus, SdBusUnref<sd_bus_close_unref>>;
+using SdBusSlot = std::unique_ptr<sd_bus_slot, SdBusUnref<sd_bus_slot_unref>>;
+using SdBusMessage = std::unique_ptr<sd_bus_message, SdBusUnref<sd_bus_message_unref>>;
+
+class BusConnection {
+ public:
+  static constexpr std::chrono::seconds reopen_after{2};
+  /// Messages in one turn of the loop.
+  static constexpr int max_at_once = 64;
+
+  struct Handlers {
+    /// Offers objects on a new connection. A negative errno closes it again. May be empty.
+    std::function<int(sd_bus*)> on_opened;
+    /// The service came or is not there (owner()). `fault`: what is wrong with the bus; may be
+    /// empty. What waits for answers on this connection waits in vain.
+    std::function<void(const std::string& fault)> on_service;
+  };
+
+  /// `address` of the bus; empty: the system bus. `service`: its well-known name.
+  BusConnection(boost::asio::io_context& io, std::string address, std::string service,
+                Handlers handlers);
+
+  void open();
+  void close();
+  /// Closes the connection, and opens another after `reopen_after`.
+  void reopen();
+  /// Has what was queued sent. To be called after calls that come from outside sd-bus.
+  void watch();
+  /// Calls it from the loop, unless the connection has closed by then.
+  void post(std::function<void()> task);
+
+  /// Null while it is closed.
+  sd_bus* bus() const { return bus_.get(); }
+  /// The service's own connection; empty: it is not there.
+  const std::string& owner() const { return owner_; }
+  /// A call to the owner and not to the name, because it must not have the bus start the service.
+  SdBusMessage call(const char* path, const char* interface, const char* member) const;
+
+ private:
+  int connect();
+  void fail(int error);
+  void on_ready();
+  void set_owner(std::string owner);
+  static int on_owner_changed(sd_bus_message* message, void* self, sd_bus_error* error);
+  static int on_owner(sd_bus_message* message, void* self, sd_bus_error* error);
+
+  boost::asio::io_context& io_;
+  const std::string address_;
+  const std::string service_;
+  const Handlers handlers_;
+  SdBus bus_;
+  std::optional<boost::asio::posix::stream_descriptor> socket_;  ///< to wait at
+  boost::asio::steady_timer timer_;  ///< sd-bus's own deadline, or the next attempt to open
+  bool is_reading_ = false;
+  bool is_writing_ = false;
+  std::string owner_;
+  /// Each connection has one. A handler that is still queued when the connection closes sees by it
+  /// that it must do nothing.
+  std::shared_ptr<void> life_;
+};
+
+}  // namespace slamgw

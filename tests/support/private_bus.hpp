@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// A D-Bus daemon of a test's own, on which everybody may do everything.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
+#include <filesystem>
+#include <string>
+
+#include "tests/support/child_process.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::test {
+
+class PrivateBus {
+ public:
+  explicit PrivateBus(const std::string& socket)
+      : socket_(socket),
+        daemon_({"dbus-daemon", "--session", "--nofork", "--nopidfile",
+                 "--address=" + address_of(socket)}) {
+    EXPECT_TRUE(eventually([&] { return takes_connections(); }));
+  }
+  ~PrivateBus() { std::filesystem::remove(socket_); }
+  static std::string address_of(const std::string& socket) { return "unix:path=" + socket; }
+
+ private:
+  /// The socket's file is there before.
+  bool takes_connections() const {
+    using Local = boost::asio::local::stream_protocol;
+    boost::asio::io_context io;
+    boost::system::error_code error;
+    Local::socket(io).connect(Local::endpoint(socket_), error);
+    return !error;
+  }
+
+  std::string socket_;
+  ChildProcess daemon_;
+};
+
+}  // namespace slamgw::test
