@@ -38,6 +38,7 @@ struct Settings {
   bool enabled = true;
   std::vector<std::string> listen = {"[::]:47193"};
   std::string interface = "auto";                          ///< or "*", or an interface's name
+  bool announce = false;                                   ///< on the LAN, by DNS-SD
   std::optional<std::string> multicast_group = "ff03::1";  ///< nothing: no multicast
   std::uint8_t gateway_id = 1;                             ///< 1-255
   std::chrono::seconds advertise_interval{900};            ///< T_ADV, at most 65535 s

@@ -135,6 +135,20 @@ void check_mqttsn(const Located& located) {
   if (mqttsn.dtls.keys_file && mqttsn.dtls.listen.empty())
     located.problem("mqttsn.dtls.listen",
                     "is empty; at least one address is needed beside keys_file");
+  if (!mqttsn.enabled || !mqttsn.announce) return;
+  if (mqttsn.is_auto())
+    located.problem(
+        "mqttsn.announce",
+        "has no effect on the LAN, which mqttsn.interface \"auto\" may not serve; \"*\" "
+        "or the name of the LAN's interface is needed there");
+  if (mqttsn.require_identity == mqttsn::RequireIdentity::all)
+    located.problem(
+        "mqttsn.announce",
+        "announces the port of plain MQTT-SN, which mqttsn.require_identity \"all\" closes; "
+        "false is allowed beside it");
+  if (!mqttsn.listens_widely())
+    located.problem("mqttsn.announce",
+                    "needs an address such as [::]:47193 or 0.0.0.0:47193 in mqttsn.listen");
 }
 
 void check_tls_keys(const Located& located) {

@@ -305,6 +305,7 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
        v.text(name, is_interface_name, "\"auto\", \"*\", or the name of a network interface");
        c.mqttsn.interface = name.value_or("auto");
      }},
+    {"mqttsn.announce", [](Value v, Config& c) { v.boolean(c.mqttsn.announce); }},
     {"mqttsn.multicast_group",
      [](Value v, Config& c) {
        v.text(c.mqttsn.multicast_group, is_multicast_group,

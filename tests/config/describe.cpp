@@ -83,12 +83,12 @@ std::string describe_ble_mesh(const ble::Settings& settings) {
 }
 
 std::string describe_mqttsn(const mqttsn::Settings& settings) {
-  const auto& [enabled, listen, interface, multicast_group, gateway_id, advertise_interval,
-               predefined_topics, allow_unconnected_publish, max_clients, max_sleeping_messages,
-               keep_alive_tolerance, retry_interval, retry_count, when_full, revive_lost,
-               forwarders, disconnect_unknown, dtls, require_identity] = settings;
+  const auto& [enabled, listen, interface, announce, multicast_group, gateway_id,
+               advertise_interval, predefined_topics, allow_unconnected_publish, max_clients,
+               max_sleeping_messages, keep_alive_tolerance, retry_interval, retry_count, when_full,
+               revive_lost, forwarders, disconnect_unknown, dtls, require_identity] = settings;
   const auto& [dtls_listen, keys_file] = dtls;
-  return all(enabled, listen, interface, multicast_group, gateway_id, advertise_interval,
+  return all(enabled, listen, interface, announce, multicast_group, gateway_id, advertise_interval,
              predefined_topics, allow_unconnected_publish, max_clients, max_sleeping_messages,
              keep_alive_tolerance, retry_interval, retry_count, when_full, revive_lost, forwarders,
              disconnect_unknown, dtls_listen, keys_file, require_identity);

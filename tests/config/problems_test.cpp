@@ -330,6 +330,13 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"mqttsn": {"listen": ["h:5"]}})", "g.json:1: mqttsn.listen[0]: ", "IPv4:PORT"},
         Case{R"({"mqttsn": {"listen": ["1.2.3.4:65536"]}})",
              "g.json:1: mqttsn.listen[0]: ", "IPv4:PORT"},
+        Case{R"({"mqttsn": {"announce": true}})",
+             "g.json:1: mqttsn.announce: ", "the name of the LAN's interface is needed"},
+        Case{R"({"mqttsn": {"announce": true, "interface": "*", "require_identity": "all",)"
+             R"( "dtls": {"keys_file": "keys"}}})",
+             "g.json:1: mqttsn.announce: ", "announces the port of plain MQTT-SN"},
+        Case{R"({"mqttsn": {"announce": true, "interface": "*", "listen": ["127.0.0.1:1"]}})",
+             "g.json:1: mqttsn.announce: ", "needs an address such as [::]:47193"},
         Case{R"({"mqttsn": {"interface": "a/b"}})",
              "g.json:1: mqttsn.interface: ", "\"auto\", \"*\", or the name of a network interface"},
         Case{R"({"mqttsn": {"multicast_group": "fd00::1"}})",

@@ -39,6 +39,7 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
     : settings_(std::move(settings)),
       listener_(listener),
       descriptors_(descriptors),
+      announced_name_("slam-gateway " + policy.scheme().gateway_id()),
       io_(io),
       gateway_(settings_, std::move(policy), std::move(names),
                [device = std::make_shared<std::random_device>()] {
@@ -58,6 +59,9 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
     dtls_ = std::make_unique<DtlsPort>(
         io, std::move(keys), std::bind_front(&MqttsnAdapter::on_decrypted, this),
         [this](Notice notice) { listener_.on_mesh_event(std::move(notice)); });
+  if (settings_.announce)
+    announcement_.emplace(io, std::string(),
+                          [this](Notice notice) { listener_.on_mesh_event(std::move(notice)); });
   if (sessions)
     keeper_.emplace(io, gateway_, *sessions,
                     [this](bool is_saved) { driver_->on_saved(is_saved, read_clocks()); });
@@ -85,6 +89,7 @@ void MqttsnAdapter::start() {
 }
 
 void MqttsnAdapter::stop_listening() {
+  if (announcement_) announcement_->withdraw();
   for (const auto& socket : all_sockets()) socket->stop_receiving();
   MeshShell::stop_listening();
 }
@@ -119,6 +124,16 @@ void MqttsnAdapter::open() {
     where_ += place_of(i == 0 ? ", DTLS " : ", ", listen, *dtls_->sockets().back());
   }
   report_open();
+  if (announcement_) announce_on_lan();
+}
+
+/// The configuration is refused unless one of the addresses is a wildcard.
+void MqttsnAdapter::announce_on_lan() {
+  const auto is_ipv4 = [](const std::string& listen) { return !listen.starts_with('['); };
+  const auto wide = std::ranges::find_if(settings_.listen, Settings::is_wildcard);
+  const auto index = static_cast<std::size_t>(wide - settings_.listen.begin());
+  announcement_->announce({announced_name_, sockets_[index]->port(),
+                           static_cast<int>(interface_index_), is_ipv4(*wide)});
 }
 
 void MqttsnAdapter::report_open() {
@@ -157,6 +172,7 @@ std::shared_ptr<UdpSocket> MqttsnAdapter::open_dtls_socket(const std::string& li
 }
 
 void MqttsnAdapter::close() {
+  if (announcement_) announcement_->withdraw();
   for (const auto& socket : all_sockets()) {
     socket->close();
     sends_failed_ += socket->sends_failed();

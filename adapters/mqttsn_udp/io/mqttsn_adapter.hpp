@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/io/dtls_port.hpp"
+#include "adapters/mqttsn_udp/io/lan_announcement.hpp"
 #include "adapters/mqttsn_udp/io/network_interfaces.hpp"
 #include "adapters/mqttsn_udp/io/session_keeper.hpp"
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
@@ -88,17 +89,20 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::string thread_interfaces() const;
   std::uint32_t index_of_interface() const;
   void report_open();
+  void announce_on_lan();
   void report_link(bool is_up, std::string detail);
 
   const Settings settings_;
   MeshListener& listener_;
   DescriptorStore* const descriptors_;
+  const std::string announced_name_;  // on the LAN
   boost::asio::io_context& io_;
   SnGateway gateway_;
   MachineDriver<SnGateway> driver_;
   std::optional<SessionKeeper> keeper_;
   std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
   std::unique_ptr<DtlsPort> dtls_;                   // null without keys_file
+  std::optional<LanAnnouncement> announcement_;      // none without `mqttsn.announce`
   std::string where_;                                // what the sockets listen on
   std::uint32_t interface_index_ = 0;                // of `mqttsn.interface`; 0: it is away
   std::string only_thread_;  // names of the interfaces served beside loopback; empty: all are
