@@ -141,6 +141,7 @@ void App::run() {
   start_meshes();
   if (config_.ble_mesh.provisioning.over_mqtt)
     gateway_driver_->subscribe_own(scheme_.join_request_topic());
+  start_border_router();
   fleet_.start();
   upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
@@ -159,6 +160,15 @@ void App::start_meshes() {
   meshes_.each(&MeshAdapter::start);
   for (const std::string& filter : meshes_.relay_filters()) gateway_driver_->subscribe_own(filter);
   descriptors_.drop_rest();
+}
+
+void App::start_border_router() {
+  if (!config_.mqttsn.enabled) return;
+  const auto publish = [this](const std::string& json) {
+    submit({scheme_.thread_topic(), to_bytes(json), Qos::at_least_once, true}, no_receipt);
+  };
+  border_router_.emplace(io_, publish, [this](Notice& notice) { perform(notice); });
+  border_router_->start();
 }
 
 void App::start_control() {
@@ -249,6 +259,7 @@ void App::stop() {
   notifier_.stopping();
   log_event(Severity::notice, "slam-gatewayd ends");
   stats_timer_.cancel();
+  if (border_router_) border_router_->stop();
   on_watched(false);
   control_.reset();
   meshes_.each(&MeshAdapter::stop_listening);
@@ -404,6 +415,7 @@ nlohmann::json App::status() {
   if (config_.ble_mesh.provisioning.over_mqtt)
     join_requests_.add_to(status.meshes[Mesh::ble].counters);
   status.configuration = std::filesystem::absolute(config_file_).lexically_normal().string();
+  if (border_router_) status.meshes[Mesh::thread].role = border_router_->role();
   return to_json(status);
 }
 
@@ -470,6 +482,7 @@ void App::report_broker_link() {
   gateway_driver_->on_broker_link(read_clocks());
   meshes_.each(&MeshAdapter::on_broker_link, broker_link_.is_up);
   fleet_.on_broker_link(broker_link_.is_up);
+  if (border_router_) border_router_->on_broker_link(broker_link_.is_up);
 }
 
 void App::on_link_up(const BrokerLimits& limits) {

@@ -8,9 +8,11 @@
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "adapters/thread_border_router/io/border_router.hpp"
 #include "daemon/app/fleet_member.hpp"
 #include "daemon/app/meshes.hpp"
 #include "daemon/app/operator_commands.hpp"
@@ -49,6 +51,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
  private:
   void start_meshes();
+  void start_border_router();
   void start_control();
   void wait_for_signal();
   OrderAnswer reload(const std::string& who) override;
@@ -137,6 +140,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   Upstream upstream_;
   Meshes meshes_;
   FleetMember fleet_;
+  std::optional<border_router::BorderRouter> border_router_;
   std::shared_ptr<InterfaceWatch> network_watch_;
 
   LinkLog broker_log_;

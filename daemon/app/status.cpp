@@ -84,6 +84,7 @@ json to_json(const Status::MeshLink& mesh) {
            {"counters", to_json(mesh.counters)}};
   if (mesh.is_enabled) out["latency"] = to_json(mesh.latency);
   if (mesh.places) out["places"] = to_json(*mesh.places);
+  if (!mesh.role.empty()) out["role"] = mesh.role;
   return out;
 }
 

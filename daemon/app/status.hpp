@@ -43,6 +43,7 @@ struct Status {
     Counters counters;
     std::optional<MeshPlaces> places{};
     LatencyHistogram latency{};  ///< of acknowledged messages
+    std::string role{};          ///< of this host in it, where that is known: BorderRouterWatch
   };
   struct Robots {
     std::uint64_t online = 0;

@@ -46,6 +46,7 @@ class TopicScheme {
   std::string numbers_topic() const { return gateway_root_ + "numbers"; }
   std::string join_request_topic() const { return gateway_root_ + "request/permit_join"; }
   std::string join_response_topic() const { return gateway_root_ + "response/permit_join"; }
+  std::string thread_topic() const { return gateway_root_ + "thread"; }
   std::string presence_topic(std::string_view robot) const;
   /// Where another gateway publishes a robot's presence.
   std::string presence_topic_at(const std::string& gateway, std::string_view robot) const;

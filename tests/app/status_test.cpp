@@ -49,6 +49,8 @@ TEST(StatusJson, SaysOfEachLinkHowItIs) {
   thread.erase("latency");
   EXPECT_EQ(thread, json::parse(R"({"enabled": true, "state": "up",
                                 "detail": "UDP [::]:47193", "counters": {"received": 7}})"));
+  status.meshes[Mesh::thread].role = "leader";
+  EXPECT_EQ(to_json(status)["meshes"]["thread"]["role"], "leader");
 }
 
 TEST(StatusJson, CountsLatenciesByBound) {

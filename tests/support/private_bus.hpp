@@ -24,6 +24,7 @@ class PrivateBus {
   }
   ~PrivateBus() { std::filesystem::remove(socket_); }
   static std::string address_of(const std::string& socket) { return "unix:path=" + socket; }
+  std::string address() const { return address_of(socket_); }
 
  private:
   /// The socket's file is there before.

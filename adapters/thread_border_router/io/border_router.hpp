@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// The I/O shell of BorderRouterWatch: reads otbr-agent's properties over D-Bus, one by one. Others
+// are keys, so it never asks for all of them, nor looks into what a signal carries. Loop's thread
+// only.
+#pragma once
+
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <functional>
+#include <string>
+
+#include "adapters/thread_border_router/border_router_watch.hpp"
+#include "daemon/runtime/bus_connection.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw::border_router {
+
+class BorderRouter {
+ public:
+  /// `publish` as PublishDocument says. `bus_address`: as for BusConnection.
+  BorderRouter(boost::asio::io_context& io, std::function<void(const std::string& json)> publish,
+               std::function<void(Notice&)> report, std::string bus_address = {});
+
+  void start() { connection_.open(); }
+  void stop();
+  void on_broker_link(bool is_up) { driver_->on_broker_link(is_up); }
+  /// As BorderRouterWatch.
+  const std::string& role() const { return watch_.role(); }
+
+ private:
+  static constexpr std::size_t property_count = 7;
+  struct Property;
+  static const std::array<Property, property_count> properties;
+  struct Call {
+    BorderRouter* router = nullptr;
+    SdBusSlot slot = {};
+  };
+
+  void on_agent();
+  void read();
+  void forget_calls();
+  void take(const Property& property, sd_bus_message* reply);
+  static int on_reply(sd_bus_message* reply, void* call, sd_bus_error* error);
+  static int on_signal(sd_bus_message* signal, void* router, sd_bus_error* error);
+
+  BorderRouterWatch watch_;
+  MachineDriver<BorderRouterWatch> driver_;
+  BusConnection connection_;
+  std::array<Call, property_count> calls_;
+  NodeFacts facts_;          ///< of the answers that have come
+  std::size_t waiting_ = 0;  ///< for this many answers
+};
+
+}  // namespace slamgw::border_router
