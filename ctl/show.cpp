@@ -374,6 +374,14 @@ std::string refresh_line(const json& counters) {
       step, count_at(counters, "key_refresh_missing"));
 }
 
+/// Why no robot of Thread is heard, where the border router says it.
+std::string role_line(const json& mesh, const Screen& screen) {
+  const std::string role = text_at(mesh, "role");
+  if (role != "detached" && role != "disabled") return "";
+  return fmt::format("          {} this node has no Thread network; see slam-gatewayctl doctor\n",
+                     screen.paint("down", role + ":"));
+}
+
 /// Who takes the places for clients, when any are taken.
 std::string places_line(const json& places) {
   if (count_at(places, "taken") == 0) return "";
@@ -397,8 +405,9 @@ std::string mesh_line(std::string name, const json& mesh, const Screen& screen) 
   const std::string state = text_at(mesh, "state");
   const std::string detail = text_at(mesh, "detail");
   return pad(name, 10) + screen.paint(state, detail.empty() ? state : pad(state, 9)) + detail +
-         "\n" + places_line(group_at(mesh, "places")) + refused_line(group_at(mesh, "counters")) +
-         deaf_line(group_at(mesh, "counters"), screen) + refresh_line(group_at(mesh, "counters"));
+         "\n" + role_line(mesh, screen) + places_line(group_at(mesh, "places")) +
+         refused_line(group_at(mesh, "counters")) + deaf_line(group_at(mesh, "counters"), screen) +
+         refresh_line(group_at(mesh, "counters"));
 }
 
 std::string payload_text(const json& event) {

@@ -135,8 +135,24 @@ class Examination {
         !config_.mqttsn.names_interface() || find_interface(config_.mqttsn.interface) != nullptr;
     if (config_.mqttsn.multicast_group && is_there) multicast();
     link("thread", "thread");
+    node();
     places();
     if (facts_.is_search_answered) search();
+  }
+
+  /// What otbr-agent says, where it does.
+  void node() {
+    const std::string role = text_at(group_at(group_at(facts_.status, "meshes"), "thread"), "role");
+    if (role == "disabled")
+      return add("thread: node", Health::problem,
+                 "Thread is switched off here, so no robot of the mesh is heard",
+                 "sudo ot-ctl ifconfig up; sudo ot-ctl thread start");
+    if (role == "detached")
+      return add("thread: node", Health::problem,
+                 "has no Thread network (detached), so no robot of the mesh is heard",
+                 "after a start it may take two minutes; then: sudo ot-ctl dataset active; "
+                 "journalctl -u otbr-agent");
+    if (!role.empty()) add("thread: node", Health::well, "is attached as " + role);
   }
 
   void places() {

@@ -251,6 +251,16 @@ TEST(CtlShow, NamesEachTopicThatTheBrokerRefuses) {
   EXPECT_EQ(text.find("the first one"), std::string::npos) << "the list says more";
 }
 
+TEST(CtlShow, SaysWhyNoThreadRobotIsHeard) {
+  const auto shown = [](const char* role) {
+    return ctl::show::status({{"meshes", {{"thread", {{"state", "up"}, {"role", role}}}}}},
+                             {false, noon});
+  };
+  EXPECT_NE(shown("detached").find("detached: this node has no Thread network"), std::string::npos);
+  EXPECT_NE(shown("disabled").find("disabled: this node has no Thread network"), std::string::npos);
+  EXPECT_EQ(shown("router").find("no Thread network"), std::string::npos);
+}
+
 TEST(CtlShow, LetsNothingThroughToTheTerminal) {
   const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
   const std::string shown = ctl::show::robots(robots, {false, noon});

@@ -82,6 +82,16 @@ TEST(Doctor, FindsWhatKeepsMeshdFromItsController) {
   says("enable --now", [](auto& bluetooth) { bluetooth.is_meshd_active = false; });
 }
 
+TEST(Doctor, SaysWhenThisNodeHasNoThreadNetwork) {
+  HostFacts facts = healthy();
+  json& role = facts.status["meshes"]["thread"]["role"] = "router";
+  EXPECT_EQ(problems_of(facts), "");
+  for (const char* const without : {"detached", "disabled"}) {
+    role = without;
+    EXPECT_EQ(problems_of(facts), "thread: node; ") << without;
+  }
+}
+
 TEST(Doctor, RemindsThatAllNetworksAreServedOnPurpose) {
   HostFacts facts = healthy();
   facts.configuration.config.mqttsn.interface = "*";
