@@ -25,7 +25,8 @@ TEST(WebTopics, AreToldApart) {
   const Topics topics("a/b");
   EXPECT_EQ(topics.kind_of("a/b/robot/r/update"), TopicKind::robot);
   EXPECT_EQ(topics.kind_of("a/b/server/r/cmd"), TopicKind::command);
-  for (const char* rest : {"state", "stats", "numbers", "robots/r", "response/permit_join"})
+  for (const char* rest :
+       {"state", "stats", "numbers", "thread", "robots/r", "response/permit_join"})
     EXPECT_EQ(topics.kind_of("a/b/gateway/g/"s + rest), TopicKind::state) << rest;
   for (const char* rest : {"commands/r", "request/permit_join"})
     EXPECT_EQ(topics.kind_of("a/b/gateway/g/"s + rest), TopicKind::event) << rest;
@@ -68,6 +69,9 @@ TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
        R"({"robots":{"r":{"up":{}}}})"},
       {"numbers", R"({"robots":{"state":{"up":1},"toString":{"up":2,"mesh":3}}})",
        R"({"robots":{"state":{"up":1},"toString":{"up":2}}})"},
+      {"thread", R"({"role":1,"neighbours":{"length":9},"channel":15})", R"({"channel":15})"},
+      {"thread", R"({"neighbours":[{"extended_address":7,"rloc16":[],"age_s":1}]})",
+       R"({"neighbours":[{"age_s":1}]})"},
       {"state", R"({"state":"online","more":{"a":[1]}})", R"({"state":"online","more":{"a":[1]}})"},
   };
   for (const Case& each : cases) {

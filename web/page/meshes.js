@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Both meshes as far as they are known: from the broker over each gateway and mesh to its robots. BLE tells signal, relays and
-// TTL; MQTT-SN tells address, latency, repeats and gaps. Nothing else is drawn: who relays for whom nobody reports.
+// TTL; MQTT-SN tells address, latency, repeats and gaps; a Thread border router whom it hears itself, and how well. Nothing else
+// is drawn: who relays for whom nobody reports.
 import { colour, element, keep, setText, surface, svg } from './dom.js';
-import { dbm, lifeWords, meshNames, ms, stateWords } from './words.js';
+import { age, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
 const MOST = 40; // robots of one mesh; those that need a look come first
 
@@ -16,7 +17,7 @@ function quality(robot, now) {
   if (robot.state !== 'online' && robot.state !== 'asleep') return stateWords(robot, now);
   const { figures } = robot;
   const counted = [['repeats', figures?.repeats], ['gaps', figures?.gaps]].filter(([, value]) => value > 0).map(([name, value]) => `${value} ${name}`);
-  if (robot.best?.mesh !== 'ble') return [ms(figures?.latency_p50_us), ...counted, robot.best?.address ?? ''].join(' · ');
+  if (robot.best?.mesh !== 'ble') return [ms(figures?.latency_p50_us), ...counted, ...(robot.neighbour ? [neighbourWords(robot.neighbour)] : []), robot.best?.address ?? ''].join(' · ');
   const ttl = figures?.ttl ?? robot.best?.ttl;
   return [dbm(signal(robot)), wayWords(robot), ...(Number.isFinite(ttl) ? [`TTL ${ttl}`] : []), ...counted].join(' · ');
 }
@@ -24,11 +25,26 @@ function wayWords(robot) {
   const hops = relays(robot);
   return !Number.isFinite(hops) ? 'way not known' : hops === 0 ? 'direct' : `${hops} relay${hops === 1 ? '' : 's'}`;
 }
+// A node that the border router hears itself.
+function neighbourWords(node) {
+  const lost = node.frame_error_rate > 0 ? [`${(100 * node.frame_error_rate).toFixed(1)} % of frames lost`] : [];
+  return [`${node.child ? (node.sleepy ? 'sleepy child' : 'child') : node.isLeader ? 'leader' : 'router'} ${node.rloc16 ?? ''}`, `link quality ${number(node.link_quality)} of 3`, dbm(node.rssi_last_dbm), ...lost].join(' · ');
+}
+// The border router's own place in its mesh; `hidden`: neighbours that are not shown.
+function nodeWords(thread, hidden) {
+  if (!thread) return [];
+  const { role, network_name: name, channel, rloc16, extended_address: address } = thread;
+  const leftOut = hidden + (thread.left_out ?? 0);
+  return [`this node: ${role ?? 'role not known'}`, ...(name ? [name] : []), ...(Number.isFinite(channel) ? [`channel ${channel}`] : []), ...[rloc16, address].filter(Boolean), ...(leftOut > 0 ? [`${leftOut} more neighbours are not shown`] : [])];
+}
 // The way from the gateway: a circle for each relay, dots where it is not known, thicker where the signal is stronger.
 function drawWay(way, robot) {
   const hops = robot.best?.mesh === 'ble' ? relays(robot) : 0;
   const isThere = robot.state === 'online' || robot.state === 'asleep';
-  const wide = robot.best?.mesh !== 'ble' ? 1.5 : signal(robot) >= -60 ? 3 : signal(robot) >= -75 ? 2 : 1.2;
+  drawLine(way, hops, isThere, robot.neighbour ? linkWidth(robot.neighbour) : robot.best?.mesh !== 'ble' ? 1.5 : signal(robot) >= -60 ? 3 : signal(robot) >= -75 ? 2 : 1.2);
+}
+const linkWidth = (node) => (node.link_quality >= 3 ? 3 : node.link_quality === 2 ? 2 : 1.2);
+function drawLine(way, hops, isThere, wide) {
   const sketch = [hops, isThere, wide].join();
   if (way.sketch === sketch) return;
   way.sketch = sketch;
@@ -36,9 +52,10 @@ function drawWay(way, robot) {
   for (let i = 1; i <= Math.min(hops ?? 0, 6); i++) parts.push(svg('circle', { cx: 2 + 68 * i / (Math.min(hops, 6) + 1), cy: 8, r: 3.5 }));
   way.replaceChildren(...parts);
 }
-function drawSpark(canvas, robot) {
+const sparkOf = (robot) => robot.neighbour?.quality ?? robot.quality.map(([rssi, latency]) => (robot.best?.mesh === 'ble' ? rssi : -latency));
+function drawSpark(canvas, all) {
   const on = surface(canvas);
-  const values = robot.quality.map(([rssi, latency]) => (robot.best?.mesh === 'ble' ? rssi : -latency)).filter(Number.isFinite);
+  const values = all.filter(Number.isFinite);
   if (!on || values.length < 2) return;
   const [low, high] = [Math.min(...values), Math.max(...values)];
   on.context.beginPath();
@@ -57,6 +74,7 @@ const newGateway = () => element('div', { class: 'card pad' }, element('div', { 
 export function drawMeshes(parent, model, robots, isThere) {
   const gateways = model.orderedGateways();
   const here = Map.groupBy(robots, (robot) => robot.life?.gateway);
+  const named = new Set([...model.robots.values()].map((robot) => robot.neighbour));
   keep(parent, gateways.length, newGateway);
   gateways.forEach((gateway, i) => {
     const [chain, place] = parent.children[i].children;
@@ -68,19 +86,23 @@ export function drawMeshes(parent, model, robots, isThere) {
     const links = Object.entries(gateway.stats?.meshes ?? {}).filter(([mesh, link]) => link?.state !== 'disabled' || byMesh.has(mesh));
     const meshes = [...new Set([...links.map(([mesh]) => mesh), ...byMesh.keys()])];
     keep(place, meshes.length, newMesh);
-    meshes.forEach((mesh, n) => drawMesh(place.children[n], mesh, isThere(gateway) ? gateway.stats?.meshes?.[mesh] : null, byMesh.get(mesh) ?? [], model.now()));
+    const thread = isThere(gateway) ? gateway.thread : null;
+    const others = [...(thread?.neighbours.values() ?? [])].filter((node) => !named.has(node));
+    meshes.forEach((mesh, n) => drawMesh(place.children[n], mesh, isThere(gateway) ? gateway.stats?.meshes?.[mesh] : null, byMesh.get(mesh) ?? [], mesh === 'thread' ? thread : null, mesh === 'thread' ? others : [], model.now()));
   });
 }
-function drawMesh(card, mesh, link, robots, now) {
+// `thread`: what the border router tells, else null; `others`: whom it hears, but those that are robots by their addresses.
+function drawMesh(card, mesh, link, robots, thread, others, now) {
   const [head, summary, list, rest] = card.children;
   head.firstChild.className = `dot ${!link ? 'unknown' : link.state === 'up' ? 'online' : 'offline'}`;
   setText(head.lastChild, meshNames[mesh] ?? String(mesh));
   const isMany = robots.length > MOST;
-  const words = [robots.length ? count(robots, (robot) => robot.state) : 'no robot yet', ...(mesh === 'ble' && isMany ? [count(robots, wayWords)] : []), ...(link?.counters?.relayed > 0 ? [`got ${link.counters.relayed} updates of robots elsewhere`] : []), ...(link?.state === 'down' ? [`link down: ${link.detail ?? ''}`] : [])];
+  const words = [...nodeWords(thread, Math.max(0, others.length - MOST)), robots.length ? count(robots, (robot) => robot.state) : 'no robot yet', ...(mesh === 'ble' && isMany ? [count(robots, wayWords)] : []), ...(link?.counters?.relayed > 0 ? [`got ${link.counters.relayed} updates of robots elsewhere`] : []), ...(link?.state === 'down' ? [`link down: ${link.detail ?? ''}`] : [])];
   setText(summary, words.join(' · '));
   const shown = robots.sort(byNeed).slice(0, MOST);
   if (!isMany) shown.sort((a, b) => (mesh === 'ble' ? (relays(a) ?? 99) - (relays(b) ?? 99) : 0) || a.id.localeCompare(b.id, undefined, { numeric: true }));
-  keep(list, shown.length, newRobot);
+  const nodes = others.slice(0, MOST);
+  keep(list, shown.length + nodes.length, newRobot);
   shown.forEach((robot, i) => {
     const [link, way, spark, said] = list.children[i].children;
     link.href = `#/robot/${encodeURIComponent(robot.id)}`;
@@ -88,7 +110,16 @@ function drawMesh(card, mesh, link, robots, now) {
     setText(link.lastChild, robot.id);
     drawWay(way, robot);
     setText(said, quality(robot, now));
-    if (spark.checkVisibility()) drawSpark(spark, robot);
+    if (spark.checkVisibility()) drawSpark(spark, sparkOf(robot));
+  });
+  nodes.forEach((node, i) => {
+    const [name, way, spark, said] = list.children[shown.length + i].children;
+    name.removeAttribute('href');
+    name.firstChild.className = 'dot unknown';
+    setText(name.lastChild, node.extended_address);
+    drawLine(way, 0, true, linkWidth(node));
+    setText(said, [neighbourWords(node), `heard ${age(1000 * node.age_s)} ago`].join(' · '));
+    if (spark.checkVisibility()) drawSpark(spark, node.quality);
   });
   rest.hidden = !isMany;
   setText(rest, `${robots.length - shown.length} more, which do better. The field above finds each.`);

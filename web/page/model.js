@@ -13,10 +13,11 @@ export const MAX_TRAIL = 400;
 const MAX_TRACK = 1000; // places of one robot with their times; beyond it, each second one of the older half goes
 const MAX_MESSAGES = 3000;
 const MAX_QUALITY = 60; // of one robot; gateways tell it each 10 s
+const MAX_NEIGHBOURS = 256; // of a gateway on a Thread border router; it tells no more
 const MAX_COMMANDS = 20; // of one robot
 const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
 const MAX_GATEWAYS = 100;
-const STATES = ['state', 'stats', 'numbers', 'robots', 'response']; // of a gateway; the rest happens once
+const STATES = ['state', 'stats', 'numbers', 'thread', 'robots', 'response']; // of a gateway; the rest happens once
 const SECONDS = 60;
 const FADES_FROM_MS = 10000; // of silence
 const FADED_AT_MS = 60000;
@@ -89,6 +90,7 @@ export class Robot {
     this.presence = new Map(); // gateway: what it says
     this.life = null; // what the program has decided: {state, since, heard, gateway}
     this.numbers = null;
+    this.neighbour = null; // on Thread: how its gateway's border router hears it, where its address tells; set for each drawing
     this.quality = []; // [signal, latency] of the last ten minutes
     this.pulse = new Pulse();
     this.heard = 0; // ms, this page's program's clock
@@ -207,6 +209,27 @@ const shortened = (message) => {
 };
 const isObject = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
 
+// A Thread node's extended address, which its link-local address holds with one bit turned (RFC 4291, appendix A). Other
+// addresses do not tell it: null.
+export function extendedAddressOf(address) {
+  const text = /^\[?(fe80:[0-9a-f:]*)/i.exec(address ?? '')?.[1].toLowerCase();
+  const [head, tail] = text?.split('::').map((part) => part.split(':').filter(Boolean)) ?? [[]];
+  const groups = tail ? [...head, ...Array(Math.max(0, 8 - head.length - tail.length)).fill('0'), ...tail] : head;
+  if (groups.length !== 8 || groups.slice(1, 4).some((group) => parseInt(group, 16) !== 0)) return null;
+  const id = groups.slice(4).map((group) => group.padStart(4, '0')).join('');
+  return (parseInt(id.slice(0, 2), 16) ^ 2).toString(16).padStart(2, '0') + id.slice(2);
+}
+// What a gateway's border router tells, its neighbours by extended address, each with its signal of the last ten minutes. A
+// router's RLOC16 is its id, six bits, and ten zeroes.
+function takeThread(gateway, said) {
+  const before = gateway.thread?.neighbours;
+  const neighbours = new Map();
+  for (const each of (said?.neighbours ?? []).slice(0, MAX_NEIGHBOURS))
+    if (isObject(each) && each.extended_address)
+      neighbours.set(each.extended_address, { ...each, isLeader: parseInt(each.rloc16, 16) === said.leader_router_id << 10, quality: [...(before?.get(each.extended_address)?.quality ?? []), each.rssi_last_dbm].slice(-MAX_QUALITY) });
+  gateway.thread = said && { ...said, neighbours };
+}
+
 export class Model {
   constructor() {
     this.prefix = '';
@@ -288,10 +311,15 @@ export class Model {
     let gateway = this.gateways.get(id);
     if (!gateway && id !== this.own && this.gateways.size >= MAX_GATEWAYS) this.gatewaysLeftOut = true;
     else if (!gateway) {
-      gateway = { id, state: null, stats: null, life: null, join: null };
+      gateway = { id, state: null, stats: null, thread: null, life: null, join: null };
       this.gateways.set(id, gateway);
     }
     return gateway;
+  }
+
+  neighbourOf(robot) {
+    const gateway = robot.best?.mesh === 'thread' && robot.state !== 'unknown' ? this.gateways.get(robot.best.gateway) : null;
+    return gateway?.thread?.neighbours.get(extendedAddressOf(robot.best.address)) ?? null;
   }
 
   // The one of this page's configuration comes first.
@@ -398,12 +426,13 @@ export class Model {
     if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // taken back
     else if (what === 'state') gateway.state = said;
     else if (what === 'stats') gateway.stats = said;
+    else if (what === 'thread') takeThread(gateway, said);
     else if (what === 'numbers') this.takeNumbers(id, said);
     else if (what === 'robots') this.takePresence(id, rest, said);
     else if (what === 'response' && said) gateway.join = said.error ? { ...gateway.join, error: said.error } : { ...said, at: message.at };
     else if (what === 'commands' && said) this.takeOutcome(rest, said, message.at);
     const robot = what === 'request' || what === 'response' ? '' : rest.split('/')[0];
-    if (what !== 'stats' && what !== 'numbers') this.note(shortened(message), `gateway ${id}`, robot, what);
+    if (what !== 'stats' && what !== 'numbers' && what !== 'thread') this.note(shortened(message), `gateway ${id}`, robot, what);
   }
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {

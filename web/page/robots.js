@@ -8,7 +8,7 @@ import { age, bytes, dbm, lifeWords, meshNames, ms, number, stateWords } from '.
 const order = ['offline', 'unknown', 'asleep', 'online'];
 
 const deceives = (name) => shown(name) !== name;
-const rssi = (robot) => (robot.state === 'unknown' ? null : robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm);
+const rssi = (robot) => (robot.state === 'unknown' ? null : robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm ?? robot.neighbour?.rssi_last_dbm);
 
 // "Gateway pi is gone since 14:02"
 export const goneWords = (gateway, model) => `Gateway ${gateway.id} is ${lifeWords(gateway.life, model.now())}`;
@@ -50,6 +50,7 @@ function problemsOf(gateway, model, add) {
   for (const right of Array.isArray(rights) ? rights.slice(0, 10) : []) add(`${name} lacks a right at the broker: ${right?.what}`, `In the access control list: ${right?.grant}`);
   for (const [mesh, link] of Object.entries(stats.meshes ?? {})) {
     if (link?.state === 'down') add(`${name}: the link to ${meshNames[mesh] ?? mesh} is down`, link.detail);
+    if (link?.role === 'detached' || link?.role === 'disabled') add(`${name}: its host has no Thread network (${link.role})`, 'No robot of Thread is heard. On its host: slam-gatewayctl doctor');
   }
   const store = stats.store ?? {};
   if (store.full) add(`${name}: its store is full`, 'Robots are not acknowledged until the broker has taken some messages. Is the broker up?');
@@ -120,6 +121,7 @@ export class RobotsView {
   }
   draw() {
     const now = this.model.now();
+    for (const robot of this.model.robots.values()) robot.neighbour = this.model.neighbourOf(robot);
     attempt(() => this.drawProblems(), () => drawMeshes($('picture'), this.model, this.robots, isThere), () => this.drawTable(now), () => this.drawGateways());
   }
   drawProblems() {

@@ -45,9 +45,10 @@ bool is_embeddable(std::string_view text) {
          !is_deep(text);
 }
 
-constexpr std::array<std::string_view, 13> texts{
-    "state",     "mesh",       "why",  "detail",  "version", "gateway", "address",
-    "last_seen", "last_heard", "type", "outcome", "what",    "grant"};
+constexpr std::array<std::string_view, 17> texts{
+    "state",   "mesh",      "why",          "detail", "version",         "gateway",
+    "address", "last_seen", "last_heard",   "type",   "outcome",         "what",
+    "grant",   "role",      "network_name", "rloc16", "extended_address"};
 constexpr std::array<std::string_view, 6> groups{"broker",   "meshes", "store",
                                                  "messages", "queue",  "counters"};
 
@@ -58,7 +59,7 @@ bool is_usable(const std::string& key, const json& value) {
   if (value.is_null()) return true;
   if (std::ranges::count(texts, key) > 0) return value.is_string();
   if (std::ranges::count(groups, key) > 0) return value.is_object();
-  return key != "missing_rights" || value.is_array();
+  return (key != "missing_rights" && key != "neighbours") || value.is_array();
 }
 
 /// Takes out what is not of the type that docs/topics.md says. Whether there was anything.

@@ -17,7 +17,8 @@ TopicKind Topics::kind_of(std::string_view topic) const {
   const std::string_view rest = gateway_topic(topic).rest;
   if (rest.empty()) return TopicKind::foreign;
   const bool is_newest_all = rest == "state" || rest == "stats" || rest == "numbers" ||
-                             rest == join_response || rest.starts_with("robots/");
+                             rest == "thread" || rest == join_response ||
+                             rest.starts_with("robots/");
   return is_newest_all ? TopicKind::state : TopicKind::event;
 }
 

@@ -11,8 +11,8 @@ namespace slamgw::web {
 enum class TopicKind : std::uint8_t {
   robot,    ///< `<prefix>/robot/<id>/<type>`: a robot's message
   command,  ///< `<prefix>/server/<id>/<type>`: a command to it
-  state,    ///< of a gateway, the newest is all: `state`, `stats`, `numbers`, `robots/<id>`, who
-            ///< joins
+  state,    ///< of a gateway, the newest is all: `state`, `stats`, `numbers`, `thread`,
+            ///< `robots/<id>`, who joins
   event,    ///< of a gateway, each one counts: `commands/<id>`, `rejected/<id>/<type>`
   foreign,  ///< nothing of the tree
 };

@@ -479,6 +479,34 @@ pageTest('the table and the picture show which robot is on which gateway over wh
   await shot(page, 'robots.png');
 });
 
+pageTest('* the picture shows whom a Thread border router hears, and which of them is a robot', { view: 'robots' }, async (page) => {
+  const document = JSON.parse(readFileSync(new URL('../../vectors/thread_border_router.json', import.meta.url)));
+  const at = 'ntnu-slam/gateway/pi/';
+  await world.publish(at + 'state', '{"state":"online"}', '-r');
+  await world.publish(at + 'robots/near', '{"state":"online","mesh":"thread","address":"[fe80::1322:3344:5566:7788%4]:47193"}', '-r');
+  await world.publish(at + 'stats', '{"meshes":{"thread":{"state":"up","role":"router"}}}');
+  for (let i = 0; i < 8; i++) {
+    document.neighbours.forEach((node, n) => { node.rssi_last_dbm = -55 - 10 * n - i % 3; });
+    await world.publish(at + 'thread', JSON.stringify(document), '-r');
+  }
+  const mesh = page.locator('#picture .card', { hasText: 'pi' }).locator('.mesh');
+  const rows = () => mesh.locator('li').allTextContents();
+  await eventually('both neighbours are drawn', async () => (await rows()).length === 2 && /near/.test((await rows())[0]));
+  const [near, other] = await rows();
+  assert.match(near, /near.*child 0x4401 · link quality 2 of 3 · -56 dBm · 1\.2 % of frames lost/);
+  assert.match(other, /99aabbccddeeff00.*leader 0x8000 · link quality 3 of 3 · -66 dBm · heard 3\.0 s ago/);
+  assert.match(await mesh.textContent(), /this node: router · SLAM · channel 15 · 0x4400 · d2e15a0c0b0a0908/);
+  assert.deepEqual(await mesh.locator('.way line').evaluateAll((lines) => lines.map((line) => line.getAttribute('stroke-width'))), ['2', '3']);
+  assert.match(await page.locator('#table tbody tr', { hasText: 'near' }).textContent(), /-56 dBm/);
+  await shot(page, 'border_router.png');
+  await world.publish(at + 'thread', JSON.stringify({ ...document, role: 'detached', neighbours: null }), '-r');
+  await world.publish(at + 'stats', '{"meshes":{"thread":{"state":"up","role":"detached"}}}');
+  await until(page, () => /Gateway pi: its host has no Thread network \(detached\)/.test(document.querySelector('#problems').textContent));
+  await world.publish(at + 'thread', '', '-r');
+  await until(page, () => window.slamgw.model.gateways.get('pi').thread === null);
+  for (const rest of ['robots/near', 'state']) await world.publish(at + rest, '', '-r');
+});
+
 // ---- trace
 
 pageTest('the trace decodes, filters, pauses and downloads', { view: 'trace' }, async (page) => {
@@ -729,7 +757,7 @@ pageTest('a name with a quotation mark is quoted in the lines to copy, and one t
 pageTest('nonsense on the topics harms nothing', {}, async (page) => {
   for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', '{"broker":{"missing_rights":[1,null,{"what":{}}]}}', '{"broker":{"missing_rights":{"a":1}}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}', '{"x":1e22,"y":0,"obstacles":[{"x":-1e300,"y":1}]}',
     Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}', `{"state":${'['.repeat(30000)}${']'.repeat(30000)}}`]) {
-    for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
+    for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/thread', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
   }
   for (const view of ['robots', 'trace', 'map']) {
     await page.click(`#tab-${view}`);
