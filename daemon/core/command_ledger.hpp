@@ -75,6 +75,8 @@ class StrayCommands {
  public:
   /// With the 29 s that a mesh may take afterwards, a command still ends within 30 s.
   static constexpr std::chrono::milliseconds patience{500};
+  /// Refused then at the latest: while the broker comes and goes, nobody ever knows all robots.
+  static constexpr std::chrono::milliseconds longest{25000};
   /// Beyond these bounds the oldest are refused at once, so invented names cost no more memory.
   static constexpr std::size_t max_waiting = 4096;
   static constexpr std::size_t max_octets = std::size_t{8} * 1024 * 1024;

@@ -108,8 +108,11 @@ void Commands::on_stop(const Now& now) {
 
 std::optional<TimePoint> Commands::deadline() const {
   auto strays = strays_.deadline();
-  if (strays && settled_at_) strays = std::max(*strays, *settled_at_);
-  return earlier(ledger_.deadline(), settled_at_ ? strays : std::nullopt);
+  if (strays) {
+    const TimePoint latest = *strays - StrayCommands::patience + StrayCommands::longest;
+    strays = settled_at_ ? std::min(std::max(*strays, *settled_at_), latest) : latest;
+  }
+  return earlier(ledger_.deadline(), strays);
 }
 
 void Commands::on_deadline(const Now& now) {
@@ -120,7 +123,7 @@ void Commands::on_deadline(const Now& now) {
          CommandResult::timeout, CommandLedger::patience, "the mesh has not reported its outcome"},
         command.sender);
   }
-  if (settled_at_) refuse_strays(now);
+  refuse_strays(now);
 }
 
 /// The mesh that carries a command owes its outcome. A retained one waits at the broker.
@@ -174,10 +177,11 @@ void Commands::refuse(const Command& command, const Now& now) {
   refuse_unknown(std::move(outcome), now, command.sender);
 }
 
-/// Before the other gateways' robots are known, only those that there is no room for.
+/// Before the other gateways' robots are known, only those that there is no room or no time for.
 void Commands::refuse_strays(const Now& now) {
   const bool is_settled = settled_at_ && now.mono >= *settled_at_;
-  const TimePoint overdue_at = is_settled ? now.mono : TimePoint{};
+  constexpr Duration more = StrayCommands::longest - StrayCommands::patience;
+  const TimePoint overdue_at = is_settled ? now.mono : now.mono - more;
   for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) refuse_stray(stray, now);
 }
 

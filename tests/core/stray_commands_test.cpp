@@ -106,7 +106,7 @@ TEST_F(StrayCommandsTest, WaitUntilTheOtherGatewaysRobotsAreKnown) {
 TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
   server_sends("nobody");
   broker_is(false);
-  EXPECT_EQ(gateway.deadline(), std::nullopt);
+  EXPECT_EQ(gateway.deadline(), now.mono + StrayCommands::longest);
   wait(1s);
   EXPECT_TRUE(outcomes.empty());
   broker.is_up = true;  // the core has not been told yet
@@ -116,6 +116,19 @@ TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
   gateway.on_broker_link(now);
   wait(PresencePublisher::settling);
   EXPECT_EQ(outcomes.size(), 1u);
+}
+
+TEST_F(StrayCommandsTest, HaveAnOutcomeInTimeWhileTheBrokerComesAndGoes) {
+  server_sends("nobody");
+  for (Duration waited{}; waited < StrayCommands::longest; waited += PresencePublisher::settling) {
+    EXPECT_TRUE(outcomes.empty());
+    broker_is(false);
+    broker_is(true);
+    wait(PresencePublisher::settling - 1ms);
+  }
+  wait(1s);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_LE(outcomes[0].second["after_ms"], StrayCommands::longest.count());
 }
 
 TEST_F(StrayCommandsTest, AreNotThoseForRobotsThatSomeGatewayKnows) {
