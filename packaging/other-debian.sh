@@ -3,6 +3,16 @@
 # their programs. Sourced by packaging/build-deb, tests/emulated/run and tests/system/run, which have say and die.
 # shellcheck shell=bash
 
+# debian_of SUITE: the number of that Debian. What is built for one does not run on another, whose libraries have other names,
+# so the version of our packages ends with it.
+debian_of() {
+  case $1 in
+    bookworm) echo 12 ;;
+    trixie) echo 13 ;;
+    *) die "there is no Debian $1 here" ;;
+  esac
+}
+
 # make_build_tree DIRECTORY SUITE ARCHITECTURE PROFILES: in DIRECTORY/root a Debian of this machine's architecture, with the
 # compilers for ARCHITECTURE and the libraries that packaging/debian/control asks for with these build profiles. Becomes
 # root by the words of as_root, an array.
