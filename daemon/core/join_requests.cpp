@@ -22,7 +22,8 @@ std::string dumped(const json& document) {
 Result<PermitJoinOrder, std::string> parse_join_request(ByteView payload) {
   constexpr std::uint64_t most = std::chrono::seconds(PermitJoinOrder::longest).count();
   const std::string shape = fmt::format(
-      R"(a request is {{"seconds": 0 to {}}}, and has a "name" if one robot alone may join)", most);
+      R"(a request is {{"seconds": a whole number to {}}}, with a "name" if one robot alone may join, and nothing else)",
+      most);
   if (payload.size() > JoinRequests::max_payload) return shape;
   const json request = json::parse(payload.begin(), payload.end(), nullptr, false);
   const auto seconds = request.is_object() ? request.find("seconds") : request.end();
@@ -31,6 +32,8 @@ Result<PermitJoinOrder, std::string> parse_join_request(ByteView payload) {
   if (count > most) return shape;
   PermitJoinOrder order{std::chrono::seconds(count), {}};
   const auto name = request.find("name");
+  const std::size_t members = name == request.end() ? 1 : 2;
+  if (request.size() != members) return shape;  // a misspelt "name" must not let all robots in
   if (name == request.end()) return order;
   if (!name->is_string() || !is_valid_level(name->get_ref<const std::string&>())) return shape;
   order.robot = *name;

@@ -138,7 +138,9 @@ TEST(JoinRequests, MalformedOnesAreAnsweredAndCounted) {
         std::string(R"({"seconds": -1})"), std::string(R"({"seconds": "60"})"),
         std::string(R"({"seconds": 86401})"), std::string(R"({"seconds": 1.5})"),
         std::string(R"({"seconds": 60, "name": "a/b"})"),
-        std::string(R"({"seconds": 60, "name": 7})"), std::string(R"({"seconds": 60, "name": ""})"),
+        std::string(R"({"seconds": 60, "name": 7})"),
+        std::string(R"({"seconds": 60, "Name": "r"})"),
+        std::string(R"({"seconds": 60, "name": ""})"),
         R"({"seconds": 60, "x": ")" + std::string(JoinRequests::max_payload, 'x') + "\"}"}) {
     rig.published.clear();
     rig.ask(payload);
@@ -147,7 +149,7 @@ TEST(JoinRequests, MalformedOnesAreAnsweredAndCounted) {
     rig.now.mono += JoinRequests::shortest_pause;
   }
   EXPECT_TRUE(rig.ordered.empty());
-  EXPECT_EQ(rig.count(1), 12U);
+  EXPECT_EQ(rig.count(1), 13U);
   EXPECT_EQ(rig.warnings.size(), 2U);  // in 12 s
 }
 
