@@ -465,7 +465,7 @@ std::size_t widest(const json& rows, const char* key, std::size_t head) {
   return std::min(width, most);
 }
 
-/// What the broker does not take, a line each.
+/// One line for each topic that the broker refuses.
 std::string refused_topics(const json& refused, const Screen& screen) {
   std::string out;
   const json listed = list_at(refused, "list");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the Thread border router on this host (otbr-agent of ot-br-posix) knows of its mesh: when to
-// read it, and when to publish it as `<prefix>/gateway/<gw>/thread` (docs/topics.md). Carries no
-// robot's messages. Pure; driven by io/BorderRouter.
+// Decides when to ask the Thread border router of this host (otbr-agent of ot-br-posix) about its
+// mesh, and when to publish the answer as `<prefix>/gateway/<gw>/thread` (docs/topics.md). No
+// robot's message passes here. Pure; driven by io/BorderRouter.
 #pragma once
 
 #include <chrono>
@@ -32,7 +32,7 @@ struct Neighbour {
   bool is_child = false;
 };
 
-/// What otbr-agent has answered; nothing: an error, or a value of another type.
+/// The answers of otbr-agent. A member stays empty after an error or a value of another type.
 struct NodeFacts {
   /// A node has at most 31 routers beside it, and otbr-agent some dozens of children. The document
   /// stays below the 64 KiB that the live page takes.
@@ -64,7 +64,7 @@ class BorderRouterWatch {
   /// From a change that otbr-agent reports to the reading.
   static constexpr std::chrono::seconds settling{1};
 
-  /// What is retained is published again with each connection to the broker.
+  /// Publishes the document again after each connection to the broker.
   void on_broker_link(bool is_up);
   /// otbr-agent is on the bus.
   void on_came(TimePoint now) { read_at_ = now; }

@@ -140,7 +140,7 @@ class Examination {
     if (facts_.is_search_answered) search();
   }
 
-  /// What otbr-agent says, where it does.
+  /// Reports the role that otbr-agent tells, if it runs.
   void node() {
     const std::string role = text_at(group_at(group_at(facts_.status, "meshes"), "thread"), "role");
     if (role == "disabled")

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <string>
 
+#include "daemon/runtime/bus_connection.hpp"
 #include "tests/support/child_process.hpp"
 #include "tests/support/eventually.hpp"
 
@@ -39,5 +40,16 @@ class PrivateBus {
   std::string socket_;
   ChildProcess daemon_;
 };
+
+/// A fake service's connection to that daemon; null when there is none.
+inline SdBus connect_to_bus(const std::string& address) {
+  sd_bus* made = nullptr;
+  EXPECT_GE(sd_bus_new(&made), 0);
+  SdBus bus(made);
+  EXPECT_GE(sd_bus_set_address(made, address.c_str()), 0);
+  EXPECT_GE(sd_bus_set_bus_client(made, 1), 0);
+  if (sd_bus_start(made) < 0) bus.reset();
+  return bus;
+}
 
 }  // namespace slamgw::test

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/private_bus.hpp"
+
 namespace slamgw::test {
 namespace {
 
@@ -13,14 +15,10 @@ constexpr const char* agent_interface = "io.openthread.BorderRouter";
 }  // namespace
 
 void FakeOtbrAgent::come() {
-  sd_bus* made = nullptr;
-  ASSERT_GE(sd_bus_new(&made), 0);
-  bus_.reset(made);
-  ASSERT_GE(sd_bus_set_address(made, address_.c_str()), 0);
-  ASSERT_GE(sd_bus_set_bus_client(made, 1), 0);
-  ASSERT_GE(sd_bus_start(made), 0);
-  ASSERT_GE(sd_bus_add_object(made, nullptr, path, on_call, this), 0);
-  ASSERT_GE(sd_bus_request_name(made, name, 0), 0);
+  bus_ = connect_to_bus(address_);
+  ASSERT_TRUE(bus_);
+  ASSERT_GE(sd_bus_add_object(bus_.get(), nullptr, path, on_call, this), 0);
+  ASSERT_GE(sd_bus_request_name(bus_.get(), name, 0), 0);
 }
 
 void FakeOtbrAgent::process() {

@@ -163,7 +163,7 @@ void BorderRouter::take(const Property& property, sd_bus_message* reply) {
         fmt::format("its {} is not of type {}, and is left out", property.name, property.type);
 }
 
-/// What it carries may be a key: ActiveDatasetTlvs.
+/// Reads no value of the signal: one of them, ActiveDatasetTlvs, holds the network's key.
 int BorderRouter::on_signal(sd_bus_message* signal, void* router, sd_bus_error*) {
   BorderRouter& self = *static_cast<BorderRouter*>(router);
   const char* const sender = sd_bus_message_get_sender(signal);

@@ -8,6 +8,7 @@
 #include "daemon/core/result.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/support/eventually.hpp"
+#include "tests/support/private_bus.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -74,12 +75,8 @@ struct FakeMeshdService::Objects {
 // --- The bus -------------------------------------------------------------------------------------
 
 void FakeMeshdService::connect() {
-  sd_bus* made = nullptr;
-  ASSERT_GE(sd_bus_new(&made), 0);
-  bus_.reset(made);
-  ASSERT_GE(sd_bus_set_address(made, address_.c_str()), 0);
-  ASSERT_GE(sd_bus_set_bus_client(made, 1), 0);
-  ASSERT_GE(sd_bus_start(made), 0);
+  bus_ = test::connect_to_bus(address_);
+  ASSERT_TRUE(bus_);
 }
 
 void FakeMeshdService::come() {

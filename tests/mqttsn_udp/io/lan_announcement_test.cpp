@@ -26,12 +26,9 @@ class FakeAvahi {
   explicit FakeAvahi(std::string address) : address_(std::move(address)) {}
 
   void come() {
-    sd_bus* made = nullptr;
-    ASSERT_GE(sd_bus_new(&made), 0);
-    bus_.reset(made);
-    ASSERT_GE(sd_bus_set_address(made, address_.c_str()), 0);
-    ASSERT_GE(sd_bus_set_bus_client(made, 1), 0);
-    ASSERT_GE(sd_bus_start(made), 0);
+    bus_ = test::connect_to_bus(address_);
+    ASSERT_TRUE(bus_);
+    sd_bus* const made = bus_.get();
     sd_bus_add_object_vtable(made, nullptr, "/", "org.freedesktop.Avahi.Server", server, this);
     sd_bus_add_object_vtable(made, nullptr, group_path, group_interface, group, this);
     sd_bus_match_signal(made, nullptr, "org.freedesktop.DBus", nullptr, nullptr, "NameOwnerChanged",
