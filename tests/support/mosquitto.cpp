@@ -4,8 +4,10 @@
 #include <fmt/format.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <cstdio>
 #include <sstream>
 #include <stdexcept>
 
@@ -21,6 +23,19 @@ bool accepts_connections(std::uint16_t port) {
   boost::system::error_code error;
   socket.connect({boost::asio::ip::address_v4::loopback(), port}, error);
   return !error;
+}
+
+/// The ports of the lines "listener PORT ...".
+std::vector<std::uint16_t> listening_ports(const std::string& configuration) {
+  std::vector<std::uint16_t> ports;
+  std::istringstream lines(configuration);
+  for (std::string line; std::getline(lines, line);) {
+    unsigned port = 0;
+    if (std::sscanf(line.c_str(), "listener %u", &port) == 1) {
+      ports.push_back(static_cast<std::uint16_t>(port));
+    }
+  }
+  return ports;
 }
 
 void run(const std::vector<std::string>& arguments) {
@@ -44,6 +59,7 @@ Mosquitto::Mosquitto(std::string extra_configuration, const std::string& user,
   // Root's Mosquitto becomes the user of this name, which must be able to read the password file.
   configuration += "user root\n";
   write_file(directory_ / "mosquitto.conf", configuration);
+  listeners_ = listening_ports(configuration);
   start();
 }
 
@@ -51,8 +67,10 @@ void Mosquitto::start() {
   process_ = std::make_unique<ChildProcess>(
       std::vector<std::string>{"mosquitto", "-c", directory_ / "mosquitto.conf"}, std::string(),
       directory_ / "log");
-  if (!eventually([this] { return accepts_connections(port_) || !process_->is_running(); }) ||
-      !process_->is_running()) {
+  const auto listens = [this] {
+    return std::ranges::all_of(listeners_, accepts_connections) || !process_->is_running();
+  };
+  if (!eventually(listens) || !process_->is_running()) {
     throw std::runtime_error("mosquitto does not start: " + read_file(directory_ / "log"));
   }
 }

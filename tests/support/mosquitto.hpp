@@ -18,7 +18,8 @@ class Mosquitto {
   explicit Mosquitto(std::string extra_configuration = {}, const std::string& user = {},
                      const std::string& password = {});
 
-  /// Starts (again) on the same port; returns when it accepts connections.
+  /// Starts (again) on the same port; returns when it accepts connections on each
+  /// of its ports: it opens one after the other.
   void start();
   void kill();
   /// It stands still, its connections stay open.
@@ -32,6 +33,7 @@ class Mosquitto {
  private:
   TempDir directory_;
   std::uint16_t port_;
+  std::vector<std::uint16_t> listeners_;
   std::unique_ptr<ChildProcess> process_;
 };
 
