@@ -106,10 +106,12 @@ void MosquittoClient::open(const Opening& opening, std::shared_ptr<const TlsClie
   is_v5_ = opening.version == MqttVersion::v5;
   errno = 0;
   const int result = start(opening);
-  if (result > 0)
+  if (result > 0) {
+    is_reached_ = result == MOSQ_ERR_TLS;  // the broker has answered within the call
     after_call(result, errno);
-  else
+  } else {
     adopt_socket(opening.spares_descriptors);
+  }
   if (is_over_) return write_soon();
   when_writable([](MosquittoClient& client) { client.on_connection(); });
 }
