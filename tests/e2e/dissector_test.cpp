@@ -23,6 +23,11 @@ class Dissector {
                   "udp.port==" + port + ",mqttsn", "-T", "fields", "-E", "separator=,", "-e",
                   "udp.srcport", "-e", "mqttsn.msg.type", "-e", "_ws.malformed"},
                  directory_ / "out", directory_ / "err") {}
+  /// When it is killed, its dumpcap stays.
+  ~Dissector() {
+    process_.send_signal(SIGTERM);
+    process_.wait();
+  }
 
   /// False when there is no tshark, or it may not capture.
   bool is_capturing() {
