@@ -69,9 +69,13 @@ TEST_F(WebStartup, TakesANoteThatOthersCannotRead) {
   EXPECT_NE(problem().find("web.note_file"), std::string::npos) << problem();
   write("note", std::string(4097, 'x'), 0640);
   EXPECT_NE(problem().find("more than 4096 octets"), std::string::npos) << problem();
-  write("note", "password: x", 0640);
+  for (const char* const unprintable : {"\xff", "\x1b[2J", "\xe2\x80\xae"}) {
+    write("note", unprintable, 0640);
+    EXPECT_NE(problem().find("is no plain text"), std::string::npos) << problem();
+  }
+  write("note", "user: é\npassword: x\n", 0640);
   EXPECT_EQ(problem(), "");
-  EXPECT_EQ(load().tokens.note(), "password: x");
+  EXPECT_EQ(load().tokens.note(), "user: é\npassword: x\n");
 }
 
 TEST_F(WebStartup, RefusesATokenOfAStranger) {

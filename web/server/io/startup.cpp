@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/asio/ip/address.hpp>
 #include <cstdlib>
 #include <filesystem>
@@ -12,6 +13,7 @@
 #include "daemon/config/io/load.hpp"
 #include "daemon/config/io/service_rights.hpp"
 #include "daemon/config/io/system_files.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace slamgw::web {
 namespace {
@@ -89,9 +91,15 @@ Tokens read_tokens(ParseResult& result, const std::string& path) {
 std::string read_note(ParseResult& result, const std::string& path) {
   constexpr std::size_t longest = 4096;
   const auto text = read_closed(result, note_key, path, "a text");
-  if (text && text->size() > longest)
+  if (!text) return {};
+  std::string line = *text;
+  std::ranges::replace(line, '\n', ' ');
+  if (text->size() > longest)
     refuse_at(result, note_key, path, fmt::format("{} has more than {} octets", path, longest));
-  return text.value_or("");
+  else if (!is_printable(line))
+    refuse_at(result, note_key, path,
+              path + " is no plain text; UTF-8 without control characters is needed");
+  return *text;
 }
 
 bool is_loopback(const std::string& listen) {
