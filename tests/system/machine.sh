@@ -2,7 +2,7 @@
 # The guest of guest.sh as a virtual machine (QEMU): Debian's own kernel, with modules, udev, USB and 802.15.4. Emulated
 # where the processor can't help: then its clock counts its instructions (4 ns each, 250 millions in a second) while it
 # works, so that nothing in it takes longer or times out because this machine is slow or busy. It is booted once; memory
-# and devices are kept, and each run begins there, with a copy of the disk that QEMU keeps to itself.
+# and devices are kept, and each run begins there, with a disk of its own on top.
 # shellcheck shell=bash disable=SC2034,SC2054,SC2154
 
 extra_packages=,linux-image-$arch,initramfs-tools,udev,wpan-tools,sudo,adduser
@@ -64,8 +64,6 @@ choose_machine() {
     -device virtio-rng-pci)
 }
 
-disk() { echo "file=$tree/disk,if=virtio,format=raw,cache=unsafe$1"; }
-
 make_disk() {
   say "making the machine's disk"
   rm -f "$tree/disk"
@@ -76,7 +74,8 @@ make_disk() {
 keep_booted_machine() {
   say "booting the machine"
   rm -f "$tree/console"
-  (cd "$tree" && exec timeout "$boot_limit_s" "${qemu[@]}" -drive "$(disk '')") </dev/null &
+  (cd "$tree" && exec timeout "$boot_limit_s" "${qemu[@]}" \
+    -drive "file=$tree/disk,if=virtio,format=raw,cache=unsafe") </dev/null &
   until grep -aq 'waits for its job' "$tree/console" 2>/dev/null; do
     kill -0 $! 2>/dev/null || die "the machine does not boot; its console is in $tree/console"
     sleep 0.5
@@ -85,13 +84,32 @@ keep_booted_machine() {
   wait $!
 }
 
-make_guest() { :; }
+make_guest() { qemu-img create -q -f qcow2 -F raw -b "$tree/disk" "$1/disk"; } # directory
 
-# boot MACHINE DIRECTORY: until it is switched off, or the time limit is reached.
+# start_machine MACHINE DIRECTORY [option...]: in the background. Like a real disk's cache, QEMU keeps to itself where it
+# has put what was written, until the guest has it flushed.
+start_machine() {
+  local machine=$1 directory=$2
+  shift 2
+  (cd "$directory" && exec timeout --kill-after=20 "$guest_limit_s" "${qemu[@]}" -name "$machine" -pidfile pid \
+    -drive file=disk,if=virtio,format=qcow2,cache=writeback \
+    -fsdev "local,id=job,path=$directory/job,security_model=none" "$@") </dev/null &
+}
+
+# boot MACHINE DIRECTORY: until it is switched off, or the time limit is reached. A guest that makes the file
+# /job/power-cut loses its power, and is booted from what is on its disk.
 boot() {
-  (cd "$2" && exec timeout --kill-after=20 "$guest_limit_s" "${qemu[@]}" -name "$1" -drive "$(disk ,snapshot=on)" \
-    -fsdev "local,id=job,path=$2/job,security_model=none" -incoming "exec:cat '$tree/state'") </dev/null &
+  start_machine "$@" -incoming "exec:cat '$tree/state'"
   # shellcheck disable=SC2086 # a word or none
   tests/system/monitor "$2" give-job $job_port || kill $!
-  wait $! || true
+  while kill -0 $! 2>/dev/null; do
+    if [ -e "$2/job/power-cut" ]; then
+      kill -KILL "$(cat "$2/pid")"
+      wait $! 2>/dev/null || true
+      rm "$2/job/power-cut"
+      start_machine "$@" -device virtio-9p-pci,fsdev=job,mount_tag=job
+    fi
+    sleep 0.2
+  done
+  rm "$2/disk"
 }

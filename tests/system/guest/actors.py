@@ -46,12 +46,13 @@ def retained(topic):
 
 
 class Listener:
-    """Somebody upstream: every message under a filter, kept for it by the broker while that is away."""
+    """Somebody upstream: every message under a filter, kept for it by the broker while that is away. The next one with the
+    same notebook goes on with it."""
 
-    def __init__(self, topics="ntnu-slam/robot/#"):
-        self.file = tempfile.NamedTemporaryFile("w+")
+    def __init__(self, topics="ntnu-slam/robot/#", notebook=None):
+        self.file = open(notebook, "a+", encoding="utf-8") if notebook else tempfile.NamedTemporaryFile("w+")
         self.process = subprocess.Popen(
-            ["stdbuf", "-oL", "mosquitto_sub", *as_server(), "-q", "1", "-c", "-i", f"listener-{id(self)}", "-d", "-v",
+            ["stdbuf", "-oL", "mosquitto_sub", *as_server(), "-q", "1", "-c", "-i", f"listener-{notebook.name if notebook else id(self)}", "-d", "-v",
              "-t", topics, "-F", "HEARD %t %x"], stdout=self.file, stderr=subprocess.STDOUT)
         wait_for("a subscription", lambda: "Subscribed" in self._text())
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots on BLE Mesh for ./dev system-test --vm bluez: each a bluetooth-meshd of its own, on a bus and a controller of its own.
 They join, publish updates with the sensor_update client, each until it is acknowledged, and obey pos_cmd. What became of each
-is in FILE, as JSON. Payloads that stand, by UUID, in the file of that name with the suffix play are sent in place of their own."""
+is in FILE, as JSON, and they go on from there. Payloads that stand, by UUID, in the file of that name with the suffix
+play are sent in place of their own."""
 import json
 import os
 import pathlib
@@ -55,6 +56,8 @@ class Objects(dbus.service.Object):
 
     @dbus.service.method(APPLICATION, in_signature="t")
     def JoinComplete(self, token):
+        self.robot.facts["token"] = int(token)
+        self.robot.facts["joined"] += 1
         GLib.idle_add(self.robot.attach, token)
 
     @dbus.service.method(APPLICATION, in_signature="s")
@@ -92,25 +95,29 @@ class Element(dbus.service.Object):
 
 
 class Robot:
-    def __init__(self, number, period_ms, play):
+    def __init__(self, number, period_ms, path, earlier):
         self.uuid = bytes.fromhex("736c616d000040008000") + bytes([number] * 6)
-        self.facts = {"uuid": self.uuid.hex(), "sent": 0, "played": 0, "acknowledged": 0, "obeyed": []}
+        unused = {"uuid": self.uuid.hex(), "joined": 0, "sent": 0, "played": 0, "acknowledged": 0, "obeyed": []}
+        self.facts = next((facts for facts in earlier if facts["uuid"] == self.uuid.hex()), unused)
+        self.facts["sent"] = self.facts["acknowledged"]  # the one that was under way is said again
         self.node = None
         self.may_publish = False
-        self.play = play
+        self.play = path.with_suffix(".play")
         self.update = None  # not acknowledged yet
         home = pathlib.Path(f"/run/robot{number}")
-        (home / "store").mkdir(parents=True)
+        home.mkdir()
+        store = path.parent / f"robot{number}"
+        store.mkdir(exist_ok=True)
         address = f"unix:path={home}/bus"
         subprocess.Popen(["dbus-daemon", "--session", "--nofork", "--nopidfile", f"--address={address}"])
         while not (home / "bus").exists():
             time.sleep(0.05)
-        subprocess.Popen([MESHD, "--nodetach", "--io", f"generic:hci{number}", "--storage", home / "store"],
+        subprocess.Popen([MESHD, "--nodetach", "--io", f"generic:hci{number}", "--storage", store],
                          env=dict(os.environ, DBUS_SYSTEM_BUS_ADDRESS=address), stdout=subprocess.DEVNULL,
                          stderr=subprocess.DEVNULL)
         self.bus = dbus.bus.BusConnection(address)
         self.objects = [Objects(self), Agent(self.bus, ROOT + "/agent"), Element(self)]
-        GLib.timeout_add(1000, self.join)
+        GLib.timeout_add(1000, *([self.attach, self.facts["token"]] if "token" in self.facts else [self.join]))
         GLib.timeout_add(period_ms, self.publish)
 
     def call(self, path, interface, method, signature, *arguments, done=None, failed=None):
@@ -123,8 +130,9 @@ class Robot:
         return False
 
     def attach(self, token):
-        def done(node, _configuration):
+        def done(node, configuration):
             self.node = node
+            self.may_publish |= any("PublicationPeriod" in model for _, models in configuration for _, model in models)
         self.call("/org/bluez/mesh", "Network1", "Attach", "ot", ROOT, token, done=done,
                   failed=lambda _: GLib.timeout_add(1000, self.attach, token))
         return False
@@ -161,7 +169,8 @@ class Robot:
 def main():
     first, count, period_ms, path = int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), pathlib.Path(sys.argv[4])
     dbus.mainloop.glib.DBusGMainLoop(set_as_default=True)
-    robots = [Robot(number, period_ms, path.with_suffix(".play")) for number in range(first, first + count)]
+    earlier = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    robots = [Robot(number, period_ms, path, earlier) for number in range(first, first + count)]
 
     def note():
         path.with_suffix(".new").write_text(json.dumps([robot.facts for robot in robots]), encoding="utf-8")

@@ -12,6 +12,16 @@ PROGRESS = pathlib.Path("/job/progress.json")
 class Reboot(Exception):
     """Raised by a step: the guest starts anew, and the step is called again."""
 
+    def begin(self):
+        run("systemctl", "reboot")
+
+
+class PowerCut(Reboot):
+    """The same, as when somebody pulls the plug of a virtual machine."""
+
+    def begin(self):
+        pathlib.Path("/job/power-cut").touch()
+
 
 def progress():
     if not PROGRESS.exists():
@@ -41,9 +51,9 @@ def run_steps(steps, names=()):
         done["next"] = number
         try:
             note = step()
-        except Reboot:
+        except Reboot as reboot:
             PROGRESS.write_text(json.dumps(done), encoding="utf-8")
-            run("systemctl", "reboot")
+            reboot.begin()
             time.sleep(3600)  # ended by that
         except Exception as error:  # a step that breaks is a step that failed, and the next ones still tell something
             done["failed"].append(step.__name__)
