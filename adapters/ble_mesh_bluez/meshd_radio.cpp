@@ -510,10 +510,12 @@ void MeshdRadio::on_deadline(TimePoint now) {
   if (retry_at_ && now >= *retry_at_) return begin(now);
   if (step_due_ && now >= *step_due_) {
     if (copies_ < max_copies) return do_step(now);
-    return pause(
-        "bluetooth-meshd's node does not take its configuration; slam-gatewayctl ble reset-board "
-        "makes another one",
-        10 * retry_after, now);
+    // After a power cut meshd may count from a lower number than its node remembers of itself.
+    if (!own_device_key_)
+      return leave(
+          "bluetooth-meshd's node does not take its configuration: the gateway makes another one");
+    return pause("bluetooth-meshd's new node does not take its configuration", 10 * retry_after,
+                 now);
   }
   if (stage_ != Stage::up) return;
   if (join_ && join_->due && now >= *join_->due)

@@ -33,6 +33,7 @@ struct FakeNode {
   int ttl = 127;
   int transmit = 0;
   std::uint32_t sequence_number = 0;
+  bool is_replaying = false;  ///< its number is lower than it remembers of itself
 };
 
 class FakeMeshd {

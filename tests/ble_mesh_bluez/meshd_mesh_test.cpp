@@ -240,6 +240,18 @@ TEST(MeshdMesh, AMeshdWithoutTheNodeGetsAnotherOneAtTheNextAddress) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
+TEST(MeshdMesh, ANodeThatIsBehindItsOwnNumbersIsReplaced) {
+  RobotOnMeshd rig;
+  rig.meshd.nodes.begin()->second.is_replaying = true;  // as after a power cut
+  rig.restart_meshd();
+  rig.run_for(30s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.meshd.nodes.size(), 1u);
+  EXPECT_EQ(rig.node().address, rig.settings.address + 1);
+  EXPECT_EQ(rig.stored->nodes[0].applied->destination, rig.settings.address + 1) << "robots follow";
+  EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
+}
+
 TEST(MeshdMesh, AMeshThatASerialBoardHadGoesOn) {
   NodeDatabase database;
   database.keys.net_key.fill(7);
