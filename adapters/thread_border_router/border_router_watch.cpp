@@ -34,7 +34,6 @@ json to_json(const Neighbour& neighbour) {
           {"link_quality", neighbour.link_quality},
           {"rssi_average_dbm", rssi(neighbour.rssi_average_dbm)},
           {"rssi_last_dbm", rssi(neighbour.rssi_last_dbm)},
-          {"age_s", neighbour.age_s},
           {"frame_error_rate", error_rate}};
 }
 

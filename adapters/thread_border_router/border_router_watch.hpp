@@ -22,7 +22,6 @@ struct Neighbour {
   static constexpr std::int8_t no_rssi = 127;
 
   std::uint64_t extended_address = 0;
-  std::uint32_t age_s = 0;  ///< since it was heard
   std::uint16_t rloc16 = 0;
   std::uint8_t link_quality = 0;  ///< 0 to 3, of what it sends
   std::int8_t rssi_average_dbm = no_rssi;

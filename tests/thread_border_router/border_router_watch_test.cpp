@@ -44,7 +44,7 @@ class BorderRouterWatchTest : public ::testing::Test {
     facts.partition_id = 0x1a2b3c4d;
     facts.leader_router_id = 17;
     facts.neighbours = std::vector<Neighbour>{
-        Neighbour{0x1122334455667788, 7, 0x4401, 3, -60, -61, 655, false, true}};
+        Neighbour{0x1122334455667788, 0x4401, 3, -60, -61, 655, false, true}};
     return facts;
   }
 
@@ -65,7 +65,7 @@ TEST_F(BorderRouterWatchTest, PublishesWhatTheBorderRouterKnows) {
     "extended_address": "00e15a0c0b0a0908", "partition_id": 439041101, "leader_router_id": 17,
     "neighbours": [{"extended_address": "1122334455667788", "rloc16": "0x4401", "child": true,
       "sleepy": true, "link_quality": 3, "rssi_average_dbm": -60, "rssi_last_dbm": -61,
-      "age_s": 7, "frame_error_rate": 0.01}],
+      "frame_error_rate": 0.01}],
     "left_out": 0})"));
   EXPECT_EQ(watch.role(), "leader");
 }
@@ -158,7 +158,7 @@ TEST_F(BorderRouterWatchTest, FitsIntoWhatAPageTakes) {
   NodeFacts facts = leader();
   facts.left_out = UINT64_MAX;
   facts.neighbours->assign(NodeFacts::max_neighbours,
-                           {UINT64_MAX, UINT32_MAX, 0x4401, 255, -128, -128, 0x1234, true, false});
+                           {UINT64_MAX, 0x4401, 255, -128, -128, 0x1234, true, false});
   read(facts);
   done();
   EXPECT_EQ(json::parse(published)["neighbours"].size(), NodeFacts::max_neighbours);

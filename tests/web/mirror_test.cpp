@@ -70,8 +70,8 @@ TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
       {"numbers", R"({"robots":{"state":{"up":1},"toString":{"up":2,"mesh":3}}})",
        R"({"robots":{"state":{"up":1},"toString":{"up":2}}})"},
       {"thread", R"({"role":1,"neighbours":{"length":9},"channel":15})", R"({"channel":15})"},
-      {"thread", R"({"neighbours":[{"extended_address":7,"rloc16":[],"age_s":1}]})",
-       R"({"neighbours":[{"age_s":1}]})"},
+      {"thread", R"({"neighbours":[{"extended_address":7,"rloc16":[],"link_quality":1}]})",
+       R"({"neighbours":[{"link_quality":1}]})"},
       {"state", R"({"state":"online","more":{"a":[1]}})", R"({"state":"online","more":{"a":[1]}})"},
   };
   for (const Case& each : cases) {

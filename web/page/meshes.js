@@ -3,7 +3,7 @@
 // TTL; MQTT-SN tells address, latency, repeats and gaps; a Thread border router whom it hears itself, and how well. Nothing else
 // is drawn: who relays for whom nobody reports.
 import { colour, element, keep, setText, surface, svg } from './dom.js';
-import { age, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
+import { dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
 const MOST = 40; // robots of one mesh; those that need a look come first
 
@@ -118,7 +118,7 @@ function drawMesh(card, mesh, link, robots, thread, others, now) {
     name.firstChild.className = 'dot unknown';
     setText(name.lastChild, node.extended_address);
     drawLine(way, 0, true, linkWidth(node));
-    setText(said, [neighbourWords(node), `heard ${age(1000 * node.age_s)} ago`].join(' · '));
+    setText(said, neighbourWords(node));
     if (spark.checkVisibility()) drawSpark(spark, node.quality);
   });
   rest.hidden = !isMany;

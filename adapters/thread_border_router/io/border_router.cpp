@@ -41,11 +41,11 @@ bool read_leader(sd_bus_message* message, const char* type, NodeFacts& facts) {
 
 /// False at the end of the table. The signal strengths travel as octets.
 bool read_neighbour(sd_bus_message* message, Neighbour& to) {
-  std::uint32_t frame_counter = 0, mle_frame_counter = 0;
+  std::uint32_t age_s = 0, frame_counter = 0, mle_frame_counter = 0;
   std::uint8_t average = 0, last = 0;
   std::uint16_t message_errors = 0, version = 0;
   int is_always_on = 0, is_full = 0, has_full_data = 0, is_child = 0;
-  if (sd_bus_message_read(message, "(tuquuyyyqqqbbbb)", &to.extended_address, &to.age_s, &to.rloc16,
+  if (sd_bus_message_read(message, "(tuquuyyyqqqbbbb)", &to.extended_address, &age_s, &to.rloc16,
                           &frame_counter, &mle_frame_counter, &to.link_quality, &average, &last,
                           &to.frame_errors, &message_errors, &version, &is_always_on, &is_full,
                           &has_full_data, &is_child) <= 0)

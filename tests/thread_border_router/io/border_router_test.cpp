@@ -61,10 +61,10 @@ TEST_F(BorderRouterTest, ReadsWhatOtbrAgentTellsAndNoKey) {
     "extended_address": "d2e15a0c0b0a0908", "partition_id": 439041101, "leader_router_id": 17,
     "neighbours": [
       {"extended_address": "1122334455667788", "rloc16": "0x4401", "child": true, "sleepy": true,
-       "link_quality": 2, "rssi_average_dbm": -71, "rssi_last_dbm": -72, "age_s": 7,
+       "link_quality": 2, "rssi_average_dbm": -71, "rssi_last_dbm": -72,
        "frame_error_rate": 0.01},
       {"extended_address": "99aabbccddeeff00", "rloc16": "0x8000", "child": false, "sleepy": false,
-       "link_quality": 3, "rssi_average_dbm": null, "rssi_last_dbm": 126, "age_s": 7,
+       "link_quality": 3, "rssi_average_dbm": null, "rssi_last_dbm": 126,
        "frame_error_rate": 0.01}],
     "left_out": 0})");
   EXPECT_EQ(json::parse(document), expected);
