@@ -26,8 +26,8 @@ constexpr std::string_view meaningless_group = "fleet";
 /// Walks the tree along the schema.
 class Reader {
  public:
-  Reader(ParseResult& result, ConfigContext& context, std::span<const RetiredKey> retired)
-      : result_(result), config_(result.config), context_(context), retired_(retired) {}
+  Reader(ParseResult& result, ConfigContext& context)
+      : result_(result), config_(result.config), context_(context) {}
 
   void read_root(const JsonNode& root) { read_members(root, {}, {}); }
 
@@ -43,7 +43,6 @@ class Reader {
   void read_key(const JsonNode& node, const std::string& path, const std::string& row) {
     if (node.key.find_first_of(".[") != std::string::npos) return report_unknown(node, path, row);
     if (row == meaningless_group) return read_meaningless(node, path);
-    if (const RetiredKey* key = find_retired(row)) return read_retired(node, path, *key);
     const SchemaKey* key = find_key(row);
     const bool has_members = is_group(row);
     const bool has_elements = is_group(row + "[]");
@@ -67,24 +66,6 @@ class Reader {
           read_members(item.node(), item.path(), row);
         },
         "groups { ... }");
-  }
-
-  const RetiredKey* find_retired(std::string_view row) const {
-    const auto found = std::find_if(retired_.begin(), retired_.end(),
-                                    [row](const RetiredKey& key) { return key.path == row; });
-    return found == retired_.end() ? nullptr : &*found;
-  }
-
-  /// For one version an older configuration still works; a key under its new name wins.
-  void read_retired(const JsonNode& node, const std::string& path, const RetiredKey& key) {
-    const bool is_renamed = !key.renamed_to.empty();
-    result_.warnings.push_back(
-        {node.place.file, node.place.line, path,
-         is_renamed ? fmt::format("is called {} now; rename it, the next version refuses it",
-                                  key.renamed_to)
-                    : "has no effect any more; remove it, the next version refuses it"});
-    if (is_renamed && !result_.is_set(std::string(key.renamed_to)))
-      read_key(node, std::string(key.renamed_to), std::string(key.renamed_to));
   }
 
   void read_meaningless(const JsonNode& node, const std::string& path) {
@@ -122,7 +103,6 @@ class Reader {
   ParseResult& result_;
   Config& config_;
   ConfigContext& context_;
-  std::span<const RetiredKey> retired_;
 };
 
 void fill_defaults(Config& config, const Surroundings& surroundings) {
@@ -173,12 +153,12 @@ Tree read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
 }  // namespace
 
 ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surroundings& surroundings,
-                         const Files& files, std::span<const RetiredKey> retired) {
+                         const Files& files) {
   ParseResult result;
   const std::string& first = parts.front().name;
   ConfigContext context{first, std::filesystem::path(first).parent_path().string(), {}};
   const Tree tree = read_tree(parts, context.problems);
-  if (tree.root) Reader(result, context, retired).read_root(*tree.root);
+  if (tree.root) Reader(result, context).read_root(*tree.root);
   // The part that can't be read may hold what keys of the others need beside them.
   if (tree.is_complete) {
     fill_defaults(result.config, surroundings);

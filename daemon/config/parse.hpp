@@ -4,7 +4,6 @@
 #pragma once
 
 #include <map>
-#include <span>
 #include <string>
 
 #include "daemon/config/config.hpp"
@@ -39,13 +38,11 @@ struct ParseResult {
   Problems notices;   ///< what does nothing, good or bad
   /// Where each key, group and list element is set that is set: `robots[0].id`.
   std::map<std::string, Place> places;
-
-  bool is_set(const std::string& key) const { return places.contains(key); }
 };
 
 /// `parts`: at least one; later ones win key by key. Relative paths in all of them start at the
 /// directory of the first.
 ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surroundings& surroundings,
-                         const Files& files, std::span<const RetiredKey> retired = retired_keys());
+                         const Files& files);
 
 }  // namespace slamgw

@@ -377,8 +377,6 @@ constexpr auto all_keys = joined(common_keys, ble_mesh_keys, mqttsn_keys);
 
 std::span<const SchemaKey> schema() { return all_keys; }
 
-std::span<const RetiredKey> retired_keys() { return {}; }
-
 const SchemaKey* find_key(std::string_view path) {
   const auto found = std::find_if(all_keys.begin(), all_keys.end(),
                                   [path](const SchemaKey& key) { return key.path == path; });

@@ -20,15 +20,7 @@ struct SchemaKey {
   void (*read)(Value value, Config& config);
 };
 
-/// A key that the version before this one knew. It is warned of, not refused; each new version
-/// empties the table.
-struct RetiredKey {
-  std::string_view path;
-  std::string_view renamed_to;  ///< empty when it has no effect any more
-};
-
 std::span<const SchemaKey> schema();
-std::span<const RetiredKey> retired_keys();
 const SchemaKey* find_key(std::string_view path);
 /// A group (`broker.tls`) or a list of groups (`robots[]`): something that has keys below it.
 bool is_group(std::string_view path);

@@ -183,18 +183,6 @@ TEST(ParseConfig, WarnsOfASilenceThatIsShorterThanTheHealthInterval) {
   for (const char* const text : good) EXPECT_TRUE(Parsed(text).warnings.empty()) << text;
 }
 
-TEST(ParseConfig, WarnsOfKeysThatTheVersionBeforeKnew) {
-  const RetiredKey retired[] = {{"broker.url", "broker.uri"}, {"mqttsn.turbo", ""}};
-  const ParseResult result =
-      parse_config({{"g.json", R"({"broker": {"url": "mqtt://old"}, "mqttsn": {"turbo": 9}})"}},
-                   {"pi", ""}, FakeFiles(), retired);
-  EXPECT_TRUE(result.problems.empty());
-  EXPECT_EQ(result.config.broker.host, "old");
-  ASSERT_EQ(result.warnings.size(), 2U);
-  EXPECT_NE(result.warnings[0].text.find("is called broker.uri now"), std::string::npos);
-  EXPECT_NE(result.warnings[1].text.find("has no effect any more"), std::string::npos);
-}
-
 TEST(ParseConfig, ReadsFleetKeysWhateverTheySayAndNamesEachOnce) {
   const Parsed parsed("{\"fleet\": {\"enabled\": 7,\n\"lease_s\": {\"x\": [1]}}}");
   EXPECT_EQ(parsed.lines_of_problems, "");
