@@ -30,7 +30,7 @@ std::optional<TrafficLine> TrafficSampler::on_traffic(const TrafficEvent& event,
     return TrafficLine{*of_stream, 0};
   }
   Streams& of_class = streams_[event.is_proven];
-  if (!of_class.budget.take(now)) {
+  if (!of_class.budget.take(lines_at_once, lines_per_second, now)) {
     of_class.without_line += *of_stream;
     return std::nullopt;
   }

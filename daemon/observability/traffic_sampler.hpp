@@ -12,6 +12,7 @@
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/time.hpp"
+#include "daemon/core/token_bucket.hpp"
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/observability/log_settings.hpp"
 
@@ -20,49 +21,28 @@ namespace slamgw {
 // Bounds how many lines of one kind are logged: journald drops whatever comes too fast, so a flood
 // of lines would push out those that matter. Pure.
 
-/// A burst of `at_once` lines, then `per_second` lines a second.
-class LineBudget {
- public:
-  LineBudget(std::int64_t at_once, std::int64_t per_second)
-      : at_once_(at_once), interval_(Duration(std::chrono::seconds{1}) / per_second) {}
-
-  /// False when there are too many.
-  bool take(TimePoint now) {
-    const TimePoint earliest = now - at_once_ * interval_;
-    const TimePoint spent_until = std::max(spent_until_.value_or(earliest), earliest);
-    if (spent_until + interval_ > now) return false;
-    spent_until_ = spent_until + interval_;
-    return true;
-  }
-
- private:
-  std::int64_t at_once_;
-  Duration interval_;
-  std::optional<TimePoint> spent_until_;
-};
-
 /// Lets lines pass up to a rate. Faster lines are a flood, and none passes until it is over: until
 /// fewer lines came in a `window` than the rate allows.
 class FloodGate {
  public:
   static constexpr std::chrono::seconds window{10};
 
-  FloodGate(std::int64_t at_once, std::int64_t per_second)
-      : most_in_window_(per_second * window.count()), budget_(at_once, per_second) {}
+  FloodGate(unsigned at_once, unsigned per_second) : at_once_(at_once), per_second_(per_second) {}
 
   bool take(TimePoint now) {
     const bool is_shut = now < shut_until_;
-    const bool goes_on = held_back_ > most_in_window_ && now < shut_until_ + window;
+    const bool goes_on = held_back_ > per_second_ * window.count() && now < shut_until_ + window;
     if (!is_shut) held_back_ = 0;
-    if (!is_shut && !goes_on && budget_.take(now)) return true;
+    if (!is_shut && !goes_on && budget_.take(at_once_, per_second_, now)) return true;
     if (!is_shut) shut_until_ = now + window;
     ++held_back_;
     return false;
   }
 
  private:
-  std::int64_t most_in_window_;
-  LineBudget budget_;
+  unsigned at_once_;
+  unsigned per_second_;
+  TokenBucket budget_;
   TimePoint shut_until_{};
   std::int64_t held_back_ = 0;  // in this window
 };
@@ -71,9 +51,9 @@ class FloodGate {
 /// among them: each has a line a second, which must not take those of presence and refusals.
 class UnprovenLines {
  public:
-  static constexpr std::int64_t lines_at_once = 100;
-  static constexpr std::int64_t lines_per_second = 40;
-  static constexpr std::int64_t traffic_lines_per_second = 80;
+  static constexpr unsigned lines_at_once = 100;
+  static constexpr unsigned lines_per_second = 40;
+  static constexpr unsigned traffic_lines_per_second = 80;
 
   /// A line about presence or a refusal.
   bool may_write(const std::string& robot, TimePoint now) { return take(gate_, robot, now); }
@@ -114,8 +94,8 @@ class TrafficSampler {
   static constexpr std::size_t max_types = 16;
   /// Never more than 9 000 lines in 30 s, where journald takes 10 000 of a service unless its unit
   /// says otherwise (RateLimitBurst= in journald.conf(5)). The rest is left for what matters.
-  static constexpr std::int64_t lines_at_once = 3000;
-  static constexpr std::int64_t lines_per_second = 200;
+  static constexpr unsigned lines_at_once = 3000;
+  static constexpr unsigned lines_per_second = 200;
 
   /// `unproven` outlives it.
   TrafficSampler(TrafficLogMode mode, UnprovenLines& unproven)
@@ -127,7 +107,7 @@ class TrafficSampler {
  private:
   /// Of clients that are proven, or not.
   struct Streams {
-    LineBudget budget{lines_at_once, lines_per_second};
+    TokenBucket budget;
     std::uint64_t without_line = 0;
     /// By the hash of robot, type and direction; two streams that share one share their lines.
     std::unordered_map<std::size_t, LogThrottle> streams;

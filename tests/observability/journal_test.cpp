@@ -69,16 +69,16 @@ TEST(TrafficSampler, WritesAllWhileThereIsRoom) {
 }
 
 TEST(TrafficSampler, HasRoomAgainAfterARest) {
-  LineBudget budget(3000, 200);
+  TokenBucket budget;
   TimePoint now{};
   int taken = 0;
-  while (budget.take(now)) ++taken;
+  while (budget.take(3000U, 200U, now)) ++taken;
   EXPECT_EQ(taken, 3000);
   now += 1s;
-  for (taken = 0; budget.take(now);) ++taken;
+  for (taken = 0; budget.take(3000U, 200U, now);) ++taken;
   EXPECT_EQ(taken, 200);
   now += 1h;
-  for (taken = 0; budget.take(now);) ++taken;
+  for (taken = 0; budget.take(3000U, 200U, now);) ++taken;
   EXPECT_EQ(taken, 3000);
 }
 

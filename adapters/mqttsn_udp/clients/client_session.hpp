@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
-#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/conversations/repeat_filter.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
+#include "daemon/core/token_bucket.hpp"
 
 namespace slamgw::mqttsn {
 

@@ -7,11 +7,11 @@
 #include <cstddef>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/time.hpp"
+#include "daemon/core/token_bucket.hpp"
 
 namespace slamgw::mqttsn {
 

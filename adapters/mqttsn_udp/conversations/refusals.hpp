@@ -11,8 +11,8 @@
 #include <unordered_set>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
+#include "daemon/core/token_bucket.hpp"
 
 namespace slamgw::mqttsn {
 

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// A rate with a burst: so many at once, then one in each interval. Pure.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+
+#include "daemon/core/time.hpp"
+
+namespace slamgw {
+
+class TokenBucket {
+ public:
+  /// `burst` at once, then one each `interval`. False, and nothing is taken, when there is none.
+  bool take(unsigned burst, Duration interval, TimePoint now) {
+    const TimePoint after = std::max(taken_until_, now) + interval;
+    if (after - now > interval * burst) return false;
+    taken_until_ = after;
+    return true;
+  }
+  bool take(unsigned burst, unsigned per_second, TimePoint now) {
+    return take(burst, Duration(std::chrono::seconds{1}) / per_second, now);
+  }
+
+ private:
+  // What has been taken and not yet grown back, in time; full buckets are at or before `now`.
+  TimePoint taken_until_{};
+};
+
+}  // namespace slamgw
