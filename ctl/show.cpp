@@ -677,12 +677,6 @@ std::string clients(const json& clients, const Screen& screen) {
 
 namespace {
 
-/// The member's rows; none when it is missing or no array.
-json rows_at(const json& object, const char* key) {
-  const bool is_there = object.is_object() && object.contains(key) && object[key].is_array();
-  return is_there ? object[key] : json::array();
-}
-
 std::string transmissions(const json& of) {
   return fmt::format("{} times, {} ms apart", count_at(of, "sends"), count_at(of, "interval_ms"));
 }
@@ -694,7 +688,7 @@ std::string model_line(const json& model) {
     out += fmt::format("publishes to {}, TTL {}", text_at(model, "publishes_to"),
                        count_at(model, "publish_ttl"));
   std::string groups;
-  for (const json& group : rows_at(model, "subscribed_to"))
+  for (const json& group : list_at(model, "subscribed_to"))
     groups += (groups.empty() ? "subscribed to " : ", ") + text_at({{"group", group}}, "group");
   return out + groups + '\n';
 }
@@ -731,10 +725,10 @@ std::string config(const json& config, const Screen& screen) {
       text_at(config, "robot"), text_at(config, "address"), text_at(config, "uuid"),
       count_at(config, "ttl"), state, state == "on" ? ", each packet " + transmissions(relay) : "",
       "each packet " + transmissions(group_at(config, "transmit")));
-  for (const json& model : rows_at(config, "models")) out += model_line(model);
+  for (const json& model : list_at(config, "models")) out += model_line(model);
   const json& wanted = group_at(config, "wanted");
   if (!wanted.empty()) out += "  Kept for this robot alone: " + wanted.dump() + "\n";
-  for (const json& warning : rows_at(config, "warnings"))
+  for (const json& warning : list_at(config, "warnings"))
     out += "  " + screen.paint("refused", text_at({{"text", warning}}, "text")) + "\n";
   const std::string problem = text_at(config, "problem");
   if (!problem.empty()) out += "  " + screen.paint("refused", problem) + "\n";
@@ -788,7 +782,7 @@ std::string nodes(const json& nodes, const Screen& screen) {
 }
 
 std::string topology(const json& topology, const Screen& screen) {
-  const json rows = rows_at(topology, "nodes");
+  const json rows = list_at(topology, "nodes");
   if (rows.empty()) return "no robot is in the mesh yet\n";
   const std::size_t id = std::max<std::size_t>(widest(rows, "robot", 5), 5);
   std::string out = fmt::format("{} ADDRESS RELAYS  DBM SEEN STATE\n", pad("ROBOT", id));
@@ -809,7 +803,7 @@ std::string hearing(const json& hearing) {
   const auto range = [](std::uint64_t least, std::uint64_t most) {
     return least == most ? fmt::format("{}", least) : fmt::format("{}-{}", least, most);
   };
-  const json rows = rows_at(hearing, "rows");
+  const json rows = list_at(hearing, "rows");
   const std::size_t id = widest(rows, "listener", 1);
   std::string out;
   std::string source;
@@ -827,7 +821,7 @@ std::string hearing(const json& hearing) {
           fmt::format(", {} relay{}", range(min_hops - 1, max_hops - 1), max_hops > 2 ? "s" : "");
     out += '\n';
   }
-  for (const json& robot : rows_at(hearing, "silent"))
+  for (const json& robot : list_at(hearing, "silent"))
     out += text_at({{"robot", robot}}, "robot") + " left questions unanswered\n";
   return out.empty() ? "nothing was measured\n" : out;
 }

@@ -21,6 +21,7 @@
 #include <sstream>
 
 #include "ctl/show.hpp"
+#include "daemon/config/rules.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/time.hpp"
 
@@ -637,11 +638,7 @@ BluetoothFacts look_at_bluetooth(const std::string& controller) {
 
 /// An entry of `mqttsn.listen`: ADDRESS:PORT or [ADDRESS]:PORT.
 udp::endpoint endpoint_of(const std::string& listen) {
-  const std::size_t colon = listen.rfind(':');
-  std::string host = listen.substr(0, colon);
-  if (host.starts_with('[')) host = host.substr(1, host.size() - 2);
-  std::uint16_t port = 0;
-  std::from_chars(&listen[colon + 1], listen.data() + listen.size(), port);
+  const auto [host, port] = listen_parts(listen);
   boost::system::error_code error;
   return {boost::asio::ip::make_address(host, error), port};
 }

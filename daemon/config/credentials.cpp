@@ -8,7 +8,6 @@
 namespace slamgw {
 namespace {
 
-constexpr unsigned others = 0007;
 constexpr std::string_view shape = R"({"username": "...", "password": "..."})";
 
 class CredentialsReader {
@@ -67,17 +66,9 @@ void report(const Located& located, const std::string& path, const std::string& 
 }
 
 bool is_guarded(const Located& located, const std::string& path, const FileText& file) {
-  if ((file.mode & others) != 0)
-    report(located, path,
-           fmt::format("can be read or changed by others (mode {:04o}); type: sudo chmod o= {}",
-                       file.mode, path));
-  else if (!file.strange_owner.empty())
-    report(located, path,
-           fmt::format("belongs to {}, who can read and change it; type: sudo chown root {}",
-                       file.strange_owner, path));
-  else
-    return true;
-  return false;
+  const std::string fault = fault_of_secret(path, file);
+  if (!fault.empty()) report(located, path, fault);
+  return fault.empty();
 }
 
 void cannot_be_read(const Located& located, const std::string& path, const FileError& error) {
@@ -128,6 +119,16 @@ void check_source(const Located& located, ParseResult& result, const std::string
 }
 
 }  // namespace
+
+std::string fault_of_secret(const std::string& path, const FileText& file, unsigned forbidden,
+                            const char* remedy) {
+  if ((file.mode & forbidden) != 0)
+    return fmt::format("can be read or changed by others (mode {:04o}); {} {}", file.mode, remedy,
+                       path);
+  if (file.strange_owner.empty()) return {};
+  return fmt::format("belongs to {}, who can read and change it; type: sudo chown root {}",
+                     file.strange_owner, path);
+}
 
 void read_credentials(const Located& located, ParseResult& result, const Surroundings& surroundings,
                       const Files& files) {

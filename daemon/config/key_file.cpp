@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "daemon/config/credentials.hpp"
 #include "daemon/config/located_json.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
@@ -58,14 +59,8 @@ std::string write_key_file(const RobotKeys& keys) {
 }
 
 std::string fault_of_key_file(const std::string& path, const FileText& file) {
-  constexpr unsigned all_but_owner = 0077;
-  if ((file.mode & all_but_owner) != 0)
-    return fmt::format("{} can be read or changed by others (mode {:04o}); type: sudo chmod 600 {}",
-                       path, file.mode, path);
-  if (!file.strange_owner.empty())
-    return fmt::format("{} belongs to {}, who can read and change it; type: sudo chown root {}",
-                       path, file.strange_owner, path);
-  return {};
+  const std::string fault = fault_of_secret(path, file, 0077, "type: sudo chmod 600");
+  return fault.empty() ? fault : path + " " + fault;
 }
 
 void read_robot_keys(const Located& located, ParseResult& result, const Files& files) {

@@ -126,6 +126,11 @@ bool is_listen_address(std::string_view text) {
   return is_ipv6(parts->host.substr(0, percent), ipv6);
 }
 
+std::pair<std::string, std::uint16_t> listen_parts(std::string_view listen) {
+  const auto parts = split_authority(listen);
+  return {parts->host, parse_port(*parts->port).value_or(0)};
+}
+
 bool is_relay_filter(std::string_view text) {
   constexpr std::string_view head = "robot/";
   constexpr std::string_view tail = "/update";

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace slamgw {
 
@@ -19,6 +20,8 @@ bool is_static_oob(std::string_view text);   ///< 32 hex digits
 bool is_interface_name(std::string_view text);
 bool is_listen_address(
     std::string_view text);  ///< `0.0.0.0:47193`, `[::]:47193`, `[fe80::1%wpan0]:0`
+/// The address without brackets, and the port, of what is_listen_address() takes.
+std::pair<std::string, std::uint16_t> listen_parts(std::string_view listen);
 /// `robot/+/update`, or with one robot's id in place of `+`.
 bool is_relay_filter(std::string_view text);
 bool is_host_name(std::string_view text);        ///< letters, digits, `-` and `.`, 1-253 characters

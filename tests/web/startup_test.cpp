@@ -83,7 +83,7 @@ TEST_F(WebStartup, RefusesATokenOfAStranger) {
   write("gateway.json", R"({"web": {"token_file": "token"}})");
   write("token", token);
   ASSERT_EQ(chown(path("token").c_str(), 65534, 0), 0);
-  EXPECT_NE(problem().find("belongs to nobody, who can read and change it; type: chown root"),
+  EXPECT_NE(problem().find("belongs to nobody, who can read and change it; type: sudo chown root"),
             std::string::npos)
       << problem();
   EXPECT_TRUE(load().tokens.empty());

@@ -13,12 +13,12 @@
 #include "daemon/config/io/load.hpp"
 #include "daemon/config/io/service_rights.hpp"
 #include "daemon/config/io/system_files.hpp"
+#include "daemon/config/rules.hpp"
 #include "daemon/core/utf8.hpp"
 
 namespace slamgw::web {
 namespace {
 
-constexpr unsigned others = 0007;
 constexpr const char* token_key = "web.token_file";
 constexpr const char* note_key = "web.note_file";
 constexpr const char* own_user = "slam-gateway-web";  // of the packaged service
@@ -62,13 +62,8 @@ std::optional<std::string> read_closed(ParseResult& result, const char* key,
       remedy = fmt::format("type: chgrp slam-gateway-web {} && chmod 640 {}", path, path);
     return refuse(fmt::format("{} cannot be read: {}; {}", path, file.error().text, remedy));
   }
-  if ((file->mode & others) != 0)
-    return refuse(
-        fmt::format("{} can be read or changed by others (mode {:04o}); type: chmod o= {}", path,
-                    file->mode, path));
-  if (!file->strange_owner.empty())
-    return refuse(fmt::format("{} belongs to {}, who can read and change it; type: chown root {}",
-                              path, file->strange_owner, path));
+  if (const std::string fault = fault_of_secret(path, *file); !fault.empty())
+    return refuse(path + " " + fault);
   return file->text;
 }
 
@@ -103,12 +98,8 @@ std::string read_note(ParseResult& result, const std::string& path) {
 }
 
 bool is_loopback(const std::string& listen) {
-  const auto ends_at = listen.rfind(':');
   boost::system::error_code error;
-  auto host = listen.substr(0, ends_at);
-  if (host.starts_with('[')) host = host.substr(1, host.size() - 2);
-  const auto address = boost::asio::ip::make_address(host, error);
-  return !error && address.is_loopback();
+  return boost::asio::ip::make_address(listen_parts(listen).first, error).is_loopback() && !error;
 }
 
 /// The gateway's client certificate is used where this program may read its key. Root, who may, is

@@ -15,13 +15,9 @@ using asio::ip::tcp;
 
 constexpr std::chrono::milliseconds pause_after_failure{200};
 
-/// `address:port`, as the configuration's reader has found it good.
 tcp::endpoint endpoint_of(const std::string& listen) {
-  const std::size_t colon = listen.rfind(':');
-  std::string address = listen.substr(0, colon);
-  if (address.starts_with('[')) address = address.substr(1, address.size() - 2);
-  return {asio::ip::make_address(address),
-          static_cast<std::uint16_t>(std::stoul(listen.substr(colon + 1)))};
+  const auto [address, port] = listen_parts(listen);
+  return {asio::ip::make_address(address), port};
 }
 
 Client client_at(const asio::ip::address& address) {
