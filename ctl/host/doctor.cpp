@@ -74,7 +74,9 @@ class Examination {
   }
 
  private:
+  /// What is well has no remedy.
   void add(std::string step, Health health, std::string detail, std::string remedy = {}) {
+    if (health == Health::well) remedy.clear();
     findings_.push_back({std::move(step), health, std::move(detail), std::move(remedy)});
   }
 
@@ -399,7 +401,7 @@ class Examination {
       add("broker: ejabberd", has_others ? Health::problem : Health::well,
           "a cluster refuses a robot's client id for good once it has moved between nodes; one "
           "node works",
-          has_others ? "one node, or a cluster of RabbitMQ or NATS: " + broker_page : "");
+          "one node, or a cluster of RabbitMQ or NATS: " + broker_page);
     }
     if (facts_.brokers.mosquitto_files) mosquitto(*facts_.brokers.mosquitto_files);
   }
@@ -412,15 +414,13 @@ class Examination {
     const Health health = is_roomy        ? Health::well
                           : robots < room ? Health::warning
                                           : Health::problem;
-    constexpr std::uint64_t plenty = 65536;
     add("broker: files", health,
         fmt::format("Mosquitto may open {} files, room for {} connections; each robot has one, {} "
                     "are known",
                     files, room, robots),
-        files < plenty ? fmt::format("for more: sudo systemctl edit mosquitto, with the lines "
-                                     "[Service] and LimitNOFILE={}; then restart it",
-                                     plenty)
-                       : "");
+        fmt::format("for more: sudo systemctl edit mosquitto, with the lines [Service] and "
+                    "LimitNOFILE={}; then restart it",
+                    std::max<std::uint64_t>(65536, 4 * robots)));
   }
 
   /// This gateway is the first row (FleetMember::status). Without a broker all gateways are gone.
@@ -479,7 +479,7 @@ class Examination {
     add("robots", offline > 0 ? Health::warning : Health::well,
         fmt::format("{} online, {} asleep, {} offline", count_at(robots, "online"),
                     count_at(robots, "asleep"), offline),
-        offline > 0 ? "slam-gatewayctl robots; slam-gatewayctl doctor ROBOT" : "");
+        "slam-gatewayctl robots; slam-gatewayctl doctor ROBOT");
     if (const std::uint64_t contested = count_at(robots, "contested"); contested > 0)
       add("robots: contested", Health::problem,
           fmt::format("another client uses the names of {} robots", contested),
@@ -731,8 +731,9 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   const json* const row = row_of(facts.robots, "id", robot);
   const json* const elsewhere = row_of(facts.fleet_robots, "robot", robot);
   if (row == nullptr && elsewhere != nullptr) {
-    add("fleet", Health::well, "is served by gateway " + text_at(*elsewhere, "gateway"),
-        "on that gateway's host: slam-gatewayctl doctor " + robot);
+    add("fleet", Health::well,
+        fmt::format("is served by gateway {}; on its host: slam-gatewayctl doctor {}",
+                    text_at(*elsewhere, "gateway"), robot));
     return findings;
   }
   if (row == nullptr) {
