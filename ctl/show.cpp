@@ -382,18 +382,22 @@ std::string role_line(const json& mesh, const Screen& screen) {
                      screen.paint("down", role + ":"));
 }
 
-/// Who takes the places for clients, when any are taken.
+/// Who takes the places for clients, when any are taken. Of those that have not answered only a
+/// crowd counts: robots that only publish are never asked.
 std::string places_line(const json& places) {
-  if (count_at(places, "taken") == 0) return "";
+  constexpr std::uint64_t crowd_of_unproven = 100;
+  const std::uint64_t taken = count_at(places, "taken");
+  if (taken == 0) return "";
   const auto crowd = [&](const char* key) {
     const json& most = group_at(places, key);
     return most.empty() ? ""
                         : fmt::format(" ({} of them at {})", count_at(most, "clients"),
                                       text_at(most, "address"));
   };
-  std::string text = fmt::format("          {} of {} places taken{}", count_at(places, "taken"),
+  std::string text = fmt::format("          {} of {} places taken{}", taken,
                                  count_at(places, "max"), crowd("most"));
-  if (const std::uint64_t unproven = count_at(places, "unproven"); unproven > 0)
+  const std::uint64_t unproven = count_at(places, "unproven");
+  if (unproven >= crowd_of_unproven || (unproven > 0 && 10 * taken >= 9 * count_at(places, "max")))
     text += fmt::format(", {} by clients that have not answered yet{}", unproven,
                         crowd("most_unproven"));
   return text + "\n";

@@ -53,6 +53,15 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "Retained  20 of 4096 topics, most by r2: 16\n");
 }
 
+TEST_F(ControlProgramIo, SaysNothingOfAFewRobotsThatOnlyPublish) {
+  start();
+  json& places = handler.status_answer["meshes"]["thread"]["places"];
+  places = json::parse(R"({"max": 1000, "taken": 3, "unproven": 3})");
+  EXPECT_EQ(run({"status"}).out.find("not answered"), std::string::npos);
+  places["unproven"] = 100;
+  EXPECT_NE(run({"status"}).out.find("not answered"), std::string::npos) << "a crowd";
+}
+
 TEST_F(ControlProgramIo, IsKnownToTheDaemonByItsUser) {
   start();
   run({"reload"});
