@@ -27,9 +27,10 @@ struct PermitJoinOrder {
   std::chrono::seconds time{0};
   std::string robot;  ///< the one that may join gets this name; empty: all may
 
-  /// `5 min`, `90 s`
+  /// `5 min`, `90 s`, `closed`
   std::string time_words() const {
     constexpr std::chrono::minutes minute{1};
+    if (time == time.zero()) return "closed";
     return time % minute == time.zero() ? std::to_string(time / minute) + " min"
                                         : std::to_string(time.count()) + " s";
   }

@@ -50,6 +50,9 @@ TEST(AuditNotice, IsAboutWhatChangesThingsAndHoldsNoKey) {
   ASSERT_TRUE(joins);
   EXPECT_EQ(joins->what, "ble permit-join 5 min");
   EXPECT_EQ(joins->robot, "r1");
+  EXPECT_EQ(audited(BleOrder{PermitJoinOrder{std::chrono::seconds{30}, {}}})->what,
+            "ble permit-join 30 s");
+  EXPECT_EQ(audited(BleOrder{PermitJoinOrder{}})->what, "ble permit-join closed");
   const auto imported = audited(BleOrder{ImportOrder{"00112233445566778899aabbccddeeff"}});
   ASSERT_TRUE(imported);
   EXPECT_EQ(audit_notice("uid 0", *imported, {}).text, "ble import: done; asked by uid 0");
