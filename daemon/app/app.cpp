@@ -376,7 +376,7 @@ void App::perform(Notice& notice) {
 
 void App::perform(OrderJoining& action) {
   manage_ble(action.who, action.order, [this](const OrderAnswer& answer) {
-    join_requests_driver_->on_ordered(answer, read_clocks());
+    if (!answer.error.empty()) join_requests_driver_->on_ordered(answer, read_clocks());
   });
 }
 
@@ -468,6 +468,11 @@ void App::ping(const std::string& robot, OrderDone done) {
 
 void App::manage_ble(const std::string& who, BleOrder order, OrderDone done) {
   OrderDone recorded = record(who, audited(order), std::move(done));
+  if (config_.ble_mesh.provisioning.over_mqtt && std::holds_alternative<PermitJoinOrder>(order))
+    recorded = [this, recorded = std::move(recorded)](const OrderAnswer& answer) {
+      if (answer.error.empty()) join_requests_driver_->on_ordered(answer, read_clocks());
+      recorded(answer);
+    };
   meshes_.manage_ble(std::move(order), std::move(recorded));
 }
 

@@ -70,8 +70,9 @@ void JoinRequests::on_ordered(const OrderAnswer& answer, const Now& now) {
   if (!answer.error.empty())
     return actions_.push(PublishJoining{dumped({{"error", answer.error}})});
   const json permit = json::parse(answer.json, nullptr, false);
+  if (!permit.is_object()) return;
   if (permit.value("seconds_left", 0) > 0) before_ = permit.value("last", std::uint64_t{0});
-  owes_answer_ = true;
+  due_ = now.mono;
   on_deadline(now);
 }
 
@@ -86,10 +87,9 @@ void JoinRequests::on_news(const OrderAnswer& answer, const Now& now) {
   const bool is_over = news.value("seconds_left", 0) == 0 && news.value("under_way", 0) == 0;
   const auto last = news.value("last", std::uint64_t{0});
   if (is_over) ask_at_.reset();
-  if (!is_over && !owes_answer_ && last == told_ && now.mono - told_at_ < repeat) return;
-  owes_answer_ = false;
+  if (!is_over && last == told_ && now.mono < due_) return;
   told_ = last;
-  told_at_ = now.mono;
+  due_ = now.mono + repeat;
   json& events = news["events"];
   if (events.size() > max_events)
     events.erase(events.begin(), events.end() - static_cast<std::ptrdiff_t>(max_events));

@@ -51,6 +51,7 @@ class JoinRequests {
 
   /// A message of the request topic.
   void on_request(const BrokerMessage& message, const Now& now);
+  /// The mesh's answer to a request, or that it grants one of the control socket.
   void on_ordered(const OrderAnswer& answer, const Now& now);
   void on_news(const OrderAnswer& answer, const Now& now);
 
@@ -70,8 +71,7 @@ class JoinRequests {
   std::optional<TimePoint> ask_at_;        ///< while robots may join
   std::uint64_t before_ = 0;               ///< number of the last event before the permit
   std::uint64_t told_ = 0;                 ///< number of the last event that was published
-  TimePoint told_at_{};
-  bool owes_answer_ = false;
+  TimePoint due_{};                        ///< it is published then, also without news
   std::uint64_t ordered_ = 0;
   std::uint64_t refused_ = 0;
 };

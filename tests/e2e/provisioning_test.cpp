@@ -247,6 +247,17 @@ TEST_P(JoinRequest, LetsANamedRobotIn) {
 INSTANTIATE_TEST_SUITE_P(With, JoinRequest, testing::Values("paho", "mosquitto"),
                          [](const auto& client) { return std::string(client.param); });
 
+TEST(JoinRequests, WhatAnOperatorPermitsIsPublishedToo) {
+  Mosquitto broker;
+  Subscriber answers(broker, responses, "%p");
+  GatewayProcess gateway(closed_mesh(broker));
+  SimulatorProcess simulator({"ble", "--tty", gateway.tty(), "--unprovisioned", "--robots", "1"});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); }, join_limit));
+  gateway.ctl({"ble", "permit-join", "--minutes", "0"});
+  EXPECT_TRUE(gets(answers, R"("seconds_left":0)")) << gateway.log();
+  EXPECT_TRUE(gateway.logs("ble permit-join closed: done; asked by uid")) << gateway.log();
+}
+
 TEST(JoinRequests, WithoutABoardOrAMeshAreRefusedInWords) {
   Mosquitto broker;
   Subscriber answers(broker, responses, "%t %p");
