@@ -9,6 +9,7 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_report.hpp"
 #include "daemon/core/topic_scheme.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -89,8 +90,8 @@ std::string OperatorOrders::problem_with_mesh() const {
 
 std::string OperatorOrders::problem_with_name(const std::string& robot,
                                               const std::optional<Uuid>& uuid) const {
-  if (!is_valid_level(robot))
-    return "a robot's id is 1 to 64 bytes without + # / and control characters";
+  if (!is_valid_level(robot) || !is_printable(robot))
+    return "a robot's id is 1 to 64 bytes without + # /, control and invisible characters";
   const auto& configured = nodes_.names().configured();
   const auto name = std::ranges::find(configured, robot, &RobotName::id);
   if (name != configured.end() && !name->ble_address)

@@ -98,6 +98,12 @@ TEST(Orders, ProvisionSaysWhatIsWrong) {
   };
   EXPECT_NE(answer_to("12", "r").find("32 hex digits"), std::string::npos);
   EXPECT_NE(answer_to(uuid_1, "a/b").find("1 to 64 bytes"), std::string::npos);
+  EXPECT_NE(answer_to(uuid_1,
+                      "a\xe2\x80\xae"
+                      "b")
+                .find("invisible"),
+            std::string::npos)
+      << "U+202E turns what follows";
   EXPECT_NE(answer_to(uuid_1, "r").find("in the mesh already, as ble-0100"), std::string::npos);
   EXPECT_NE(answer_to(std::string(32, 'a'), "ble-0100").find("is another robot"),
             std::string::npos);
