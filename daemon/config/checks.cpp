@@ -136,11 +136,11 @@ void check_mqttsn(const Located& located) {
     located.problem("mqttsn.dtls.listen",
                     "is empty; at least one address is needed beside keys_file");
   if (!mqttsn.enabled || !mqttsn.announce) return;
-  if (mqttsn.is_auto())
-    located.problem(
-        "mqttsn.announce",
-        "has no effect on the LAN, which mqttsn.interface \"auto\" may not serve; \"*\" "
-        "or the name of the LAN's interface is needed there");
+  if (mqttsn.is_auto() || mqttsn.interface == "lo" || mqttsn::is_thread_interface(mqttsn.interface))
+    located.problem("mqttsn.announce",
+                    fmt::format("has no effect on the LAN, which mqttsn.interface \"{}\" may not "
+                                "serve; \"*\" or the name of the LAN's interface is needed there",
+                                mqttsn.interface));
   if (mqttsn.require_identity == mqttsn::RequireIdentity::all)
     located.problem(
         "mqttsn.announce",

@@ -332,6 +332,12 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:1: mqttsn.listen[0]: ", "IPv4:PORT"},
         Case{R"({"mqttsn": {"announce": true}})",
              "g.json:1: mqttsn.announce: ", "the name of the LAN's interface is needed"},
+        Case{R"({"mqttsn": {"announce": true, "interface": "lo"}})",
+             "g.json:1: mqttsn.announce: ", "the name of the LAN's interface is needed"},
+        Case{R"({"mqttsn": {"announce": true, "interface": "wpan0"}})",
+             "g.json:1: mqttsn.announce: ", "mqttsn.interface \"wpan0\" may not serve"},
+        Case{R"({"mqttsn": {"announce": {"enabled": false}}})", "g.json:1: mqttsn.announce",
+             "allowed: true or false"},
         Case{R"({"mqttsn": {"announce": true, "interface": "*", "require_identity": "all",)"
              R"( "dtls": {"keys_file": "keys"}}})",
              "g.json:1: mqttsn.announce: ", "announces the port of plain MQTT-SN"},
