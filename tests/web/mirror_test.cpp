@@ -80,6 +80,17 @@ TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
   }
 }
 
+TEST(WebMirror, PassesOnAsManyRobotsOfAGatewayAsItMayList) {
+  json robots = json::object();
+  for (int i = 0; i < 30'000; ++i) robots["r" + std::to_string(i)] = {{"up", 1}};
+  const std::string topic = "ntnu-slam/gateway/g/numbers";
+  json payload = mirrored(topic, json{{"robots", robots}}.dump())["payload"];
+  EXPECT_EQ(payload["robots"].size(), 1000u);
+  EXPECT_EQ(payload["left_out"], 29'000);
+  payload = mirrored(topic, json{{"robots", robots}, {"left_out", 5}}.dump())["payload"];
+  EXPECT_EQ(payload["left_out"], 29'005);
+}
+
 TEST(WebLastKnown, KeepsItsOwnGatewayBesideAFlood) {
   const auto text = std::make_shared<const std::string>("{}");
   LastKnown known("p/gateway/own/");

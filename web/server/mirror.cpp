@@ -78,6 +78,18 @@ bool drop_unusable(json& document, bool has_names = false) {
   return has_dropped;
 }
 
+/// A gateway lists at most this many robots (docs/topics.md). The rest counts as left out.
+bool drop_surplus(json& numbers) {
+  const auto robots = numbers.find("robots");
+  if (robots == numbers.end() || !robots->is_object() || robots->size() <= max_listed_robots)
+    return false;
+  const std::size_t surplus = robots->size() - max_listed_robots;
+  robots->erase(std::next(robots->begin(), max_listed_robots), robots->end());
+  json& left_out = numbers["left_out"];
+  left_out = (left_out.is_number_unsigned() ? left_out.get<std::uint64_t>() : 0) + surplus;
+  return true;
+}
+
 /// Only `numbers` grow with the robots; a page keeps thousands of the others.
 std::size_t longest_payload(std::string_view topic, TopicKind kind) {
   constexpr std::size_t max_state_payload = 64 * 1024;
@@ -98,7 +110,8 @@ void append_payload(std::string& out, const BrokerMessage& message, TopicKind ki
                                                         : json(json::value_t::discarded);
   if (!document.is_discarded()) {
     const auto begin = static_cast<std::ptrdiff_t>(out.size());
-    if (drop_unusable(document)) {
+    const bool is_cut = drop_surplus(document);
+    if (drop_unusable(document) || is_cut) {
       out.append(document.dump());
     } else {
       out.append(payload);

@@ -40,6 +40,8 @@ struct BrokerMessage {
 inline constexpr std::size_t max_topic = 1024;
 inline constexpr std::size_t max_robot_payload = 4096;
 inline constexpr std::size_t max_gateway_payload = 2 << 20;
+/// Of a gateway's `numbers` a page and the metrics get so many robots.
+inline constexpr std::size_t max_listed_robots = 1000;
 
 /// Nothing when the topic is no UTF-8, or too long.
 std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind);
