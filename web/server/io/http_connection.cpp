@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/io/http_connection.hpp"
 
+#include <sys/socket.h>
+
+#include <utility>
+
 #include "daemon/observability/log.hpp"
 #include "web/server/io/page_connection.hpp"
 
@@ -98,10 +102,24 @@ bool HttpConnection::becomes_page(Answer& answer) {
 }
 
 void HttpConnection::send_metrics(Answer answer) {
+  watch_for_end();
   server_.hub().make_metrics(
-      [self = shared_from_this(), answer = std::move(answer)](std::string text) mutable {
+      scrape_, [self = shared_from_this(), answer = std::move(answer)](std::string text) mutable {
+        if (!self->scrape_) return;
         answer.text = std::move(text);
         self->send(std::move(answer));
+      });
+}
+
+/// Frees the place of a scrape whose client gives up. Octets that come are its next request.
+void HttpConnection::watch_for_end() {
+  stream_.socket().async_wait(
+      boost::asio::socket_base::wait_read, [self = shared_from_this()](beast::error_code error) {
+        char next = 0;
+        const int socket = self->stream_.socket().native_handle();
+        if (error || !self->scrape_ || recv(socket, &next, 1, MSG_PEEK | MSG_DONTWAIT) > 0) return;
+        self->scrape_.reset();
+        self->stream_.close();
       });
 }
 
@@ -135,9 +153,9 @@ void HttpConnection::send(Answer answer) {
 void HttpConnection::on_sent() {
   const bool goes_on = response_.keep_alive();
   response_ = {};  // metrics are large
-  scrape_.reset();
-  if (goes_on) return read();
   beast::error_code ignored;
+  if (std::exchange(scrape_, nullptr)) stream_.socket().cancel(ignored);  // watch_for_end()
+  if (goes_on) return read();
   stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
 }
 

@@ -34,6 +34,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   bool may_read_metrics();
   void refuse_metrics();
   void send_metrics(Answer answer);
+  void watch_for_end();
   void send(Answer answer);
   void on_sent();
 

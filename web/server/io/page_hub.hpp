@@ -61,14 +61,24 @@ class PageHub {
   /// Metrics that are made, or wait until somebody has read them. Prometheus asks with one
   /// connection; of many robots the text has megabytes.
   static constexpr unsigned max_scrapes = 2;
-  /// Held from the question to the end of the answer; null when too many ask.
+  /// Held from the question to the end of the answer, or until its client is gone; null when too
+  /// many ask.
   std::shared_ptr<void> begin_scrape();
-  /// Reads thousands of documents, so on a thread of its own; `done` comes on the loop.
-  void make_metrics(std::function<void(std::string)> done);
-  /// Before the loop drops what waits: then nothing comes to it any more.
-  void end() { metrics_thread_.join(); }
+  /// Reads thousands of documents, so on a thread of its own, one after the other; `done` comes on
+  /// the loop. Those whose `place` is free again are not made.
+  void make_metrics(std::weak_ptr<void> place, std::function<void(std::string)> done);
+  /// Before the loop drops what waits: then nothing comes to it any more, and no client waits here.
+  void end() {
+    metrics_thread_.join();
+    waiting_scrapes_.clear();
+  }
 
  private:
+  struct Scrape {
+    std::weak_ptr<void> place;
+    std::function<void(std::string)> done;
+  };
+  void make_next_metrics();
   void on_message(const BrokerMessage& message);
   void on_broker(bool is_up, const std::string& why);
   void on_refused(std::uint64_t command, const std::string& why);
@@ -104,6 +114,8 @@ class PageHub {
   std::set<PageConnection*> pages_;
   std::deque<std::pair<std::uint64_t, std::string>> sent_;  ///< topics of the newest commands
   std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);
+  std::deque<Scrape> waiting_scrapes_;  ///< bounded by max_scrapes
+  bool is_making_metrics_ = false;
   boost::asio::io_context& io_;
   boost::asio::steady_timer roster_timer_;
   BrokerLink link_;
