@@ -382,8 +382,7 @@ std::string role_line(const json& mesh, const Screen& screen) {
                      screen.paint("down", role + ":"));
 }
 
-/// Who takes the places for clients, when any are taken. Of those that have not answered only a
-/// crowd counts: robots that only publish are never asked.
+/// Who takes the places for clients. Robots that only publish never answer: only a crowd counts.
 std::string places_line(const json& places) {
   constexpr std::uint64_t crowd_of_unproven = 100;
   const std::uint64_t taken = count_at(places, "taken");

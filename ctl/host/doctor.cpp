@@ -74,7 +74,6 @@ class Examination {
   }
 
  private:
-  /// What is well has no remedy.
   void add(std::string step, Health health, std::string detail, std::string remedy = {}) {
     if (health == Health::well) remedy.clear();
     findings_.push_back({std::move(step), health, std::move(detail), std::move(remedy)});
