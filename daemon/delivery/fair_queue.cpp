@@ -2,8 +2,10 @@
 #include "daemon/delivery/fair_queue.hpp"
 
 #include <algorithm>
-#include <iterator>
-#include <vector>
+#include <string>
+
+#include "daemon/core/spare_buffers.hpp"
+#include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
 
@@ -16,49 +18,73 @@ std::size_t FairQueue::bytes_in_flow(std::string_view topic) const {
   return flow == flows_.end() ? 0 : flow->second.bytes;
 }
 
-void FairQueue::push(OutboxEntry entry) {
-  const Key key = key_of(entry.message.topic);
+FairQueue::Item& FairQueue::add(Item item) {
+  const std::uint64_t row = item.row;
+  return items_.emplace_hint(items_.end(), row, std::move(item))->second;
+}
+
+FairQueue::Item* FairQueue::find(std::uint64_t row) {
+  const auto found = items_.find(row);
+  return found == items_.end() ? nullptr : &found->second;
+}
+
+/// The next messages have its memory.
+void FairQueue::erase(Item& item) {
+  withdraw(item);
+  SpareBuffers<std::string>::give_back(std::move(item.message.topic));
+  SpareBuffers<Bytes>::give_back(std::move(item.message.payload));
+  items_.erase(items_.find(item.row));
+}
+
+void FairQueue::enqueue(Item& item, NewFlow turn) {
+  if (item.wait == Item::Wait::queued) return;
+  withdraw(item);
+  const Key key = key_of(item.message.topic);
   Flow& flow = flows_[key];
-  if (flow.entries.empty()) turns_.push_back(key);
-  flow.bytes += entry.cost();
-  flow.entries.push_back(std::move(entry));
-  ++size_;
+  if (flow.items.empty()) turn == NewFlow::last ? turns_.push_back(key) : turns_.push_front(key);
+  flow.items.insert(flow.items.end(), &item);
+  flow.bytes += item.cost();
+  ++queued_;
+  if (item.is_durable()) ++durable_queued_;
+  item.wait = Item::Wait::queued;
 }
 
-OutboxEntry FairQueue::pop() {
+void FairQueue::set_aside(Item& item) {
+  withdraw(item);
+  aside_.insert(&item);
+  item.wait = Item::Wait::aside;
+}
+
+void FairQueue::withdraw(Item& item) {
+  const Item::Wait wait = std::exchange(item.wait, Item::Wait::none);
+  if (wait == Item::Wait::aside) aside_.erase(&item);
+  if (wait != Item::Wait::queued) return;
+  --queued_;
+  if (item.is_durable()) --durable_queued_;
+  const auto flow = flows_.find(key_of(item.message.topic));
+  flow->second.items.erase(&item);
+  flow->second.bytes -= item.cost();
+  if (!flow->second.items.empty()) return;
+  turns_.erase(std::find(turns_.begin(), turns_.end(), flow->first));
+  flows_.erase(flow);
+}
+
+void FairQueue::take_front() {
   const Key key = turns_.front();
+  withdraw(*front());
+  if (turns_.empty() || turns_.front() != key) return;
   turns_.pop_front();
-  const auto position = flows_.find(key);
-  Flow& flow = position->second;
-  OutboxEntry entry = std::move(flow.entries.front());
-  flow.entries.pop_front();
-  flow.bytes -= entry.cost();
-  --size_;
-  if (flow.entries.empty()) {
-    flows_.erase(position);
-  } else {
-    turns_.push_back(key);
-  }
-  return entry;
+  turns_.push_back(key);
 }
 
-OutboxEntries FairQueue::take_all() {
-  std::vector<OutboxEntry*> all;  // entries are large: each is moved once
-  all.reserve(size_);
-  for (auto& [key, flow] : flows_) {
-    for (OutboxEntry& entry : flow.entries) all.push_back(&entry);
+void FairQueue::renumber(std::uint64_t shift) {
+  auto old = std::exchange(items_, {});
+  while (!old.empty()) {
+    auto item = old.extract(old.begin());
+    item.key() += shift;
+    item.mapped().row += shift;
+    items_.insert(items_.end(), std::move(item));
   }
-  std::stable_sort(all.begin(), all.end(),
-                   [](const OutboxEntry* a, const OutboxEntry* b) { return a->order < b->order; });
-  OutboxEntries taken;
-  for (OutboxEntry* entry : all) taken.push_back(std::move(*entry));
-  *this = {};
-  return taken;
-}
-
-void FairQueue::forget_empty_flows() {
-  std::erase_if(flows_, [](const auto& flow) { return flow.second.entries.empty(); });
-  std::erase_if(turns_, [&](Key key) { return !flows_.contains(key); });
 }
 
 }  // namespace slamgw

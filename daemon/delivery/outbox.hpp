@@ -7,14 +7,17 @@
 // store while the broker is away or slow, and while an older message of its topic is in the store:
 // so the order per topic holds, and fresh messages of other topics pass a backlog. Robots take
 // turns: one that floods waits behind itself, not the others behind it.
+//
+// A message has its row from the start, whether or not it is stored. In memory it is one item of
+// the FairQueue, whatever becomes of it: a lost link or a failed write changes its state, not its
+// place. What is on disk and cannot go now is only a row there.
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <string>
-#include <unordered_set>
 #include <variant>
+#include <vector>
 
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
@@ -67,7 +70,7 @@ class Outbox {
   /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
   /// `store.max_bytes`. Nothing is published before the first StoreOpened or StoreAbsent.
   Outbox(std::size_t window, std::uint64_t store_max_bytes)
-      : store_max_bytes_(store_max_bytes), backlog_(store_max_bytes), in_flight_(window) {}
+      : store_max_bytes_(store_max_bytes), backlog_(store_max_bytes), window_(window) {}
 
   void submit(BrokerMessage message, Receipt receipt, TimePoint now);
   /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
@@ -78,7 +81,7 @@ class Outbox {
   void on_link_down(TimePoint now);
   /// The broker does not answer for a while, or does again: QoS 0 waits meanwhile.
   void on_silence(bool is_silent, TimePoint now) {
-    in_flight_.on_silence(is_silent);
+    window_.on_silence(is_silent);
     proceed(now);
   }
   void on_published(std::uint64_t sequence, TimePoint now);
@@ -98,15 +101,15 @@ class Outbox {
   /// The message of a PublishAtBroker, good until the next input; null when it is answered, or the
   /// connection that it was for is lost.
   const BrokerMessage* under_way(std::uint64_t sequence) {
-    const Entry* const entry = in_flight_.find(sequence);
-    return entry ? &entry->message : nullptr;
+    const Item* const item = window_.find(sequence);
+    return item ? &item->message : nullptr;
   }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
   /// What is only in memory.
-  std::size_t unsaved() const;
-  std::size_t queued_bytes() const { return queued_bytes_; }
+  std::size_t unsaved() const { return unsaved_; }
+  std::size_t queued_bytes() const { return unsaved_bytes_; }
   /// Nothing is under way to the broker or the disk, nor could be.
   bool is_settled() const;
   const Statistics& statistics() const { return statistics_; }
@@ -119,9 +122,7 @@ class Outbox {
   std::uint64_t store_failures() const { return store_trouble_.failures(); }
 
  private:
-  using Entry = OutboxEntry;
-  using Entries = OutboxEntries;
-  using Slots = std::unordered_set<std::size_t>;  // TopicCounts::slot
+  using Item = OutboxItem;
   using Turn = RefusedTopics::Turn;
 
   void handle(StoreOpened& opened, TimePoint now);
@@ -135,34 +136,37 @@ class Outbox {
   }
   void handle(DeadLettersRevived& revived, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
-  void start_over(Entries in_memory, TimePoint now);
-  void trace(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
-  void make_safe(Entry& entry);
+  void start_over(std::uint64_t last_row, TimePoint now);
+  void trace(DeliveryStep::Kind kind, const Item& item, std::string why = {});
 
-  void place(Entry entry, TimePoint now, bool is_overdue = false);
-  void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
-  void refuse(const Entry& entry, TimePoint now);
-  void drop(const Entry& entry, const char* why);
+  Item& add(BrokerMessage message, Receipt receipt, TimePoint now);
+  void place(Item& item, TimePoint now);
+  void remove(Item& item, TimePoint now);
+  void refuse(Item& item, TimePoint now);
+  void drop(Item& item, const char* why, TimePoint now);
+  void on_durable(Item& item);
+  void leave_memory(Item& item);
+  void store_all(TimePoint now, bool is_overdue = false);
+  void store_if_needed(Item& item, TimePoint now, bool is_overdue = false);
   void check_overdue(TimePoint now);
   void save_all(TimePoint now);
-  std::optional<TimePoint> oldest_unsaved() const;
+  const Item* oldest_unsaved() const;
+  void release_set_aside(TimePoint now);
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
-  void refuse_with_its_flow(const Entry& next, TimePoint now);
-  bool wait_to_be_alone(const Entry& next, TimePoint now);
-  bool has_memory_for(const Entry& entry) const;
-  void publish(Entry entry, TimePoint now);
-  void save_in_flight(std::string_view topic);
+  void refuse_with_its_flow(const Item& next, TimePoint now);
+  bool wait_to_be_alone(const Item& next, TimePoint now);
+  bool has_memory_for(const Item& item) const;
+  void publish(Item& item, TimePoint now);
   void note_answer(std::uint64_t sequence);
   void find_cause_of_loss(TimePoint now);
-  void on_lost_alone(Entry entry, TimePoint now);
-  Turn turn_of(const Entry& entry, TimePoint now) const;
-  void turn_away(Entry entry, TimePoint now);
-  void make_dead_letter(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
-  void withhold(Entry entry, TimePoint now);
-  void drop_older_withheld(const Entry& entry);
-  void requeue_withheld(TimePoint now);
+  void on_lost_alone(Item& item, TimePoint now);
+  Turn turn_of(const Item& item, TimePoint now) const;
+  void turn_away(Item& item, TimePoint now);
+  void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
+  void withhold(Item& item, TimePoint now);
+  void drop_older_withheld(const Item& item, TimePoint now);
   void ask_for_dead_letters(TimePoint now);
   void on_accepted(const std::string& topic, TimePoint now);
   void notify(std::optional<Notice> notice);
@@ -173,13 +177,14 @@ class Outbox {
   bool is_stalled_ = false;  // overdue messages and no acknowledgement: all that is fresh is stored
   bool is_stopping_ = false;
   bool is_traced_ = false;
-  std::uint64_t next_order_ = 1;
+  std::uint64_t next_row_ = 1;
   std::uint64_t next_sequence_ = 1;
 
   Backlog backlog_;
-  FairQueue waiting_;  // fresh, behind nothing
-  PublishWindow in_flight_;
-  std::size_t queued_bytes_ = 0;
+  FairQueue queue_;
+  PublishWindow window_;
+  std::size_t unsaved_ = 0;  // messages that are only in memory
+  std::size_t unsaved_bytes_ = 0;
 
   RefusedTopics refused_;
   RefusedFlows refused_flows_;
@@ -192,9 +197,6 @@ class Outbox {
   };
   std::optional<Trial> trial_;
   std::optional<TimePoint> trial_waits_until_;  // for what is under way before it
-  /// Messages of refused topics that can neither be dead letters nor be dropped: the newest of the
-  /// gateway's own retained messages of each topic, and messages acknowledged by a former store.
-  Entries withheld_;
 
   /// A topic that the broker takes again: its dead letters follow, page by page, as long as it
   /// does.

@@ -23,9 +23,9 @@ void LossCauses::drop_oldest() {
   written_.pop_front();
 }
 
-std::vector<std::string> LossCauses::on_loss(const OutboxEntries& unanswered, TimePoint now) {
+std::vector<std::string> LossCauses::on_loss(const PublishWindow::Items& unanswered, TimePoint now) {
   std::set<std::string> topics;
-  for (const OutboxEntry& entry : unanswered) topics.insert(entry.message.topic);
+  for (const OutboxItem* item : unanswered) topics.insert(item->message.topic);
   for (Written& written : written_) topics.insert(std::move(written.topic));
   written_.clear();
   std::vector<std::string> accused;

@@ -61,7 +61,7 @@ class LossCauses {
   }
   /// The connection is lost, and nothing explains it. Returns the topics that were unanswered at
   /// the loss before too.
-  std::vector<std::string> on_loss(const OutboxEntries& unanswered, TimePoint now);
+  std::vector<std::string> on_loss(const PublishWindow::Items& unanswered, TimePoint now);
   /// Forgets what was written to the old connection.
   void on_link_up();
 

@@ -12,19 +12,18 @@
 namespace slamgw {
 namespace {
 
-OutboxEntry entry(const std::string& topic, std::uint64_t order) {
-  OutboxEntry made;
-  made.order = order;
+OutboxItem item(const std::string& topic, std::uint64_t row) {
+  OutboxItem made;
+  made.row = row;
   made.message.topic = topic;
   return made;
 }
 
-std::vector<std::string> pop_topics(FairQueue& queue) {
+std::vector<std::string> take_topics(FairQueue& queue) {
   std::vector<std::string> topics;
-  while (!queue.empty()) {
-    const std::string turn = queue.front().message.topic;
-    EXPECT_EQ(queue.pop().message.topic, turn);
-    topics.push_back(turn);
+  while (const OutboxItem* const next = queue.front()) {
+    topics.push_back(next->message.topic);
+    queue.take_front();
   }
   return topics;
 }
@@ -32,34 +31,41 @@ std::vector<std::string> pop_topics(FairQueue& queue) {
 TEST(FairQueue, FlowsTakeTurnsAndEachKeepsItsOrder) {
   FairQueue queue;
   for (const char* topic : {"r/1/a", "r/1/b", "r/1/a", "r/2/a", "r/3/a", "r/2/b"})
-    queue.push(entry(topic, queue.size() + 1));
+    queue.enqueue(queue.add(item(topic, queue.size() + 1)));
   const std::vector<std::string> expected{"r/1/a", "r/2/a", "r/3/a", "r/1/b", "r/2/b", "r/1/a"};
-  EXPECT_EQ(pop_topics(queue), expected);
+  EXPECT_EQ(take_topics(queue), expected);
+  EXPECT_EQ(queue.queued(), 0u);
+  EXPECT_EQ(queue.size(), 6u) << "they are under way";
 }
 
-TEST(FairQueue, GivesEverythingBackInTheOrderOfSubmission) {
+TEST(FairQueue, WhatComesBackHasItsPlaceByItsRow) {
   FairQueue queue;
-  for (std::uint64_t order = 1; order <= 100; ++order)
-    queue.push(entry("r/" + std::to_string(order % 7) + "/a", order));
-  std::uint64_t expected = 0;
-  for (const OutboxEntry& given : queue.take_all()) EXPECT_EQ(given.order, ++expected);
-  EXPECT_EQ(expected, 100u);
-  EXPECT_TRUE(queue.empty());
-  EXPECT_EQ(queue.bytes_in_flow("r/1/a"), 0u);
+  for (std::uint64_t row = 1; row <= 4; ++row)
+    queue.enqueue(queue.add(item("r/1/" + std::to_string(row), row)));
+  OutboxItem& first = *queue.front();
+  queue.take_front();
+  queue.set_aside(*queue.front());
+  queue.enqueue(first);
+  EXPECT_TRUE(queue.has_aside());
+  queue.for_each_aside([&](OutboxItem& aside) { queue.enqueue(aside); });
+  queue.renumber(10);
+  EXPECT_EQ(queue.find(11), &first);
+  EXPECT_EQ(take_topics(queue), (std::vector<std::string>{"r/1/1", "r/1/2", "r/1/3", "r/1/4"}));
 }
 
 TEST(FairQueue, CountsTheBytesOfEachFlow) {
   FairQueue queue;
-  queue.push(entry("r/1/a", 1));
-  queue.push(entry("r/1/bb", 2));
-  queue.push(entry("r/2/a", 3));
-  const std::size_t both = entry("r/1/a", 0).cost() + entry("r/1/bb", 0).cost();
+  queue.enqueue(queue.add(item("r/1/a", 1)));
+  queue.enqueue(queue.add(item("r/1/bb", 2)));
+  queue.enqueue(queue.add(item("r/2/a", 3)));
+  const std::size_t both = item("r/1/a", 0).cost() + item("r/1/bb", 0).cost();
   EXPECT_EQ(queue.bytes_in_flow("r/1/other"), both);
-  queue.erase_if([](const OutboxEntry& e) { return e.order != 2; });
-  EXPECT_EQ(queue.bytes_in_flow("r/1/a"), entry("r/1/bb", 0).cost());
-  EXPECT_EQ(queue.size(), 1u);
-  EXPECT_EQ(queue.pop().order, 2u) << "a flow whose messages are gone has no turn";
-  EXPECT_TRUE(queue.empty());
+  queue.erase(*queue.find(1));
+  queue.erase(*queue.find(3));
+  EXPECT_EQ(queue.bytes_in_flow("r/1/a"), item("r/1/bb", 0).cost());
+  EXPECT_EQ(take_topics(queue), std::vector<std::string>{"r/1/bb"})
+      << "a flow whose messages are gone has no turn";
+  EXPECT_EQ(queue.bytes_in_flow("r/1/a"), 0u);
 }
 
 class FloodTest : public testing::Test, public test::OutboxRig {};

@@ -91,11 +91,11 @@ TEST_F(OutboxStoreTest, AFreshMessageQueuesBehindItsTopicAndPassesOthers) {
   EXPECT_EQ(received_of("a"), expected);
 }
 
-TEST_F(OutboxStoreTest, SharesTheWindowBetweenBacklogAndFresh) {
+TEST_F(OutboxStoreTest, ABacklogTakesTurnsWithAnotherRobotsFreshMessages) {
   store_backlog("old", 1, 2000);
   link_up();
   serve_all();
-  for (std::uint64_t i = 1; i <= 200; ++i) submit("fresh" + std::to_string(i), 10000 + i);
+  for (std::uint64_t i = 1; i <= 200; ++i) submit("fresh/" + std::to_string(i), 10000 + i);
   published_topics.clear();
   for (int i = 0; i < 100; ++i) {
     acknowledge_first();
@@ -105,11 +105,11 @@ TEST_F(OutboxStoreTest, SharesTheWindowBetweenBacklogAndFresh) {
   EXPECT_NEAR(static_cast<double>(old), 50, 10);
 }
 
-TEST_F(OutboxStoreTest, SharesEvenAWindowOfOne) {
+TEST_F(OutboxStoreTest, ABacklogTakesTurnsInAWindowOfOneToo) {
   store_backlog("old", 1, 100);
   link_up(2);
   serve_all();
-  for (std::uint64_t i = 1; i <= 50; ++i) submit("fresh" + std::to_string(i), 10000 + i);
+  for (std::uint64_t i = 1; i <= 50; ++i) submit("fresh/" + std::to_string(i), 10000 + i);
   published_topics.clear();
   for (int i = 0; i < 20; ++i) acknowledge_first();
   EXPECT_EQ(std::count(published_topics.begin(), published_topics.end(), "old"), 10);
