@@ -13,7 +13,6 @@ namespace slamgw {
 void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   Item& item = add(std::move(message), receipt, now);
   if (!has_memory_for(item)) return refuse(item, now);
-  drop_older_withheld(item, now);
   if (turn_of(item, now) == Turn::rest) {
     turn_away(item, now);
   } else {
@@ -238,7 +237,8 @@ void Outbox::withhold(Item& item, TimePoint now) {
 void Outbox::drop_older_withheld(const Item& item, TimePoint now) {
   if (!queue_.has_aside() || item.message.provenance || !item.message.retain) return;
   queue_.for_each_aside([&](Item& other) {
-    if (other.message.topic == item.message.topic && !other.message.provenance) remove(other, now);
+    const bool is_own = !other.message.provenance && other.message.topic == item.message.topic;
+    if (is_own && other.row < item.row) remove(other, now);
   });
 }
 
@@ -283,6 +283,7 @@ void Outbox::on_lost_alone(Item& item, TimePoint now) {
 }
 
 void Outbox::publish(Item& item, TimePoint now) {
+  drop_older_withheld(item, now);
   item.sequence = next_sequence_++;
   actions_.push(PublishAtBroker{item.sequence, trial_.has_value()});
   refused_.on_published(item.message.topic);

@@ -32,8 +32,9 @@ class Walk : public test::OutboxRig {
     if (choice < 92) return pass(std::chrono::milliseconds{below(900)});
     if (choice < 93 && closing_topic_ >= 0) return close_for_poison();
     if (choice < 95) return below(8) == 0 ? resend() : toggle_link();
-    if (choice < 97) return say(100 + below(400));
-    if (choice < 98) return pass(3s);
+    if (choice < 96) return say(100 + below(400));
+    if (choice < 97) return say_state();
+    if (choice < 98) return is_store_late_ && below(2) == 0 ? open_late_store() : pass(3s);
     if (choice < 99) {
       store.is_failing = below(3) == 0;
       return;
@@ -50,6 +51,7 @@ class Walk : public test::OutboxRig {
 
   void finish() {
     store.is_failing = false;
+    if (is_store_late_) open_late_store();
     closing_topic_ = -1;
     pass(60s);
     settle();
@@ -61,6 +63,10 @@ class Walk : public test::OutboxRig {
     EXPECT_EQ(outbox->queued_bytes(), 0u);
     EXPECT_EQ(outbox->backlog().bytes(), 0u);
     EXPECT_TRUE(store.rows.empty());
+    if (last_state_ != 0 && max_bytes >= 1u << 28) {
+      ASSERT_FALSE(received_of(state_topic).empty());
+      EXPECT_EQ(received_of(state_topic).back(), std::to_string(last_state_));
+    }
   }
 
  private:
@@ -87,13 +93,21 @@ class Walk : public test::OutboxRig {
       drain();
     }
   }
+  /// A retained message of the gateway itself: the last one counts.
+  void say_state() {
+    last_state_ = ++number_;
+    outbox->submit({state_topic, to_bytes(std::to_string(number_)), Qos::at_least_once, true},
+                   no_receipt, now);
+    drain();
+  }
   void acknowledge(int count) {
     for (int i = 0; i < count && !under_way.empty(); ++i) {
       const bool may_be_refused =
           under_way.front().message.qos != Qos::at_most_once && first_topic() < topic(3);
       const bool is_refused =
           may_be_refused && (below(100) < refusing_ || refused_topic_ == first_topic());
-      is_refused ? refuse_first(below(10) == 0 ? topic_name_invalid : quota_exceeded)
+      const bool is_permanent = first_topic() != state_topic && below(10) == 0;
+      is_refused ? refuse_first(is_permanent ? topic_name_invalid : quota_exceeded)
                  : acknowledge_first();
     }
     if (refusing_ > 0 && below(50) == 0) refused_topic_ = below(2) ? topic(below(3)) : "";
@@ -109,7 +123,7 @@ class Walk : public test::OutboxRig {
   /// As an operator orders; the store has answered all that it was asked before.
   void resend() {
     while (store.is_asked() && below(3) > 0) serve_store();
-    if (store.is_failing) return;
+    if (store.is_failing || is_store_late_) return;
     outbox->on_store_event(store.revive_all(now), now);
     drain();
   }
@@ -117,9 +131,21 @@ class Walk : public test::OutboxRig {
     ++interruptions_;
     if (store.is_asked() && below(2) == 0) store.serve(now);
     die();
-    start();
+    last_state_ = 0;  // said again by a gateway that starts
+    is_store_late_ = below(3) == 0;
+    if (!is_store_late_) return start();
+    outbox = std::make_unique<Outbox>(window, max_bytes);
+    store.begin_process();
+    if (store.rows.empty() && store.dead_letters.empty())
+      outbox->on_store_event(store.vanish(), now);
+    drain();
+  }
+  void open_late_store() {
+    is_store_late_ = false;
+    open_store();
   }
 
+  static constexpr const char* state_topic = "gateway/g/state";
   static std::string topic(int which) {
     return "r/" + std::to_string(which / 2) + "/" + std::to_string(which % 2);
   }
@@ -131,6 +157,8 @@ class Walk : public test::OutboxRig {
   int closing_topic_;
   std::string refused_topic_;  // every message of it
   std::uint64_t number_ = 0;
+  std::uint64_t last_state_ = 0;  // 0: none in this process
+  bool is_store_late_ = false;    // it can be opened only later
   std::map<std::uint64_t, std::string> topics_;
   std::size_t interruptions_ = 0;
 };
