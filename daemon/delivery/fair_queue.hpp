@@ -60,6 +60,8 @@ class FairQueue {
     bool operator()(const Item* a, const Item* b) const { return a->row < b->row; }
   };
   using Rows = std::set<Item*, ByRow, RecyclingAllocator<Item*>>;
+  using Items = std::map<std::uint64_t, Item, std::less<>,
+                         RecyclingAllocator<std::pair<const std::uint64_t, Item>>>;
 
   /// With a row that no other has. The item stays where it is until it is erased.
   Item& add(Item item);
@@ -88,11 +90,8 @@ class FairQueue {
   void for_each_aside(Visit visit) {
     for (auto next = aside_.begin(); next != aside_.end();) visit(**next++);
   }
-  const std::map<std::uint64_t, Item, std::less<>,
-                 RecyclingAllocator<std::pair<const std::uint64_t, Item>>>&
-  items() const {
-    return items_;
-  }
+  /// By row.
+  const Items& items() const { return items_; }
   bool has_aside() const { return !aside_.empty(); }
   /// Adds `shift` to each row.
   void renumber(std::uint64_t shift);
@@ -117,9 +116,7 @@ class FairQueue {
   static Key key_of(std::string_view topic);
   const Flow& flow_at_turn() const { return flows_.find(turns_.front())->second; }
 
-  std::map<std::uint64_t, Item, std::less<>,
-           RecyclingAllocator<std::pair<const std::uint64_t, Item>>>
-      items_;     // by row
+  Items items_;
   Flows flows_;   // none is empty
   Rows aside_;
   std::deque<Key, RecyclingAllocator<Key>> turns_;  // each flow once

@@ -97,7 +97,7 @@ void Outbox::refuse(Item& item, TimePoint now) {
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   window_.on_link_up(receive_maximum, now);
-  loss_causes_.on_link_up();
+  refused_.on_link_up();
   overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
   proceed(now);
@@ -128,7 +128,11 @@ void Outbox::proceed(TimePoint now) {
   if (auto write = backlog_.next_write(queue_, now)) actions_.push(std::move(*write));
   if (!is_up_) return;
   if (auto load = backlog_.next_load(queue_)) actions_.push(*load);
-  if (!is_stopping_) ask_for_dead_letters(now);
+  while (!is_stopping_) {
+    auto retry = refused_.next_to_ask(backlog_, now);
+    if (!retry) break;
+    actions_.push(std::move(*retry));
+  }
 }
 
 bool Outbox::publish_next(TimePoint now) {
@@ -169,9 +173,9 @@ void Outbox::release_set_aside(TimePoint now) {
 
 /// Counts its topic as refused where asking the broker would cost all robots the connection.
 void Outbox::refuse_with_its_flow(const Item& next, TimePoint now) {
-  const Refusal* const reason = refused_flows_.reason(next.message.topic);
+  const Refusal* const reason = refused_.refusal_of_flow(next.message.topic);
   if (!reason || next.is_unacknowledged() || turn_of(next, now) != Turn::open) return;
-  if (refused_.on_refused(next.message.topic, *reason, now))
+  if (refused_.refuse(next.message.topic, *reason, now))
     notify(refusal_notices_.on_refused_topic(next.message.topic, *reason, now));
 }
 
@@ -213,7 +217,7 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
     return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal, now));
   }
   if (!is_own && !item.receipt.is_owed()) {  // it was acknowledged
-    if (!will_be_tried) refused_.on_refused(topic, refusal, now);
+    if (!will_be_tried) refused_.refuse(topic, refusal, now);
     return withhold(item, now);
   }
   if (!will_be_tried) notify(refusal_notices_.on_dropped(topic, bytes, refusal, now));
@@ -237,41 +241,24 @@ void Outbox::withhold(Item& item, TimePoint now) {
 void Outbox::drop_older_withheld(const Item& item, TimePoint now) {
   if (!queue_.has_aside() || item.message.provenance || !item.message.retain) return;
   queue_.for_each_aside([&](Item& other) {
-    const bool is_own = !other.message.provenance && other.message.topic == item.message.topic;
-    if (is_own && other.row < item.row) remove(other, now);
+    const bool is_own = !other.message.provenance && other.message.retain;
+    if (is_own && other.message.topic == item.message.topic && other.row < item.row)
+      remove(other, now);
   });
-}
-
-/// Asks only when all dead letters were given to the store, which answers requests in order.
-void Outbox::ask_for_dead_letters(TimePoint now) {
-  const bool can_ask = backlog_.can_keep() && backlog_.has_written_dead_letters();
-  while (const auto topic = refused_.next_to_ask(can_ask, now))
-    actions_.push(RetryDeadLetters{backlog_.generation(), *topic, 1});
-  if (!can_ask) return;
-  std::erase_if(accepted_, [&](const Accepted& one) { return refused_.has(one.topic); });
-  for (Accepted& one : accepted_) {
-    if (one.is_asked || backlog_.has_unread(one.topic)) continue;  // the last page is not read yet
-    one.is_asked = true;
-    actions_.push(RetryDeadLetters{backlog_.generation(), one.topic, resend_page});
-  }
 }
 
 /// The link is lost: what may the broker have closed the connection for?
 void Outbox::find_cause_of_loss(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
-  if (const auto* refused = loss_causes_.explanation(now)) {
-    if (!refused->refusal.is_permanent()) refused_flows_.add(refused->topic, refused->refusal);
-    return refused_.on_loss_after_refusal(now);
-  }
+  if (refused_.on_loss_after_refusal(now)) return;
   if (trial) return on_lost_alone(*window_.take(trial->sequence, now), now);
-  for (const std::string& topic : loss_causes_.on_loss(window_.items(), now))
-    refused_.accuse(topic, now);
+  refused_.on_loss(window_.items(), now);
 }
 
 void Outbox::on_lost_alone(Item& item, TimePoint now) {
   const std::string topic = item.message.topic;
-  const bool is_convicted = refused_.on_lost_alone(topic, answers_, now);
+  const bool is_convicted = refused_.on_lost_alone(topic, now);
   const Refusal refusal{0, is_convicted ? "the connection was lost each time when it was sent alone"
                                         : "the connection is lost when they are sent"};
   if (item.is_unacknowledged()) {
@@ -299,28 +286,17 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (item->receipt.is_owed()) actions_.push(FireReceipt{item->receipt, ReceiptOutcome::safe});
   if (!item->is_unacknowledged() || item->is_probe) {
     note_answer(sequence);
-    on_accepted(item->message.topic, now);
+    if (refused_.on_accepted(item->message.topic, now))
+      notify(refusal_notices_.on_accepted(item->message.topic, now));
   } else {
-    loss_causes_.on_written(sequence, SpareBuffers<std::string>::copy(item->message.topic));
+    refused_.on_written(sequence, SpareBuffers<std::string>::copy(item->message.topic));
   }
   remove(*item, now);
   proceed(now);
 }
 
-void Outbox::on_accepted(const std::string& topic, TimePoint now) {
-  refused_flows_.on_accepted(topic);
-  if (refused_.empty()) return;
-  if (refused_.on_accepted(topic, now)) {
-    notify(refusal_notices_.on_accepted(topic, now));
-    if (std::ranges::find(accepted_, topic, &Accepted::topic) == accepted_.end())
-      accepted_.push_back({topic});
-  }
-  if (refused_.empty()) refused_flows_.clear();
-}
-
 void Outbox::note_answer(std::uint64_t sequence) {
-  ++answers_;
-  loss_causes_.on_answered(sequence);
+  refused_.on_answered(sequence);
   if (trial_ && trial_->sequence == sequence) trial_.reset();
 }
 
@@ -329,20 +305,16 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   if (!item) return;  // from before a reconnect
   const std::string topic = item->message.topic;
   note_answer(sequence);
-  loss_causes_.on_refused({topic, refusal, now});
-  const bool is_topics_fault = !refusal.is_permanent();
-  if (!is_topics_fault) {
-    refused_.on_not_tried(topic, {}, now);
-  } else if (refused_.on_refused(topic, refusal, now) && !item->is_unacknowledged()) {
+  const bool is_news = refused_.on_refused(topic, refusal, now);
+  if (is_news && !item->is_unacknowledged())
     notify(refusal_notices_.on_refused_topic(topic, refusal, now));
-  }
   if (item->is_unacknowledged()) {
     notify(refusal_notices_.on_unacknowledged(item->message, refusal, now));
   } else {
     is_stalled_ = false;
     trace(DeliveryStep::Kind::refused, *item, "the broker: " + refusal.why);
   }
-  make_dead_letter(*item, refusal, is_topics_fault ? refused_.tries(topic) : 1, now);
+  make_dead_letter(*item, refusal, refusal.is_permanent() ? 1 : refused_.tries(topic), now);
   proceed(now);
 }
 
@@ -432,7 +404,6 @@ void Outbox::start_over(std::uint64_t last_row, TimePoint now) {
     unsaved_bytes_ += item.cost();
     if (item.sequence == 0) queue_.enqueue(item);
   });
-  accepted_.clear();
   overdue_check_ = now;
   store_all(now);
 }
@@ -440,8 +411,7 @@ void Outbox::start_over(std::uint64_t last_row, TimePoint now) {
 void Outbox::handle(StoreWritten&, TimePoint) {
   for (const std::uint64_t row : backlog_.on_written())
     if (Item* const item = queue_.find(row)) on_durable(*item);
-  for (Accepted& one : accepted_)
-    if (std::exchange(one.has_failed, false)) one.is_asked = false;
+  refused_.on_store_works();
   notify(store_trouble_.on_written());
 }
 
@@ -503,19 +473,7 @@ void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
 
 void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   backlog_.on_revived(revived);
-  const std::string& topic = revived.retried_topic;
-  if (topic.empty()) return;
-  const auto accepted = std::ranges::find(accepted_, topic, &Accepted::topic);
-  if (revived.has_failed) {
-    refused_.on_not_tried(topic, RefusedTopics::first_pause, now);
-    if (accepted != accepted_.end()) accepted->has_failed = true;
-    return;
-  }
-  const bool is_none = revived.messages.empty();
-  refused_.on_letter(topic, is_none ? 0 : revived.messages.front().row, now);
-  if (accepted == accepted_.end()) return;
-  accepted->is_asked = false;
-  if (is_none) accepted_.erase(accepted);
+  if (!revived.retried_topic.empty()) refused_.on_revived(revived, now);
 }
 
 void Outbox::trace(DeliveryStep::Kind kind, const Item& item, std::string why) {

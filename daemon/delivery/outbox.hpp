@@ -17,7 +17,6 @@
 #include <optional>
 #include <string>
 #include <variant>
-#include <vector>
 
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
@@ -55,8 +54,6 @@ class Outbox {
   /// How long all other messages wait, first for the answers to those under way before one message
   /// goes alone, and then for its answer.
   static constexpr std::chrono::seconds trial_patience{5};
-  /// Number of dead letters in one request, once the broker accepts their topic again.
-  static constexpr std::size_t resend_page = 64;
   /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
 
@@ -167,8 +164,6 @@ class Outbox {
   void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
   void withhold(Item& item, TimePoint now);
   void drop_older_withheld(const Item& item, TimePoint now);
-  void ask_for_dead_letters(TimePoint now);
-  void on_accepted(const std::string& topic, TimePoint now);
   void notify(std::optional<Notice> notice);
   void expire_unacknowledged(TimePoint now);
 
@@ -187,9 +182,6 @@ class Outbox {
   std::size_t unsaved_bytes_ = 0;
 
   RefusedTopics refused_;
-  RefusedFlows refused_flows_;
-  LossCauses loss_causes_;
-  std::uint64_t answers_ = 0;  // of the broker
   /// A message that is under way alone, and until when the others wait for its answer.
   struct Trial {
     std::uint64_t sequence = 0;
@@ -197,15 +189,6 @@ class Outbox {
   };
   std::optional<Trial> trial_;
   std::optional<TimePoint> trial_waits_until_;  // for what is under way before it
-
-  /// A topic that the broker takes again: its dead letters follow, page by page, as long as it
-  /// does.
-  struct Accepted {
-    std::string topic;
-    bool is_asked = false;
-    bool has_failed = false;  // asked for in vain; again when the store works
-  };
-  std::vector<Accepted> accepted_;
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
   std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight

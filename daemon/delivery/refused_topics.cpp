@@ -2,45 +2,12 @@
 #include "daemon/delivery/refused_topics.hpp"
 
 #include <algorithm>
-#include <iterator>
+#include <utility>
 
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/spare_buffers.hpp"
 
 namespace slamgw {
-
-void LossCauses::on_written(std::uint64_t sequence, std::string topic) {
-  written_.push_back({sequence, std::move(topic)});
-  if (written_.size() > most_written) drop_oldest();
-}
-
-void LossCauses::on_answered(std::uint64_t sequence) {
-  while (!written_.empty() && written_.front().sequence < sequence) drop_oldest();
-}
-
-void LossCauses::drop_oldest() {
-  SpareBuffers<std::string>::give_back(std::move(written_.front().topic));
-  written_.pop_front();
-}
-
-std::vector<std::string> LossCauses::on_loss(const PublishWindow::Items& unanswered, TimePoint now) {
-  std::set<std::string> topics;
-  for (const OutboxItem* item : unanswered) topics.insert(item->message.topic);
-  for (Written& written : written_) topics.insert(std::move(written.topic));
-  written_.clear();
-  std::vector<std::string> accused;
-  if (now - last_loss_ <= longest_between)
-    std::set_intersection(topics.begin(), topics.end(), last_unanswered_.begin(),
-                          last_unanswered_.end(), std::back_inserter(accused));
-  last_unanswered_ = std::move(topics);
-  last_loss_ = now;
-  return accused;
-}
-
-void LossCauses::on_link_up() {
-  written_.clear();
-  refused_.reset();
-}
 
 RefusedTopics::Topic* RefusedTopics::find(std::string_view topic) {
   if (topics_.empty()) return nullptr;
@@ -112,7 +79,59 @@ void RefusedTopics::on_link_down(TimePoint now) {
   }
 }
 
+void RefusedTopics::on_written(std::uint64_t sequence, std::string topic) {
+  written_.push_back({sequence, std::move(topic)});
+  if (written_.size() > most_written) drop_oldest_written();
+}
+
+void RefusedTopics::on_answered(std::uint64_t sequence) {
+  ++answers_;
+  while (!written_.empty() && written_.front().sequence < sequence) drop_oldest_written();
+}
+
+void RefusedTopics::drop_oldest_written() {
+  SpareBuffers<std::string>::give_back(std::move(written_.front().topic));
+  written_.pop_front();
+}
+
+void RefusedTopics::on_link_up() {
+  written_.clear();
+  last_refusal_.reset();
+}
+
+bool RefusedTopics::on_loss_after_refusal(TimePoint now) {
+  if (!last_refusal_ || now - last_refusal_->at >= refusal_to_loss) return false;
+  const auto& [topic, refusal, at] = *last_refusal_;
+  if (!refusal.is_permanent()) {
+    taken_.reset(TopicCounts::slot(topic));
+    flows_[TopicCounts::slot(flow_of(topic))] = {
+        refusal.code, "another topic of this robot is: " + refusal.why};
+  }
+  put_off_tries(now);
+  return true;
+}
+
+void RefusedTopics::on_loss(const PublishWindow::Items& unanswered, TimePoint now) {
+  std::set<std::string> topics;
+  for (const OutboxItem* item : unanswered) topics.insert(item->message.topic);
+  for (Written& written : written_) topics.insert(std::move(written.topic));
+  written_.clear();
+  if (now - last_loss_ <= longest_between) {
+    for (const std::string& topic : topics)
+      if (last_unanswered_.contains(topic)) accuse(topic, now);
+  }
+  last_unanswered_ = std::move(topics);
+  last_loss_ = now;
+}
+
 bool RefusedTopics::on_refused(const std::string& topic, const Refusal& refusal, TimePoint now) {
+  last_refusal_ = {topic, refusal, now};
+  if (!refusal.is_permanent()) return refuse(topic, refusal, now);
+  on_not_tried(topic, {}, now);
+  return false;
+}
+
+bool RefusedTopics::refuse(const std::string& topic, const Refusal& refusal, TimePoint now) {
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
   const bool is_new = known->is_accused();
@@ -123,7 +142,7 @@ bool RefusedTopics::on_refused(const std::string& topic, const Refusal& refusal,
   const bool is_try = known->phase == Phase::trying;
   if (is_new || is_try) grow_pause(*known, longest_pause, now);  // else it has begun already
   // Will the broker close the connection now?
-  if (is_try && caution_ > Duration::zero()) tries_put_off_ = now + LossCauses::refusal_to_loss;
+  if (is_try && caution_ > Duration::zero()) tries_put_off_ = now + refusal_to_loss;
   return is_news;
 }
 
@@ -133,15 +152,15 @@ void RefusedTopics::accuse(const std::string& topic, TimePoint now) {
   rest(*known, now);
 }
 
-bool RefusedTopics::on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now) {
+bool RefusedTopics::on_lost_alone(const std::string& topic, TimePoint now) {
   put_off_tries(now);
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
   known->refusal = {0, "the connection is lost when they are sent"};
-  if (++known->losses == 1) known->answers_at_loss = answers;
+  if (++known->losses == 1) known->answers_at_loss = answers_;
   grow_pause(*known, longest_closing_pause, now);
   const bool is_convicted =
-      known->losses >= losses_that_convict && answers > known->answers_at_loss;
+      known->losses >= losses_that_convict && answers_ > known->answers_at_loss;
   if (is_convicted) known->losses = 0;
   return is_convicted;
 }
@@ -157,16 +176,20 @@ void RefusedTopics::on_published(std::string_view topic) {
   if (std::exchange(known->phase, Phase::trying) == Phase::resting) ++busy_;
 }
 
-bool RefusedTopics::on_accepted(std::string_view topic, TimePoint now) {
+bool RefusedTopics::on_accepted(const std::string& topic, TimePoint now) {
+  taken_.set(TopicCounts::slot(topic));
   Topic* const known = find(topic);
   if (!known) return false;
   const bool was_refused = !known->is_accused();
   rest(*known, now);
   topics_.erase(topics_.find(topic));
+  if (topics_.empty()) flows_.clear();
   wake_ = now;
   if (!was_refused) return false;
   caution_ = Duration::zero();
   tries_put_off_.reset();
+  if (std::ranges::find(accepted_, topic, &Accepted::topic) == accepted_.end())
+    accepted_.push_back({topic});
   return true;
 }
 
@@ -189,8 +212,24 @@ void RefusedTopics::on_dead_letter(std::string_view topic) {
   if (known->waiting++ == 0) wake_ = earlier(wake_, known->due);
 }
 
-std::optional<std::string> RefusedTopics::next_to_ask(bool can_ask, TimePoint now) {
-  if (!is_wake_due(now)) return std::nullopt;
+std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlog,
+                                                           TimePoint now) {
+  const bool can_ask = backlog.can_keep() && backlog.has_written_dead_letters();
+  if (const std::string* const topic = next_try(can_ask, now))
+    return RetryDeadLetters{backlog.generation(), *topic, 1};
+  if (!can_ask || accepted_.empty()) return std::nullopt;
+  std::erase_if(accepted_, [&](const Accepted& one) { return has(one.topic); });
+  const auto next = std::ranges::find_if(accepted_, [&](const Accepted& one) {
+    return !one.is_asked && !backlog.has_unread(one.topic);  // the last page was read
+  });
+  if (next == accepted_.end()) return std::nullopt;
+  next->is_asked = true;
+  return RetryDeadLetters{backlog.generation(), next->topic, resend_page};
+}
+
+/// The topic of which a dead letter is to be tried now.
+const std::string* RefusedTopics::next_try(bool can_ask, TimePoint now) {
+  if (!is_wake_due(now)) return nullptr;
   if (tries_put_off_ && now >= *tries_put_off_) tries_put_off_.reset();
   wake_ = tries_put_off_;
   std::pair<const std::string, Topic>* next = nullptr;
@@ -207,28 +246,49 @@ std::optional<std::string> RefusedTopics::next_to_ask(bool can_ask, TimePoint no
     }
   }
   if (next && !can_ask) wake_ = earlier(wake_, now + first_pause);
-  if (!next || !can_ask || !may_try(now)) return std::nullopt;
+  if (!next || !can_ask || !may_try(now)) return nullptr;
   next->second.phase = Phase::asked;
   ++busy_;
   wake_ = now;
-  return next->first;
+  return &next->first;
 }
 
-void RefusedTopics::on_letter(std::string_view topic, std::uint64_t row, TimePoint now) {
-  Topic* const known = find(topic);
-  if (!known || known->phase != Phase::asked) return;
-  if (row != 0) {
-    if (known->waiting > 0) --known->waiting;
-    known->row = row;
+void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now) {
+  const std::string& topic = revived.retried_topic;
+  const auto accepted = std::ranges::find(accepted_, topic, &Accepted::topic);
+  const bool is_page = accepted != accepted_.end();
+  if (revived.has_failed) {
+    on_not_tried(topic, first_pause, now);
+    if (is_page) accepted->has_failed = true;
     return;
   }
-  known->waiting = 0;
-  rest(*known, now);
+  const bool is_none = revived.messages.empty();
+  if (Topic* const known = find(topic); known && known->phase == Phase::asked)
+    on_letter(*known, is_none ? 0 : revived.messages.front().row, now);
+  if (is_page) accepted->is_asked = false;
+  if (is_page && is_none) accepted_.erase(accepted);
+}
+
+/// `row`: where the letter is a message again; 0: there is none.
+void RefusedTopics::on_letter(Topic& topic, std::uint64_t row, TimePoint now) {
+  if (row != 0) {
+    if (topic.waiting > 0) --topic.waiting;
+    topic.row = row;
+    return;
+  }
+  topic.waiting = 0;
+  rest(topic, now);
   wake_ = now;
+}
+
+void RefusedTopics::on_store_works() {
+  for (Accepted& one : accepted_)
+    if (std::exchange(one.has_failed, false)) one.is_asked = false;
 }
 
 void RefusedTopics::on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now) {
   rest_all(now);
+  accepted_.clear();
   for (auto& [name, topic] : topics_) topic.waiting = 0;
   for (DeadTopic& dead : dead_topics) {
     Topic* const known = find_or_add(dead.topic, now);

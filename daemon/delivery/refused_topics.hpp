@@ -7,108 +7,34 @@
 //   resting -> (due) asked, for a dead letter of the topic -> trying -> resting, or gone
 //
 // Brokers also close the connection in place of refusing: Mosquitto for a packet that is too large,
-// NATS for a `.` in a topic. Then one must find out for which message: see LossCauses. A topic that
-// is accused goes alone, so that a connection which is lost meanwhile is the fault of no other.
+// NATS for a `.` in a topic. Then one must find out for which message. Only what the broker had not
+// answered can be the cause, and what was unanswered at two losses in a row is accused. An accused
+// topic goes alone, so that a connection which is lost meanwhile is the fault of no other.
+//
+// Debian 12's Mosquitto closes the connection after each refusal, which costs all robots. So a
+// robot's other topics, but for those that the broker took last time, count as refused there and
+// are tried one by one. Else a robot with a hundred forbidden topics would cost as many connections.
 #pragma once
 
 #include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <string_view>
 #include <unordered_map>
-#include <utility>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/time.hpp"
+#include "daemon/delivery/backlog.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/publish_window.hpp"
 
 namespace slamgw {
-
-/// For which topics a broker may have closed the connection. Only what it had not answered can be
-/// the cause, and what was unanswered at two losses in a row is accused. Pure; part of the outbox.
-class LossCauses {
- public:
-  /// QoS 0 that was written, which has no answer: more than a broker is sent in the time that
-  /// its closing takes to arrive, as a rule.
-  static constexpr std::size_t most_written = 64;
-  /// Two losses that lie further apart have nothing to do with each other.
-  static constexpr std::chrono::hours longest_between{1};
-  /// Debian 12's Mosquitto closes the connection after each PUBACK that refuses.
-  static constexpr std::chrono::seconds refusal_to_loss{1};
-
-  struct Refused {
-    std::string topic;
-    Refusal refusal;
-    TimePoint at{};
-  };
-
-  /// QoS 0 went to the network. `sequence` as in PublishAtBroker.
-  void on_written(std::uint64_t sequence, std::string topic);
-  /// The broker has answered it, and so has read all that was sent before it.
-  void on_answered(std::uint64_t sequence);
-  void on_refused(Refused refused) { refused_ = std::move(refused); }
-  /// The refusal for which the broker has closed the connection; null: there was none.
-  const Refused* explanation(TimePoint now) const {
-    return refused_ && now - refused_->at < refusal_to_loss ? &*refused_ : nullptr;
-  }
-  /// The connection is lost, and nothing explains it. Returns the topics that were unanswered at
-  /// the loss before too.
-  std::vector<std::string> on_loss(const PublishWindow::Items& unanswered, TimePoint now);
-  /// Forgets what was written to the old connection.
-  void on_link_up();
-
- private:
-  struct Written {
-    std::uint64_t sequence = 0;
-    std::string topic;
-  };
-
-  void drop_oldest();
-
-  std::deque<Written, RecyclingAllocator<Written>>
-      written_;  // by rising sequence, after the last answer
-  std::set<std::string> last_unanswered_;
-  TimePoint last_loss_{};
-  std::optional<Refused> refused_;  // the last one of this connection
-};
-
-/// Robots of which the broker has refused a topic and then closed the connection, as Debian 12's
-/// Mosquitto does after each refusal. Every refusal costs all robots the connection; so a robot's
-/// other topics, but for those that the broker took last time, count as refused and are tried one
-/// by one. Else a robot with a hundred forbidden topics would cost a hundred connections. Pure;
-/// part of the outbox.
-class RefusedFlows {
- public:
-  void on_accepted(std::string_view topic) { accepted_.set(TopicCounts::slot(topic)); }
-  /// The broker has refused a message on `topic` and closed the connection.
-  void add(std::string_view topic, const Refusal& refusal) {
-    accepted_.reset(TopicCounts::slot(topic));
-    flows_[slot(topic)] = {refusal.code, "another topic of this robot is: " + refusal.why};
-  }
-  /// Why the broker is taken to refuse `topic`; null: there is no reason to.
-  const Refusal* reason(std::string_view topic) const {
-    if (flows_.empty() || accepted_.test(TopicCounts::slot(topic))) return nullptr;
-    const auto flow = flows_.find(slot(topic));
-    return flow == flows_.end() ? nullptr : &flow->second;
-  }
-  /// No topic is refused any more.
-  void clear() { flows_.clear(); }
-
- private:
-  /// Two flows may share a number; so there are no more than TopicCounts::slots.
-  static std::size_t slot(std::string_view topic) { return TopicCounts::slot(flow_of(topic)); }
-
-  std::unordered_map<std::size_t, Refusal> flows_;
-  std::bitset<TopicCounts::slots> accepted_;  // the broker's last answer for these topics
-};
 
 /// A refused topic, for `status`.
 struct RefusedTopic {
@@ -129,6 +55,15 @@ class RefusedTopics {
   static constexpr std::chrono::hours forgotten_after{2};
   /// Tries at once; one while the broker closes the connection for them.
   static constexpr std::size_t most_tries = 4;
+  /// Number of dead letters in one request, once the broker accepts their topic again.
+  static constexpr std::size_t resend_page = 64;
+  /// QoS 0 that was written, which has no answer: more than a broker is sent in the time that
+  /// its closing takes to arrive, as a rule.
+  static constexpr std::size_t most_written = 64;
+  /// Two losses that lie further apart have nothing to do with each other.
+  static constexpr std::chrono::hours longest_between{1};
+  /// A loss so soon after a refusal is its consequence.
+  static constexpr std::chrono::seconds refusal_to_loss{1};
   /// Further topics are not remembered: their messages are refused by the broker one by one.
   static constexpr std::size_t max_topics = 4096;
 
@@ -151,32 +86,49 @@ class RefusedTopics {
     return known ? known->tries : 1;
   }
 
-  /// The broker has refused a message, or is taken to refuse it. True when topic or reason are new.
-  bool on_refused(const std::string& topic, const Refusal& refusal, TimePoint now);
-  /// The connection was lost twice with a message of it unanswered.
-  void accuse(const std::string& topic, TimePoint now);
-  /// The connection was lost while a message of `topic` was under way alone. Returns true when the
-  /// message is at fault: it is the second loss, and the broker has answered other messages in
-  /// between. `answers`: the number of its answers so far.
-  bool on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now);
-  /// The broker closes the connection after a refusal, so refusals have to be rare: nothing is
-  /// tried for a while, which grows until a message is accepted.
-  void on_loss_after_refusal(TimePoint now) { put_off_tries(now); }
+  /// Why the broker is taken to refuse `topic`, of a robot with a refusal that cost the connection;
+  /// null: there is no reason to.
+  const Refusal* refusal_of_flow(std::string_view topic) const {
+    if (flows_.empty() || taken_.test(TopicCounts::slot(topic))) return nullptr;
+    const auto flow = flows_.find(TopicCounts::slot(flow_of(topic)));
+    return flow == flows_.end() ? nullptr : &flow->second;
+  }
+
   void on_published(std::string_view topic);
-  /// The broker has accepted a message. Returns true when the topic was refused until now.
-  bool on_accepted(std::string_view topic, TimePoint now);
+  /// QoS 0 went to the network. `sequence` as in PublishAtBroker.
+  void on_written(std::uint64_t sequence, std::string topic);
+  /// The broker has answered it, and so has read all that was sent before it.
+  void on_answered(std::uint64_t sequence);
+  /// The broker has accepted a message. Returns true when the topic was refused until now: its dead
+  /// letters follow, page by page, as long as it is not refused again.
+  bool on_accepted(const std::string& topic, TimePoint now);
+  /// The broker has refused a message. Returns true when topic or reason are new.
+  bool on_refused(const std::string& topic, const Refusal& refusal, TimePoint now);
+  /// The topic is refused from now on, also without an answer. Returns true as on_refused().
+  bool refuse(const std::string& topic, const Refusal& refusal, TimePoint now);
   /// The try says nothing about the topic, or could not be made; the next one is in `pause`.
   void on_not_tried(std::string_view topic, Duration pause, TimePoint now);
   /// Records that a message of `topic` became a dead letter.
   void on_dead_letter(std::string_view topic);
 
-  /// The topic of which a dead letter is to be asked for now. Answered by on_letter().
-  std::optional<std::string> next_to_ask(bool can_ask, TimePoint now);
-  /// `row`: where the letter is stored again; 0: there is none.
-  void on_letter(std::string_view topic, std::uint64_t row, TimePoint now);
-
-  /// Tries under way will not be answered.
+  void on_link_up();
+  /// The connection is lost: was it for a refusal? Refusals have to be rare then, so nothing is
+  /// tried for a while, which grows until a message is accepted.
+  bool on_loss_after_refusal(TimePoint now);
+  /// It is lost for another reason, with these messages unanswered.
+  void on_loss(const PublishWindow::Items& unanswered, TimePoint now);
+  /// It is lost while a message of `topic` was under way alone. Returns true when the message is at
+  /// fault: it is the second loss, and the broker has answered other messages in between.
+  bool on_lost_alone(const std::string& topic, TimePoint now);
+  /// After one of these: tries under way will not be answered.
   void on_link_down(TimePoint now);
+
+  /// What the store is to be asked for now, until there is nothing. It is asked only when it was
+  /// given all dead letters, for it answers in order.
+  std::optional<RetryDeadLetters> next_to_ask(const Backlog& backlog, TimePoint now);
+  void on_revived(const DeadLettersRevived& revived, TimePoint now);
+  /// What was asked for while the store failed is asked for again.
+  void on_store_works();
   /// Takes over the dead topics of a newly opened store.
   void on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now);
   /// The store has lost messages, perhaps a requested dead letter.
@@ -207,6 +159,21 @@ class RefusedTopics {
     bool is_accused() const { return tries == 0; }
   };
   using Topics = std::map<std::string, Topic, std::less<>>;
+  struct Written {
+    std::uint64_t sequence = 0;
+    std::string topic;
+  };
+  struct LastRefusal {
+    std::string topic;
+    Refusal refusal;
+    TimePoint at{};
+  };
+  /// A topic that the broker takes again.
+  struct Accepted {
+    std::string topic;
+    bool is_asked = false;
+    bool has_failed = false;  // asked for in vain
+  };
 
   Topic* find(std::string_view topic);
   const Topic* find(std::string_view topic) const;
@@ -217,12 +184,25 @@ class RefusedTopics {
   void rest(Topic& topic, TimePoint due);
   void rest_all(TimePoint now);
   void put_off_tries(TimePoint now);
+  void accuse(const std::string& topic, TimePoint now);
+  void drop_oldest_written();
+  const std::string* next_try(bool can_ask, TimePoint now);
+  void on_letter(Topic& topic, std::uint64_t row, TimePoint now);
 
   Topics topics_;
+  std::vector<Accepted> accepted_;
   std::size_t busy_ = 0;                    // asked or trying
   Duration caution_{};                      // the last time by which tries were put off
   std::optional<TimePoint> tries_put_off_;  // until then
   std::optional<TimePoint> wake_;
+
+  std::uint64_t answers_ = 0;  // of the broker
+  std::deque<Written, RecyclingAllocator<Written>> written_;  // after the last answer, in order
+  std::set<std::string> last_unanswered_;
+  TimePoint last_loss_{};
+  std::optional<LastRefusal> last_refusal_;        // of this connection
+  std::unordered_map<std::size_t, Refusal> flows_;  // by slot, so there are few
+  std::bitset<TopicCounts::slots> taken_;           // the broker's last answer for these topics
 };
 
 }  // namespace slamgw
