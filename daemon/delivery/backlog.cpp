@@ -115,8 +115,8 @@ std::optional<WriteToStore> Backlog::next_write(FairQueue& queue, TimePoint now)
   WriteToStore write;
   take_to_write(write, queue);
   const bool is_erasure_due =
-      !erasures_.empty() && (erasures_.size() >= forget_batch || is_stopping_ ||
-                             (erasure_due_ && now >= *erasure_due_));
+      !erasures_.empty() &&
+      (erasures_.size() >= forget_batch || is_stopping_ || (erasure_due_ && now >= *erasure_due_));
   if (write.keep.empty() && !is_erasure_due && !is_probe_due_) return std::nullopt;
   write.generation = generation_;
   take_erasures(write, queue);

@@ -139,17 +139,17 @@ class Backlog {
   std::uint64_t stored_total_ = 0;
   std::optional<TimePoint> oldest_;
 
-  std::deque<std::uint64_t> to_write_;   // asked; some may have left memory since
-  std::vector<std::uint64_t> writing_;   // in the write that is under way
+  std::deque<std::uint64_t> to_write_;  // asked; some may have left memory since
+  std::vector<std::uint64_t> writing_;  // in the write that is under way
   Erasures erasures_;
-  Erasures erasing_;  // in the write that is under way
+  Erasures erasing_;                   // in the write that is under way
   std::size_t unwritten_letters_ = 0;  // in erasures_
   DeadLetterCounts dead_letters_;
   std::optional<TimePoint> erasure_due_;
 
-  std::uint64_t cursor_ = 0;    // no row up to this one is unread
-  std::size_t unread_ = 0;      // rows that are on disk only
-  TopicCounts unread_topics_;   // too high for topics of damaged rows, until all is read
+  std::uint64_t cursor_ = 0;   // no row up to this one is unread
+  std::size_t unread_ = 0;     // rows that are on disk only
+  TopicCounts unread_topics_;  // too high for topics of damaged rows, until all is read
   std::uint64_t loading_after_ = 0;
 
   bool is_writing_ = false;

@@ -117,7 +117,7 @@ class FairQueue {
   const Flow& flow_at_turn() const { return flows_.find(turns_.front())->second; }
 
   Items items_;
-  Flows flows_;   // none is empty
+  Flows flows_;  // none is empty
   Rows aside_;
   std::deque<Key, RecyclingAllocator<Key>> turns_;  // each flow once
   std::size_t queued_ = 0;

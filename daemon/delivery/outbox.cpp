@@ -84,10 +84,9 @@ void Outbox::drop(Item& item, const char* why, TimePoint now) {
 
 void Outbox::refuse(Item& item, TimePoint now) {
   if (const auto count = full_throttle_.on_event(now))
-    actions_.push(
-        no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0, store_max_bytes_,
-                        turn_of(item, now) == Turn::rest, unsaved_bytes_ - item.cost(),
-                        backlog_.largest_share()}));
+    actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0,
+                                  store_max_bytes_, turn_of(item, now) == Turn::rest,
+                                  unsaved_bytes_ - item.cost(), backlog_.largest_share()}));
   if (!item.receipt.is_owed()) return drop(item, "there is no room for it", now);
   ++statistics_.refused;
   actions_.push(FireReceipt{item.receipt, ReceiptOutcome::refused});

@@ -104,8 +104,8 @@ bool RefusedTopics::on_loss_after_refusal(TimePoint now) {
   const auto& [topic, refusal, at] = *last_refusal_;
   if (!refusal.is_permanent()) {
     taken_.reset(TopicCounts::slot(topic));
-    flows_[TopicCounts::slot(flow_of(topic))] = {
-        refusal.code, "another topic of this robot is: " + refusal.why};
+    flows_[TopicCounts::slot(flow_of(topic))] = {refusal.code,
+                                                 "another topic of this robot is: " + refusal.why};
   }
   put_off_tries(now);
   return true;
@@ -212,8 +212,7 @@ void RefusedTopics::on_dead_letter(std::string_view topic) {
   if (known->waiting++ == 0) wake_ = earlier(wake_, known->due);
 }
 
-std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlog,
-                                                           TimePoint now) {
+std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlog, TimePoint now) {
   const bool can_ask = backlog.can_keep() && backlog.has_written_dead_letters();
   if (const std::string* const topic = next_try(can_ask, now))
     return RetryDeadLetters{backlog.generation(), *topic, 1};

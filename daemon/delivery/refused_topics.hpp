@@ -13,7 +13,8 @@
 //
 // Debian 12's Mosquitto closes the connection after each refusal, which costs all robots. So a
 // robot's other topics, but for those that the broker took last time, count as refused there and
-// are tried one by one. Else a robot with a hundred forbidden topics would cost as many connections.
+// are tried one by one. Else a robot with a hundred forbidden topics would cost as many
+// connections.
 #pragma once
 
 #include <bitset>
@@ -196,11 +197,11 @@ class RefusedTopics {
   std::optional<TimePoint> tries_put_off_;  // until then
   std::optional<TimePoint> wake_;
 
-  std::uint64_t answers_ = 0;  // of the broker
+  std::uint64_t answers_ = 0;                                 // of the broker
   std::deque<Written, RecyclingAllocator<Written>> written_;  // after the last answer, in order
   std::set<std::string> last_unanswered_;
   TimePoint last_loss_{};
-  std::optional<LastRefusal> last_refusal_;        // of this connection
+  std::optional<LastRefusal> last_refusal_;         // of this connection
   std::unordered_map<std::size_t, Refusal> flows_;  // by slot, so there are few
   std::bitset<TopicCounts::slots> taken_;           // the broker's last answer for these topics
 };
