@@ -71,12 +71,16 @@ bool Backlog::bury(Item& item, const Refusal& refusal, std::uint32_t tries, Time
     if (!can_keep() || !has_room || !keep(item)) return false;
   }
   erasures_[item.row] = {item.row, refusal.why, refusal.code, tries};
-  ++unwritten_letters_;
   erasure_due_ = now;
   dead_letters_.bytes += cost;  // the store counts exactly, but later
   ++dead_letters_.count;
   if (item.is_durable()) release(item);
   return true;
+}
+
+bool Backlog::has_written_dead_letters() const {
+  return std::ranges::none_of(erasures_,
+                              [](const auto& erasure) { return erasure.second.has_value(); });
 }
 
 void Backlog::on_left_memory(std::uint64_t row, std::string_view topic) {
@@ -98,7 +102,6 @@ void Backlog::on_opened(StoreOpened opened, TimePoint now) {
   writing_.clear();
   erasures_.clear();
   erasing_.clear();
-  unwritten_letters_ = 0;
   dead_letters_ = opened.dead_letters;
   is_writing_ = is_loading_ = is_probe_due_ = false;
   erasure_due_ = write_retry_ = load_retry_ = std::nullopt;
@@ -153,7 +156,6 @@ void Backlog::take_erasures(WriteToStore& write, FairQueue& queue) {
   }
   erasing_ = std::exchange(erasures_, std::move(later));
   for (const auto& [row, letter] : erasures_) erasing_.erase(row);
-  unwritten_letters_ = erasures_.size();
   erasure_due_.reset();
 }
 
@@ -168,8 +170,6 @@ std::vector<std::uint64_t> Backlog::on_written() {
 void Backlog::on_write_failed(FairQueue& queue, TimePoint now) {
   erasures_.merge(erasing_);
   erasing_.clear();
-  unwritten_letters_ = static_cast<std::size_t>(std::ranges::count_if(
-      erasures_, [](const auto& erasure) { return erasure.second.has_value(); }));
   to_write_.insert(to_write_.end(), writing_.begin(), writing_.end());
   writing_.clear();
   for (const std::uint64_t row : std::exchange(to_write_, {}))
@@ -186,7 +186,6 @@ void Backlog::abandon(Item& item, FairQueue& queue) {
   item.disk = Disk::none;
   if (!std::exchange(item.is_dead, false)) return;
   erasures_.erase(item.row);
-  --unwritten_letters_;
   dead_letters_.count -= std::min<std::size_t>(dead_letters_.count, 1);
   dead_letters_.bytes -= std::min(dead_letters_.bytes, cost_of(item));
   queue.enqueue(item);

@@ -73,7 +73,7 @@ class Backlog {
   /// It does not count among the messages any more.
   void release(const Item& item);
   /// All dead letters were given to the store.
-  bool has_written_dead_letters() const { return unwritten_letters_ == 0; }
+  bool has_written_dead_letters() const;
   /// A durable message that has not reached the broker is on disk only from now on.
   void on_left_memory(std::uint64_t row, std::string_view topic);
 
@@ -142,8 +142,7 @@ class Backlog {
   std::deque<std::uint64_t> to_write_;  // asked; some may have left memory since
   std::vector<std::uint64_t> writing_;  // in the write that is under way
   Erasures erasures_;
-  Erasures erasing_;                   // in the write that is under way
-  std::size_t unwritten_letters_ = 0;  // in erasures_
+  Erasures erasing_;  // in the write that is under way
   DeadLetterCounts dead_letters_;
   std::optional<TimePoint> erasure_due_;
 

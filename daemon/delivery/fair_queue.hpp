@@ -92,7 +92,6 @@ class FairQueue {
   }
   /// By row.
   const Items& items() const { return items_; }
-  bool has_aside() const { return !aside_.empty(); }
   /// Adds `shift` to each row.
   void renumber(std::uint64_t shift);
 

@@ -13,6 +13,7 @@ namespace slamgw {
 void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   Item& item = add(std::move(message), receipt, now);
   if (!has_memory_for(item)) return refuse(item, now);
+  drop_older_withheld(item, now);
   if (turn_of(item, now) == Turn::rest) {
     turn_away(item, now);
   } else {
@@ -226,23 +227,25 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
 /// A message that can neither be a dead letter nor be dropped waits in memory for its topic: the
 /// newest of the gateway's own retained ones of each topic, and what a former store acknowledged.
 void Outbox::withhold(Item& item, TimePoint now) {
-  bool is_void = false;
-  queue_.for_each_aside([&](const Item& other) {
-    is_void = is_void || (!item.message.provenance && other.message.topic == item.message.topic &&
-                          other.row > item.row);
-  });
-  if (is_void) return remove(item, now);
+  const auto makes_void = [&](const auto& known) { return is_replaced_by(item, known.second); };
+  if (std::ranges::any_of(queue_.items(), makes_void)) return remove(item, now);
   drop_older_withheld(item, now);
   queue_.set_aside(item);
 }
 
 /// A retained message of the gateway itself makes the earlier ones of its topic void.
+bool Outbox::is_replaced_by(const Item& older, const Item& newer) {
+  const auto is_own = [](const Item& item) {
+    return !item.message.provenance && item.message.retain;
+  };
+  return older.row < newer.row && is_own(older) && is_own(newer) &&
+         older.message.topic == newer.message.topic;
+}
+
 void Outbox::drop_older_withheld(const Item& item, TimePoint now) {
-  if (!queue_.has_aside() || item.message.provenance || !item.message.retain) return;
+  if (item.message.provenance || !item.message.retain) return;
   queue_.for_each_aside([&](Item& other) {
-    const bool is_own = !other.message.provenance && other.message.retain;
-    if (is_own && other.message.topic == item.message.topic && other.row < item.row)
-      remove(other, now);
+    if (is_replaced_by(other, item)) remove(other, now);
   });
 }
 

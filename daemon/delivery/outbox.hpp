@@ -163,6 +163,7 @@ class Outbox {
   void turn_away(Item& item, TimePoint now);
   void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
   void withhold(Item& item, TimePoint now);
+  static bool is_replaced_by(const Item& older, const Item& newer);
   void drop_older_withheld(const Item& item, TimePoint now);
   void notify(std::optional<Notice> notice);
   void expire_unacknowledged(TimePoint now);

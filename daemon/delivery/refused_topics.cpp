@@ -213,10 +213,11 @@ void RefusedTopics::on_dead_letter(std::string_view topic) {
 }
 
 std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlog, TimePoint now) {
+  if (!is_wake_due(now) && accepted_.empty()) return std::nullopt;
   const bool can_ask = backlog.can_keep() && backlog.has_written_dead_letters();
   if (const std::string* const topic = next_try(can_ask, now))
     return RetryDeadLetters{backlog.generation(), *topic, 1};
-  if (!can_ask || accepted_.empty()) return std::nullopt;
+  if (!can_ask) return std::nullopt;
   std::erase_if(accepted_, [&](const Accepted& one) { return has(one.topic); });
   const auto next = std::ranges::find_if(accepted_, [&](const Accepted& one) {
     return !one.is_asked && !backlog.has_unread(one.topic);  // the last page was read

@@ -316,6 +316,14 @@ TEST_F(OutboxRefusalTest, AnOlderRetainedMessageOfTheGatewayDoesNotComeAfterANew
   refuse_first();
   settle();
   EXPECT_EQ(received_of("gateway/g/state"), std::vector<std::string>{"4"});
+
+  received.clear();
+  state("5");
+  state("6");  // while the older one is under way
+  refuse_first();
+  acknowledge_first();
+  settle();
+  EXPECT_EQ(received_of("gateway/g/state"), std::vector<std::string>{"6"});
   EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
