@@ -37,7 +37,7 @@ RefusedTopics::Turn RefusedTopics::turn_of(std::string_view topic, std::uint64_t
   const Topic* const known = find(topic);
   if (!known) return Turn::open;
   if (known->is_accused()) return Turn::alone;
-  const bool is_letter = known->phase == Phase::asked && row != 0 && row == known->row;
+  const bool is_letter = known->phase == Phase::asked && row == known->row;
   const bool is_due = known->phase == Phase::resting && now >= known->due && may_try(now) &&
                       !(can_ask && known->waiting > 0);
   if (!is_letter && !is_due) return Turn::rest;

@@ -77,8 +77,8 @@ class RefusedTopics {
 
   bool empty() const { return topics_.empty(); }
   bool has(std::string_view topic) const { return find(topic) != nullptr; }
-  /// May a message of `topic` be published now? `row`: in the store, 0: none. `can_ask`: there is a
-  /// store, so that a dead letter goes first.
+  /// May the message `row` of `topic` be published now? `can_ask`: there is a store, so that a dead
+  /// letter goes first.
   Turn turn_of(std::string_view topic, std::uint64_t row, bool can_ask, TimePoint now) const;
   /// Only of a refused topic.
   const Refusal& reason(std::string_view topic) const { return find(topic)->refusal; }
