@@ -41,12 +41,20 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
   withdraw(item);
   const Key key = key_of(item.message.topic);
   Flow& flow = flows_[key];
-  if (flow.items.empty()) turn == NewFlow::last ? turns_.push_back(key) : turns_.push_front(key);
-  flow.items.insert(flow.items.end(), &item);
+  flow.key = key;
+  if (flow.items.empty())
+    turn == NewFlow::last ? turns_.push_back(&flow) : turns_.push_front(&flow);
+  // As a rule it is the last; what comes back is near the front.
+  auto after = flow.items.end();
+  if (!flow.items.empty() && flow.items.back()->row > item.row)
+    after =
+        std::ranges::find_if(flow.items, [&](const Item* other) { return other->row > item.row; });
+  item.place = flow.items.insert(after, &item);
   flow.bytes += item.cost();
   ++queued_;
   if (item.is_durable()) ++durable_queued_;
   item.wait = Item::Wait::queued;
+  item.flow = &flow;
 }
 
 void FairQueue::set_aside(Item& item) {
@@ -61,20 +69,20 @@ void FairQueue::withdraw(Item& item) {
   if (wait != Item::Wait::queued) return;
   --queued_;
   if (item.is_durable()) --durable_queued_;
-  const auto flow = flows_.find(key_of(item.message.topic));
-  flow->second.items.erase(&item);
-  flow->second.bytes -= item.cost();
-  if (!flow->second.items.empty()) return;
-  turns_.erase(std::find(turns_.begin(), turns_.end(), flow->first));
-  flows_.erase(flow);
+  Flow& flow = *std::exchange(item.flow, nullptr);
+  flow.items.erase(item.place);
+  flow.bytes -= item.cost();
+  if (!flow.items.empty()) return;
+  turns_.erase(std::find(turns_.begin(), turns_.end(), &flow));
+  flows_.erase(flow.key);
 }
 
 void FairQueue::take_front() {
-  const Key key = turns_.front();
+  Flow* const flow = turns_.front();
   withdraw(*front());
-  if (turns_.empty() || turns_.front() != key) return;
+  if (turns_.empty() || turns_.front() != flow) return;
   turns_.pop_front();
-  turns_.push_back(key);
+  turns_.push_back(flow);
 }
 
 void FairQueue::renumber(std::uint64_t shift) {

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <list>
 #include <map>
 #include <set>
 #include <string_view>
@@ -20,6 +21,10 @@
 #include "daemon/core/time.hpp"
 
 namespace slamgw {
+
+struct OutboxFlow;
+struct OutboxItem;
+using OutboxItems = std::list<OutboxItem*, RecyclingAllocator<OutboxItem*>>;
 
 struct OutboxItem {
   /// What one message in memory costs besides topic and payload.
@@ -38,7 +43,10 @@ struct OutboxItem {
   TimePoint submitted{};
   Disk disk = Disk::none;
   Wait wait = Wait::none;  ///< FairQueue sets it
-  bool is_dead = false;    ///< a dead letter as soon as it is on disk
+  // Of FairQueue, while it is queued:
+  OutboxFlow* flow = nullptr;
+  OutboxItems::iterator place{};
+  bool is_dead = false;  ///< a dead letter as soon as it is on disk
   /// QoS 0 of a topic that is tried, which is published at QoS 1: else there would be no answer.
   bool is_probe = false;
   bool was_stored = false;  ///< on disk at any time, so its sender has forgotten it
@@ -51,6 +59,13 @@ struct OutboxItem {
   std::size_t cost() const {
     return message.topic.size() + message.payload.size() + overhead_bytes;
   }
+};
+
+/// What is queued of one flow, by rising row.
+struct OutboxFlow {
+  OutboxItems items;
+  std::size_t bytes = 0;
+  std::size_t key = 0;
 };
 
 class FairQueue {
@@ -77,7 +92,7 @@ class FairQueue {
   /// Neither queued nor set aside any more.
   void withdraw(Item& item);
   /// Whose turn it is; null when nothing is queued.
-  Item* front() const { return turns_.empty() ? nullptr : *flow_at_turn().items.begin(); }
+  Item* front() const { return turns_.empty() ? nullptr : turns_.front()->items.front(); }
   /// Withdraws it; the next flow is in turn.
   void take_front();
 
@@ -105,20 +120,16 @@ class FairQueue {
  private:
   /// Of the flow's name. Two names with one hash share their turns, which harms neither's order.
   using Key = std::size_t;
-  struct Flow {
-    Rows items;
-    std::size_t bytes = 0;
-  };
+  using Flow = OutboxFlow;
   using Flows = std::unordered_map<Key, Flow, std::hash<Key>, std::equal_to<>,
                                    RecyclingAllocator<std::pair<const Key, Flow>>>;
 
   static Key key_of(std::string_view topic);
-  const Flow& flow_at_turn() const { return flows_.find(turns_.front())->second; }
 
   Items items_;
   Flows flows_;  // none is empty
   Rows aside_;
-  std::deque<Key, RecyclingAllocator<Key>> turns_;  // each flow once
+  std::deque<Flow*, RecyclingAllocator<Flow*>> turns_;  // each flow once
   std::size_t queued_ = 0;
   std::size_t durable_queued_ = 0;
 };
