@@ -6,7 +6,8 @@ only once. So an arrival stands for the number that its robot said it under. The
 (it stood still) are compared by count and not looked at for order; which of them are missing follows from when the others came.
 
 Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Allowed only where the store was damaged
-    after that, for as many as the daemon has told as lost (Trouble.may_lose).
+    after it was said, for as many as the daemon has told as lost (Trouble.may_lose). At QoS 2 the gateway has it from its PUBREC
+    on, and a robot's record has the time of the PUBCOMP.
 Out of order: it arrived first after something that its robot said later. Allowed only for what was said before the end of a time
     in which the broker refused this robot (Trouble.refused).
 Duplicate: it arrived more often than it was said. Each needs a reason, a trouble that did not end before it was said and began
@@ -110,10 +111,10 @@ def without_reason(duplicates, troubles):
 
 
 def not_told(missing, troubles):
-    """Each trouble takes as many as it may of those that were acknowledged before its end."""
-    left = sorted(missing, key=lambda one: one.acknowledged_at)
+    """Each trouble takes as many as it may of those that were said before its end."""
+    left = sorted(missing, key=lambda one: one.at)
     for trouble in troubles:
-        taken = [one for one in left if one.acknowledged_at < trouble.end][:trouble.may_lose]
+        taken = [one for one in left if one.at < trouble.end][:trouble.may_lose]
         left = [one for one in left if one not in taken]
     return left
 

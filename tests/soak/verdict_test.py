@@ -41,7 +41,9 @@ class Verdict(unittest.TestCase):
             self.assertEqual(tally.missing, 2)
             self.assertEqual(len(complaints), complaints_expected)
         _, complaints = verdict((FIRST, 10.2), troubles=[Trouble(11, 12, 0, 5)])
-        self.assertEqual(len(complaints), 1)  # acknowledged after the damage
+        self.assertEqual(len(complaints), 1)  # said after the damage
+        _, complaints = verdict((FIRST, 10.2), troubles=[Trouble(11, 12.05, 0, 5)])
+        self.assertEqual(complaints, [])  # between PUBREC and PUBCOMP
 
     def test_order_is_that_of_first_arrivals(self):
         tally, complaints = verdict((THIRD, 12.2), (FIRST, 12.3))
