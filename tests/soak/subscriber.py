@@ -17,9 +17,12 @@ import time
 
 from forwarding import Heard
 
-CONNECT = b"\x10\x10\x00\x04MQTT\x04\x02\x00\x00\x00\x04soak"  # MQTT 3.1.1, clean session, no keep-alive
-# MQTT 5, clean start, no keep-alive, Receive Maximum 65535, Maximum Packet Size left out: no bound
-WITNESS_CONNECT = b"\x10\x17\x00\x04MQTT\x05\x02\x00\x00\x03\x21\xff\xff\x00\x07witness"
+USER = "listener"  # of both, for the broker's access list
+NAME = len(USER).to_bytes(2, "big") + USER.encode()
+# MQTT 3.1.1, clean session, a user name, no keep-alive
+CONNECT = b"\x10\x1a\x00\x04MQTT\x04\x82\x00\x00\x00\x04soak" + NAME
+# MQTT 5, clean start, a user name, no keep-alive, Receive Maximum 65535, Maximum Packet Size left out: no bound
+WITNESS_CONNECT = b"\x10\x21\x00\x04MQTT\x05\x82\x00\x00\x03\x21\xff\xff\x00\x07witness" + NAME
 NO_RETAINED_AS_PUBLISHED_QOS_2 = 0x20 | 0x08 | 2  # options of a subscription, MQTT 5 section 3.8.3.1
 CONNACK, PUBLISH, PUBREL, SUBACK = 2, 3, 6, 9
 PUBACK, PUBREC, PUBCOMP = b"\x40\x02", b"\x50\x02", b"\x70\x02"  # with the packet id after it: success

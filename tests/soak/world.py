@@ -19,7 +19,7 @@ from disk import Disk
 from judge import Evidence, arrivals_in, outcomes_in
 from program import PATIENCE_S, Failure, Program, free_port
 from proxy import Mqtt311Proxy
-from subscriber import Subscriber, Witness
+from subscriber import USER, Subscriber, Witness
 from verdict import Trouble, read_record
 
 PREFIX = "ntnu-slam"
@@ -80,12 +80,13 @@ class World:
         self.reload_broker()
 
     def refuse(self, robot):
-        """From now on, or from the broker's start, it takes nothing of this robot."""
-        self.access.write_text(f"topic deny {PREFIX}/robot/{robot}/#\ntopic readwrite #\n")
+        """From now on, or from the broker's start, it takes nothing of this robot. Listeners may go on: at QoS 2 Mosquitto
+        asks whether they may read it only after its PUBREC, and then drops what it has taken."""
+        self.access.write_text(f"topic deny {PREFIX}/robot/{robot}/#\ntopic readwrite #\nuser {USER}\ntopic readwrite #\n")
         self.reload_broker()
 
     def refuse_nothing(self):
-        self.access.write_text("topic readwrite #\n")
+        self.access.write_text(f"topic readwrite #\nuser {USER}\ntopic readwrite #\n")
         self.reload_broker()
 
     def reload_broker(self):
