@@ -5,7 +5,8 @@ Pure: lists in, complaints out. Called by judge.
 A command is told apart by its robot and its type: most have a type of their own, and those of the type `cmd`, which robots obey, go
 to one robot so far apart that an outcome belongs to the last one before it.
 
-None: the broker, or the gateway's session there, died with it (Gap), or the daemon was killed in the moment when it came.
+None: the broker, or the gateway's session there, died with it (Gap), or the daemon was killed in the moment when it came, or no
+    robot has that name and the gateway was away: nothing at the broker waits for a name that nobody has.
 Twice: the connection to the broker ended, so that the same message was published again; or a kill -9 in between, after which the
     daemon tells again what it was told in its last moment, with other numbers perhaps. Else two outcomes are a broken promise.
 Late: by its own account, or on arrival while nothing was broken.
@@ -20,6 +21,7 @@ import dataclasses
 PATIENCE_S = 30  # docs/topics.md, promise 6
 SLACK_S = 5  # a busy host; how long it takes to publish the outcome
 MOMENT_S = 1.5  # a command that came so short before a kill need not be on disk
+NOBODY = "nobody"  # a name that no robot has; commands to it have an outcome too
 HURRY_S = 0.1  # the robots' record and the subscriber are two processes
 
 
@@ -99,7 +101,7 @@ def touched(begin, end, gaps):
 
 def may_be_lost(one, gaps):
     return any(gap.begin - MOMENT_S - (PATIENCE_S if gap.loses_queue else 0) <= one.at <= gap.end + MOMENT_S and
-               (gap.loses_queue or gap.is_kill and one.at <= gap.begin + MOMENT_S) for gap in gaps)
+               (gap.loses_queue or one.robot == NOBODY or gap.is_kill and one.at <= gap.begin + MOMENT_S) for gap in gaps)
 
 
 def read_received(lines):

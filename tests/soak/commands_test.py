@@ -45,6 +45,10 @@ class Commands(unittest.TestCase):
         self.assertEqual(complaints(gaps=[Gap(110.0, 115.0, True)]), [])
         self.assertNotEqual(complaints(gaps=[Gap(110.0, 115.0, False, True)]), [], "a daemon that was killed later tells")
         self.assertEqual(complaints(gaps=[Gap(101.0, 102.0, False, True)]), [], "killed in the moment when it came")
+        self.assertNotEqual(complaints(gaps=[Gap(99.0, 102.0, False)]), [], "the robot's session at the broker has it")
+        unknown = [Sent("nobody", "act1", 100.0)]
+        self.assertEqual(complaints(gaps=[Gap(99.0, 102.0, False)], sent=unknown), [], "nothing waits for such a name")
+        self.assertNotEqual(complaints(gaps=[Gap(102.0, 105.0, False)], sent=unknown), [])
 
     def test_those_of_one_type_belong_to_the_last_before_them(self):
         sent = [Sent("r1", "cmd", 100.0), Sent("r1", "cmd", 200.0)]

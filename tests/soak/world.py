@@ -14,7 +14,7 @@ import subprocess
 import time
 
 from clock import MovedClock
-from commands import Gap, Sent, read_received
+from commands import NOBODY, Gap, Sent, read_received
 from disk import Disk
 from judge import Evidence, arrivals_in, outcomes_in
 from program import PATIENCE_S, Failure, Program, free_port
@@ -27,7 +27,6 @@ FLEETS = {"thread1_": 4, "thread2_": 4, "ble": 3}  # prefix of the robots' ids: 
 QOS = {"thread1_": 1, "thread2_": 2, "ble": 1}  # of their messages
 FIRST_BLE_ADDRESS = 0x0100
 LARGEST_PACKET = 268435455  # of MQTT
-NOBODY = "nobody"  # a name that no robot has; commands to it have an outcome too
 REST_S = 100  # between two `cmd` to one robot: their outcomes can't be taken for each other's
 # A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
