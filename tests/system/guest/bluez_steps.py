@@ -32,6 +32,7 @@ WantedBy=multi-user.target
 """
 FACTS = pathlib.Path("/job/robots/facts.json")  # the host's: what robots know, and their keys, no power cut takes
 BEFORE = pathlib.Path("/job/before.json")  # a power cut, and what the listener has written down
+LATE = pathlib.Path("/job/late.json")  # what robots know before the other one
 WRITTEN_AFTER_S = 45  # by the kernel, at the latest
 NOTEBOOK = pathlib.Path("/job/notebook")
 PLAY = FACTS.with_suffix(".play")
@@ -197,6 +198,11 @@ def each_obeys_once(word, before):
     demand([robot["obeyed"] for robot in facts()] == wanted, f"robots obeyed {facts()} instead of {wanted}")
 
 
+def meshds_file():
+    """Its node with the sequence number, which it writes as a new file each time."""
+    return next(pathlib.Path("/var/lib/bluetooth/mesh").glob("*/node.json")).stat()
+
+
 def outlives_a_power_cut():
     """the power is cut while robots talk and the broker is away: all comes back by itself, and no acknowledged update is lost"""
     if not BEFORE.exists():
@@ -210,8 +216,7 @@ def outlives_a_power_cut():
         wait_for("updates that only the disk has",
                  lambda: all(late["acknowledged"] > robot["acknowledged"] + 2 for late, robot in zip(facts(), early)))
         # docs/bluez.md, "Backups": what meshd has just written is lost, and then the gateway has another node.
-        node = next(pathlib.Path("/var/lib/bluetooth/mesh").glob("*/node.json"))
-        wait_for("meshd's sequence number on the disk", lambda: time.time() - node.stat().st_mtime > WRITTEN_AFTER_S)
+        wait_for("meshd's sequence number on the disk", lambda: time.time() - meshds_file().st_mtime > WRITTEN_AFTER_S)
         BEFORE.write_text(json.dumps(before), encoding="utf-8")
         raise PowerCut
     before = json.loads(BEFORE.read_text(encoding="utf-8"))
@@ -229,6 +234,27 @@ def outlives_a_power_cut():
     demand((after["number"], after["source"]) == (before["life"]["number"], before["life"]["source"]), f"another life: {after}")
     demand([robot["joined"] for robot in facts()] == [1] * ROBOTS, f"robots have joined again: {facts()}")
     return f"{len(stored)} updates before the cut, {len(wanted) - len(stored)} after it"
+
+
+def outlives_a_cut_that_takes_meshd_back():
+    """the power is cut while only the kernel has meshd's last sequence number: the gateway and its robots find together again"""
+    if not LATE.exists():
+        robots()
+        run("systemctl", "restart", "bluetooth-mesh")
+        robots_are_heard()
+        stored = meshds_file().st_ino
+        wait_for("meshd to store its sequence number", lambda: meshds_file().st_ino != stored)
+        early = acknowledgements()
+        wait_for("updates with higher ones", lambda: acknowledgements() > early + 100)
+        LATE.write_text(json.dumps(facts()), encoding="utf-8")
+        raise PowerCut
+    before = json.loads(LATE.read_text(encoding="utf-8"))
+    wait_for_status("broker up, ble up")
+    switch_robots_on()
+    robots_are_heard()
+    each_obeys_once(10, before)
+    demand([robot["joined"] for robot in facts()] == [1] * ROBOTS, f"robots have joined again: {facts()}")
+    return f"node {life()['number']} of the gateway"
 
 
 def updates_of(names, listener):
@@ -292,6 +318,7 @@ STEPS = [
     commands_reach_each_robot,
     goes_on_after_restarts,
     outlives_a_power_cut,
+    outlives_a_cut_that_takes_meshd_back,
     says_the_same_on_three_ways,
 ]
 
