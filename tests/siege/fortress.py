@@ -8,9 +8,9 @@ import socket
 import subprocess
 import time
 
+import subscriber
 from program import Failure, Program, free_port
 from stranger import connect_packet
-from subscriber import Subscriber
 
 PREFIX = "ntnu-slam"
 PATIENCE_S = 60  # nothing is measured by the clock: only a failure uses this up
@@ -20,7 +20,7 @@ HONEST = {"good": 3, "ble": 2}  # robots by the beginning of their ids
 TOKEN = "a-token-of-the-siege-0123456789"
 
 
-class Listening(Subscriber):
+class Listening(subscriber.Subscriber):
     """Hears hostile documents too, so it reads none."""
 
     def on_publish(self, flags, topic, payload):
@@ -34,7 +34,7 @@ class Fortress:
         self.broker_port, self.web_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_STREAM)
         self.mqttsn_port = free_port(socket.SOCK_DGRAM)
         self.access = directory / "access"
-        self.access.write_text("topic readwrite #\n")
+        self.allow_topics()
         (directory / "mosquitto.conf").write_text(
             f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\nacl_file {self.access}\n"
             f"max_queued_messages 0\nuser root\n")
@@ -185,8 +185,12 @@ class Fortress:
 
     def refuse_topics_of(self, robot):
         """Nothing that the broker forbids may hold up the rest; `None` forbids nothing."""
-        self.access.write_text((f"topic deny {PREFIX}/robot/{robot}/#\n" if robot else "") + "topic readwrite #\n")
+        self.allow_topics(f"topic deny {PREFIX}/robot/{robot}/#\n" if robot else "")
         self.broker.send(signal.SIGHUP)
+
+    def allow_topics(self, but=""):
+        """The first lines are for clients without a user name: the subscriber has one, and hears all that the others may say."""
+        self.access.write_text(f"{but}topic readwrite #\nuser {subscriber.USER}\ntopic read #\n")
 
 
 def can_connect(port):
