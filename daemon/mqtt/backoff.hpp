@@ -60,13 +60,13 @@ class RivalWatch {
   static constexpr unsigned suspicious_lives = 2;
 
   void on_up(TimePoint now) { up_since_ = now; }
-  /// `is_taken_over`: the broker has said so. `has_unanswered`: messages were under way, and the
-  /// broker may have closed the connection for one of them; that is no sign of a rival. True when a
-  /// rival is likely.
-  bool on_lost(bool is_taken_over, bool has_unanswered, TimePoint now) {
+  /// `is_taken_over`: the broker has said so. `may_be_for_a_message`: messages were under way or
+  /// one was just refused, and the broker may have closed the connection for it; that is no sign of
+  /// a rival. True when a rival is likely.
+  bool on_lost(bool is_taken_over, bool may_be_for_a_message, TimePoint now) {
     const Duration lived = now - up_since_;
-    const bool is_short =
-        lived < std::max<Duration>(stable_after, 3 * pause_) && (is_taken_over || !has_unanswered);
+    const bool is_short = lived < std::max<Duration>(stable_after, 3 * pause_) &&
+                          (is_taken_over || !may_be_for_a_message);
     short_lives_ = is_short ? short_lives_ + 1 : 0;
     is_suspected_ = is_taken_over || short_lives_ >= suspicious_lives;
     const bool is_again = is_short && pause_ > Duration::zero();

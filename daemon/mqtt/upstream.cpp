@@ -264,8 +264,9 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     tried_ = 0;
   }
   // Debian 12's Mosquitto closes after a refusal. The outbox sees to it that this is seldom.
-  if (now - refused_at_ < refusal_to_loss || trial_) backoff_.reset();
-  if (rivals_.on_lost(is_taken_over, unanswered_ > 0, now) && !is_taken_over)
+  const bool is_for_a_message = now - refused_at_ < refusal_to_loss || trial_;
+  if (is_for_a_message) backoff_.reset();
+  if (rivals_.on_lost(is_taken_over, is_for_a_message || unanswered_ > 0, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
                        explain_rival(broker().client_id));
   go_on(why, rivals_.pause());

@@ -188,6 +188,29 @@ TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   }
 }
 
+/// As Debian 12's Mosquitto does it.
+TEST_P(Upstreams, TakesABrokerThatClosesAfterARefusalForNoRival) {
+  FakeBroker broker;
+  broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.type() != FakeBroker::publish) return false;
+    constexpr std::size_t id_at = 3;  // behind the topic, of one octet
+    constexpr std::uint8_t not_authorised = 0x87;
+    connection.send(FakeBroker::puback << 4,
+                    {packet.body.at(id_at), packet.body.at(id_at + 1), not_authorised});
+    connection.close();
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  for (std::uint64_t times = 1; times <= 5; ++times) {
+    ASSERT_TRUE(link.comes_up());
+    link.upstream->publish(times, {"t", to_bytes("x"), Qos::at_least_once, false});
+    ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() == times; }));
+    EXPECT_EQ(link.listener.refused.count(times), 1u);
+    EXPECT_EQ(link.listener.reasons.back().find("another client"), std::string::npos)
+        << link.listener.reasons.back();
+  }
+}
+
 TEST_P(Upstreams, WaitsForABrokerThatIsNotThereYet) {
   const std::uint16_t port = test::free_tcp_port();
   Link link(settings_for(port));
