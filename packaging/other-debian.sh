@@ -36,12 +36,13 @@ make_build_tree() {
 # run_programs_of ARCHITECTURE: has this machine's kernel run the programs of another architecture, through QEMU, as long
 # as the machine is up.
 run_programs_of() {
-  local binfmt=/proc/sys/fs/binfmt_misc
+  local binfmt=/proc/sys/fs/binfmt_misc qemu
   case $1 in
     "$(dpkg --print-architecture)") return ;;
-    arm64) ;;
+    arm64) qemu=qemu-aarch64 ;;
+    armhf) qemu=qemu-arm ;;
     *) die "there is no machine of $1" ;;
   esac
   [ -e "$binfmt/register" ] || mount -t binfmt_misc binfmt_misc "$binfmt"
-  [ -e "$binfmt/qemu-aarch64" ] || cat /usr/lib/binfmt.d/qemu-aarch64.conf >"$binfmt/register"
+  [ -e "$binfmt/$qemu" ] || cat "/usr/lib/binfmt.d/$qemu.conf" >"$binfmt/register"
 }
