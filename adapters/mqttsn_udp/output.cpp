@@ -44,16 +44,16 @@ bool is_promise(const Packet& packet) {
 
 }  // namespace
 
-void Output::send(const ClientSession& session, const Packet& packet) {
+void Output::send(const ClientSession& session, Packet packet) {
   // A PINGRESP confirms the address at which a sleeper has woken, if that is new.
   const bool is_news = std::holds_alternative<Pingresp>(packet) && changed_.has(session);
   const ClientSession* const promised = is_news || is_promise(packet) ? &session : nullptr;
-  if (session.peer) send(*session.peer, session.local, packet, 0, promised);
+  if (session.peer) send(*session.peer, session.local, std::move(packet), 0, promised);
 }
 
-void Output::send(const Peer& to, const LocalAddress& from, const Packet& packet,
-                  std::uint8_t radius, const ClientSession* promised) {
-  Bytes bytes = encode(packet);
+void Output::send(const Peer& to, const LocalAddress& from, Packet packet, std::uint8_t radius,
+                  const ClientSession* promised) {
+  Bytes bytes = encode(std::move(packet));
   if (!to.node_id.empty()) bytes = encode_encapsulation(radius, to.node_id, bytes);
   if (!validation.may_send(to.endpoint.address, bytes.size()))
     return tally_.count(Count::unvalidated);

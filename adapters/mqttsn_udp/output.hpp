@@ -91,9 +91,9 @@ class Output {
   /// To where the client was last heard; nothing when it has no address, or when the address has
   /// not shown that it receives and its allowance is spent. What the client relies on from now on
   /// waits until its session is saved.
-  void send(const ClientSession& session, const Packet& packet);
+  void send(const ClientSession& session, Packet packet);
   /// `radius` only matters behind a forwarder (R140). `promised`: the session to be saved before.
-  void send(const Peer& to, const LocalAddress& from, const Packet& packet, std::uint8_t radius = 0,
+  void send(const Peer& to, const LocalAddress& from, Packet packet, std::uint8_t radius = 0,
             const ClientSession* promised = nullptr);
   /// Whether the network carries a message of `octets` (with the 1-octet Length) to this client
   /// (R8).

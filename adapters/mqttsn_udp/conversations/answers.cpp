@@ -39,7 +39,7 @@ void Answers::release(ClientSession& session, const std::string& filter, bool gr
       answer.packet = Suback{WireQos::zero, 0, answer.msg_id, ReturnCode::not_supported};
   }
   while (!session.answers.empty() && session.answers.front().filter.empty()) {
-    output_.send(session, session.answers.front().packet);
+    output_.send(session, std::move(session.answers.front().packet));
     session.answers.erase(session.answers.begin());
   }
   if (session.answers.empty()) session.answers = {};  // its memory too

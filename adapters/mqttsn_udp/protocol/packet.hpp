@@ -191,7 +191,7 @@ Result<Packet, DecodeError> decode(ByteView datagram);
 
 /// The 1-octet Length up to 255 octets in total, the 3-octet one above (R2). Flag bits without
 /// meaning for a type are 0.
-Bytes encode(const Packet& packet);
+Bytes encode(Packet packet);
 
 /// A forwarder's header (section 5.5): Length covers this header only.
 struct Encapsulation {
