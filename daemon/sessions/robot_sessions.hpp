@@ -2,7 +2,7 @@
 // The sessions of all robots of this gateway, as a pure machine: who is attached when, how many
 // CONNECTs are open at once, and what happens when the broker or another gateway goes
 // (docs/fleet.md names the rules). The broker decides who holds a session; gateways agree about
-// nothing. The shell is io/RobotLinks.
+// nothing. The shell is io/SessionHost.
 #pragma once
 
 #include <deque>

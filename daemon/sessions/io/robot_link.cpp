@@ -6,6 +6,7 @@
 #include <cerrno>
 
 #include "daemon/mqtt/connect_failure.hpp"
+#include "daemon/sessions/io/session_host.hpp"
 
 namespace slamgw::sessions {
 namespace {
@@ -21,29 +22,25 @@ bool is_id_refusal(int code) {  // MQTT 3.1.1 section 3.2.2.3, MQTT 5 section 3.
 
 }  // namespace
 
-RobotLink::RobotLink(RobotLinks& links, std::shared_ptr<const RobotLinks::Broker> broker,
-                     std::string robot)
-    : MosquittoClient(links.io_),
-      links_(links),
-      broker_(std::move(broker)),
-      robot_(std::move(robot)) {}
+RobotLink::RobotLink(boost::asio::io_context& io, SessionHost& host,
+                     std::shared_ptr<const RobotBroker> broker, std::string robot)
+    : MosquittoClient(io), host_(host), broker_(std::move(broker)), robot_(std::move(robot)) {}
 
-void RobotLink::open(const std::string& client_id, bool is_clean, const std::string& address,
-                     TimePoint give_up_at) {
-  give_up_at_ = give_up_at;
+void RobotLink::open(const std::string& client_id, bool is_clean, const std::string& address) {
+  give_up_at_ = read_clocks().mono + connect_timeout;
   MosquittoClient::open({.broker = broker_->settings,
                          .client_id = client_id,
                          .address = address,
                          .version = broker_->version,
                          .is_clean = is_clean,
-                         .receive_maximum = RobotLinks::receive_maximum,
-                         .session_expiry_s = RobotLinks::session_expiry_s,
+                         .receive_maximum = receive_maximum,
+                         .session_expiry_s = session_expiry_s,
                          .spares_descriptors = true},
                         {broker_, broker_->tls.get()});
 }
 
-void RobotLink::on_tick(TimePoint now) {
-  if (!is_open() && now >= give_up_at_) give_up(ETIMEDOUT);
+void RobotLink::on_tick() {
+  if (!is_open() && read_clocks().mono >= give_up_at_) give_up(ETIMEDOUT);
   tick();
 }
 
@@ -54,17 +51,17 @@ std::optional<int> RobotLink::must_be_sent(std::optional<int> packet_id) {
   return packet_id;
 }
 
-void RobotLink::subscribe(const std::string& filter, Qos qos, std::uint32_t id,
-                          bool wants_retained) {
+void RobotLink::subscribe(const SubscribeSession& wanted) {
   mosquitto_property* properties = nullptr;
   int options = 0;
   if (broker_->version == MqttVersion::v5) {
-    mosquitto_property_add_varint(&properties, MQTT_PROP_SUBSCRIPTION_IDENTIFIER, id);
-    options = wants_retained ? 0 : retain_handling_never;
+    mosquitto_property_add_varint(&properties, MQTT_PROP_SUBSCRIPTION_IDENTIFIER, wanted.id);
+    options = wanted.wants_retained ? 0 : retain_handling_never;
   }
-  const auto packet_id = must_be_sent(MosquittoClient::subscribe(filter, qos, options, properties));
+  const auto packet_id =
+      must_be_sent(MosquittoClient::subscribe(wanted.filter, wanted.qos, options, properties));
   mosquitto_property_free_all(&properties);
-  if (packet_id) subscribing_.emplace_back(*packet_id, filter);
+  if (packet_id) subscribing_.emplace_back(*packet_id, wanted.filter);
 }
 
 /// A broker of MQTT 5 answers in order. In a cluster of MQTT 3.1.1 (RabbitMQ) another node may keep
@@ -82,41 +79,37 @@ void RobotLink::publish(const std::string& topic, const std::string& text) {
   must_be_sent(MosquittoClient::publish(topic, {octets, text.size()}, Qos::at_least_once, false));
 }
 
-// --- What comes; the listener may end this link at any time --------------------------------------
+// --- What comes; the host may end this link at any time ------------------------------------------
 
 void RobotLink::on_connack(const Connack& connack) {
-  RobotLinksListener& listener = links_.listener_;
-  if (connack.code == 0) return listener.on_attached(robot_, connack.is_session_present);
-  links_.remove(robot_);
-  listener.on_attach_failed(
-      robot_, {explain_connect_failure(connack.code), is_id_refusal(connack.code), false});
+  if (connack.code == 0) return host_.on_attached(robot_, connack.is_session_present);
+  host_.on_attach_failed(robot_, {.why = explain_connect_failure(connack.code),
+                                  .is_id_refused = is_id_refusal(connack.code)});
 }
 
 /// Everything that had come before was reported.
 void RobotLink::on_ended(const Ended& ended) {
-  RobotLinksListener& listener = links_.listener_;
-  links_.remove(robot_);
-  if (is_open()) return listener.on_detached(robot_);
-  const bool is_without_files = ended.error == EMFILE || ended.error == ENFILE;
-  listener.on_attach_failed(robot_, {"the broker does not answer, or has closed the connection",
-                                     false, is_without_files});
+  if (is_open()) return host_.on_detached(robot_);
+  host_.on_attach_failed(robot_,
+                         {.why = "the broker does not answer, or has closed the connection",
+                          .is_without_files = ended.error == EMFILE || ended.error == ENFILE});
 }
 
 void RobotLink::on_subscribed(const Subscribed& subscribed) {
   if (const auto filter = take(subscribing_, subscribed.packet_id))
-    links_.listener_.on_subscribed(robot_, *filter, subscribed.is_granted);
+    host_.on_subscribed(robot_, *filter, subscribed.is_granted);
 }
 
 void RobotLink::on_confirmed(const Confirmed& confirmed) {
   if (fences_.empty() || fences_.front().first != confirmed.packet_id) return;
   const std::uint64_t number = fences_.front().second;
   fences_.pop_front();
-  links_.listener_.on_fence(robot_, number);
+  host_->on_fence(robot_, number, read_clocks());
 }
 
 void RobotLink::on_arrived(Arrived& arrived) {
   arrived.message.sender = sender_of(arrived.said);
-  links_.listener_.on_message(robot_, std::move(arrived.message), std::move(arrived.subscriptions));
+  host_->on_message(robot_, std::move(arrived.message), arrived.subscriptions, read_clocks());
 }
 
 }  // namespace slamgw::sessions

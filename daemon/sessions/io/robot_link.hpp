@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One connection with a robot's client id, from its CONNECT to its end; never reused. Part of
-// RobotLinks.
+// SessionHost.
 #pragma once
 
 #include <deque>
@@ -10,27 +10,46 @@
 #include <vector>
 
 #include "daemon/core/time.hpp"
+#include "daemon/mqtt/connection_probe.hpp"
 #include "daemon/mqtt/mosquitto/mosquitto_client.hpp"
-#include "daemon/sessions/io/robot_links.hpp"
+#include "daemon/sessions/session_action.hpp"
 
 namespace slamgw::sessions {
 
+class SessionHost;
+
+/// What all connections share, and keep while they last.
+struct RobotBroker {
+  BrokerSettings settings;
+  MqttVersion version = MqttVersion::v5;
+  HostAddresses addresses;
+  std::unique_ptr<TlsClient> tls;
+};
+
 class RobotLink final : public MosquittoClient {
  public:
+  /// As long as the gateway keeps an absent client's session.
+  static constexpr std::uint32_t session_expiry_s = 86400;
+  /// Unacknowledged commands that the broker sends ahead.
+  static constexpr std::uint16_t receive_maximum = 16;
+  /// From OpenSession to CONNACK.
+  static constexpr std::chrono::seconds connect_timeout{10};
+
   using MosquittoClient::end;
   using MosquittoClient::Farewell;
 
-  RobotLink(RobotLinks& links, std::shared_ptr<const RobotLinks::Broker> broker, std::string robot);
+  RobotLink(boost::asio::io_context& io, SessionHost& host,
+            std::shared_ptr<const RobotBroker> broker, std::string robot);
 
-  void open(const std::string& client_id, bool is_clean, const std::string& address,
-            TimePoint give_up_at);
-  void subscribe(const std::string& filter, Qos qos, std::uint32_t id, bool wants_retained);
+  /// `address`: a literal of the broker's host.
+  void open(const std::string& client_id, bool is_clean, const std::string& address);
+  void subscribe(const SubscribeSession& wanted);
   void unsubscribe(const std::string& filter) {
     must_be_sent(MosquittoClient::unsubscribe(filter));
   }
   void ask_fence(std::uint64_t number, const std::string& own_topic);
   void publish(const std::string& topic, const std::string& text);
-  void on_tick(TimePoint now);
+  void on_tick();
 
  private:
   /// A session without what it was to send is of no use.
@@ -42,8 +61,8 @@ class RobotLink final : public MosquittoClient {
   void on_subscribed(const Subscribed& subscribed) override;
   void on_arrived(Arrived& arrived) override;
 
-  RobotLinks& links_;
-  const std::shared_ptr<const RobotLinks::Broker> broker_;
+  SessionHost& host_;
+  const std::shared_ptr<const RobotBroker> broker_;
   const std::string robot_;
   TimePoint give_up_at_{};
   std::vector<std::pair<int, std::string>> subscribing_;  ///< packet ids and filters

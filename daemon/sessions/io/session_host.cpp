@@ -3,35 +3,71 @@
 
 #include <fmt/format.h>
 
+#include <boost/asio/post.hpp>
+#include <mutex>
+#include <thread>
 #include <utility>
 
 namespace slamgw::sessions {
 
+struct SessionHost::Asker {
+  std::mutex mutex;
+  SessionHost* host = nullptr;  ///< until stop()
+};
+
 SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
                          RobotSessions::ServedElsewhere is_served_elsewhere,
                          std::optional<TimePoint> last_alive, std::function<void(Report)> report)
-    : names_(names),
+    : io_(io),
+      names_(names),
       report_(std::move(report)),
       sessions_(std::move(names), std::move(is_served_elsewhere), last_alive),
       driver_(io, sessions_,
               [this](SessionAction& action) {
                 std::visit([this](auto& what) { perform(what); }, action);
               }),
-      links_(io, *this) {}
+      tick_(io),
+      asker_(std::make_shared<Asker>()) {
+  asker_->host = this;
+  [[maybe_unused]] static const int once = mosquitto_lib_init();
+  await_tick();
+}
 
+// --- The broker ----------------------------------------------------------------------------------
+
+/// Answered by on_ready(). Connections to another broker are closed.
 void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version) {
   const std::string uri = broker.addresses().front().uri();
   is_other_ = is_other_ || (!uri_.empty() && (uri != uri_ || version != version_));
   uri_ = uri;
   version_ = version;
   is_broker_up_ = true;
-  links_.use(broker, version);
+  if (!broker_ || broker_->settings != broker || broker_->version != version)
+    return resolve(broker, version);
+  boost::asio::post(io_, [this] {
+    if (!is_stopped_) on_ready();
+  });
 }
 
-void SessionHost::on_broker_down() {
-  is_broker_up_ = false;
-  refused_.clear();
-  driver_->on_broker_down(read_clocks());
+void SessionHost::resolve(const BrokerSettings& broker, MqttVersion version) {
+  auto shared = std::make_shared<RobotBroker>();
+  shared->settings = broker;
+  shared->version = version;
+  std::thread([asker = asker_, shared, number = ++resolving_] {
+    shared->addresses = resolve_host(shared->settings);
+    if (shared->settings.tls) shared->tls = std::make_unique<TlsClient>(shared->settings);
+    const std::lock_guard lock(asker->mutex);
+    if (!asker->host) return;
+    boost::asio::post(asker->host->io_, [host = asker->host, shared, number] {
+      if (number == host->resolving_ && !host->is_stopped_) host->on_resolved(shared);
+    });
+  }).detach();
+}
+
+void SessionHost::on_resolved(std::shared_ptr<RobotBroker> broker) {
+  end_links();
+  broker_ = std::move(broker);
+  on_ready();
 }
 
 void SessionHost::on_ready() {
@@ -40,11 +76,27 @@ void SessionHost::on_ready() {
                         read_clocks());
 }
 
+void SessionHost::on_broker_down() {
+  is_broker_up_ = false;
+  refused_.clear();
+  driver_->on_broker_down(read_clocks());
+}
+
 void SessionHost::stop() {
   driver_->on_stop();
   driver_.stop();
-  links_.stop();
+  close_all();
 }
+
+void SessionHost::close_all() {
+  if (std::exchange(is_stopped_, true)) return;
+  tick_.cancel();
+  end_links();
+  const std::lock_guard lock(asker_->mutex);
+  asker_->host = nullptr;
+}
+
+// --- From the links ------------------------------------------------------------------------------
 
 void SessionHost::on_attached(const std::string& robot, bool is_present) {
   refused_.erase(robot);
@@ -52,6 +104,7 @@ void SessionHost::on_attached(const std::string& robot, bool is_present) {
 }
 
 void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure& failure) {
+  end_link(robot, RobotLink::Farewell::none);
   if (const auto count = failure_throttle_.on_event(read_clocks().mono))
     report_(Notice{Severity::warning,
                    fmt::format("{} ({} like it)", explain(robot, failure), *count), robot});
@@ -73,6 +126,7 @@ std::string SessionHost::explain(const std::string& robot, const AttachFailure& 
 }
 
 void SessionHost::on_detached(const std::string& robot) {
+  end_link(robot, RobotLink::Farewell::none);
   driver_->on_detached(robot, read_clocks());
 }
 
@@ -90,36 +144,62 @@ void SessionHost::on_subscribed(const std::string& robot, const std::string& fil
   driver_->on_subscribed(robot, filter, is_granted, read_clocks());
 }
 
-void SessionHost::on_message(const std::string& robot, BrokerMessage message,
-                             std::vector<std::uint32_t> ids) {
-  driver_->on_message(robot, std::move(message), ids, read_clocks());
+// --- To the links --------------------------------------------------------------------------------
+
+RobotLink* SessionHost::find(const std::string& robot) {
+  const auto found = links_.find(robot);
+  return found == links_.end() ? nullptr : found->second.get();
 }
 
-void SessionHost::on_fence(const std::string& robot, std::uint64_t number) {
-  driver_->on_fence(robot, number, read_clocks());
+void SessionHost::end_link(const std::string& robot, RobotLink::Farewell farewell) {
+  const auto link = links_.extract(robot);
+  if (link) link.mapped()->end(farewell);
+}
+
+void SessionHost::end_links() {
+  while (!links_.empty()) end_link(links_.begin()->first, RobotLink::Farewell::disconnect);
+}
+
+void SessionHost::await_tick() {
+  tick_.expires_after(MosquittoClient::tick_interval);
+  tick_.async_wait([this](boost::system::error_code error) {
+    if (error || is_stopped_) return;
+    std::vector<std::shared_ptr<RobotLink>> links;
+    for (const auto& [robot, link] : links_) links.push_back(link);
+    for (const auto& link : links) link->on_tick();
+    await_tick();
+  });
 }
 
 void SessionHost::perform(OpenSession& open) {
-  links_.open(open.robot, names_.client_id(open.robot), open.is_clean);
+  const auto link = std::make_shared<RobotLink>(io_, *this, broker_, open.robot);
+  links_[open.robot] = link;
+  const std::vector<std::string>& addresses = broker_->addresses.literals;
+  link->open(names_.client_id(open.robot), open.is_clean,
+             addresses.empty() ? std::string() : addresses[attempts_++ % addresses.size()]);
 }
 
-void SessionHost::perform(CloseSession& close) { links_.close(close.robot, close.is_forgotten); }
+void SessionHost::perform(CloseSession& close) {
+  end_link(close.robot,
+           close.is_forgotten ? RobotLink::Farewell::forget : RobotLink::Farewell::disconnect);
+}
 
 void SessionHost::perform(SubscribeSession& subscribe) {
-  links_.subscribe(subscribe.robot, subscribe.filter, subscribe.qos, subscribe.id,
-                   subscribe.wants_retained);
+  if (RobotLink* link = find(subscribe.robot)) link->subscribe(subscribe);
 }
 
 void SessionHost::perform(UnsubscribeSession& unsubscribe) {
-  links_.unsubscribe(unsubscribe.robot, unsubscribe.filter);
+  if (RobotLink* link = find(unsubscribe.robot)) link->unsubscribe(unsubscribe.filter);
 }
 
 void SessionHost::perform(AskFence& fence) {
-  links_.ask_fence(fence.robot, fence.number, names_.mailbox_topic(fence.robot));
+  if (RobotLink* link = find(fence.robot))
+    link->ask_fence(fence.number, names_.mailbox_topic(fence.robot));
 }
 
 void SessionHost::perform(SendMarker& marker) {
-  links_.publish(marker.robot, names_.mailbox_topic(marker.robot), marker.text);
+  if (RobotLink* link = find(marker.robot))
+    link->publish(names_.mailbox_topic(marker.robot), marker.text);
 }
 
 }  // namespace slamgw::sessions

@@ -1,21 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shell of RobotSessions: passes its actions to RobotLinks and what comes of them back, and the
-// rest to the application.
+// The shell of RobotSessions: the connections of robots' sessions, through libmosquitto on the
+// loop's own thread. Thousands share one tick and one TLS context; only the look-up of the broker's
+// name and the files of TLS run on a thread of their own. Decides nothing: RobotSessions says what
+// to open.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <functional>
+#include <memory>
 #include <set>
 #include <string>
+#include <unordered_map>
 #include <variant>
 
 #include "daemon/runtime/machine_driver.hpp"
-#include "daemon/sessions/io/robot_links.hpp"
+#include "daemon/sessions/io/robot_link.hpp"
 #include "daemon/sessions/robot_sessions.hpp"
 
 namespace slamgw::sessions {
 
-class SessionHost final : private RobotLinksListener {
+class SessionHost {
  public:
   /// What the application does: the second group of session_action.hpp.
   using Report = std::variant<SessionHeld, SessionLost, FilterAnswered, TakeMessage, RefuseStale,
@@ -24,6 +29,9 @@ class SessionHost final : private RobotLinksListener {
   SessionHost(boost::asio::io_context& io, SessionNames names,
               RobotSessions::ServedElsewhere is_served_elsewhere,
               std::optional<TimePoint> last_alive, std::function<void(Report)> report);
+  ~SessionHost() { close_all(); }
+  SessionHost(const SessionHost&) = delete;
+  SessionHost& operator=(const SessionHost&) = delete;
 
   /// Calls an input of the machine: `host->on_heard(robot, read_clocks())`.
   MachineDriver<RobotSessions>::Input operator->() { return driver_.operator->(); }
@@ -31,22 +39,41 @@ class SessionHost final : private RobotLinksListener {
   /// The last try to open the robot's session failed.
   bool is_refused(const std::string& robot) const { return refused_.contains(robot); }
 
-  /// The gateway's own connection is up, or has gone.
+  /// The gateway's own connection has found this broker, with this version, or has gone.
   void on_broker_up(const BrokerSettings& broker, MqttVersion version);
   void on_broker_down();
+  /// Closes all connections; waits for nothing.
   void stop();
 
  private:
-  void on_ready() override;
-  void on_attached(const std::string& robot, bool is_present) override;
-  void on_attach_failed(const std::string& robot, const AttachFailure& failure) override;
-  void on_detached(const std::string& robot) override;
-  void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted) override;
-  void on_message(const std::string& robot, BrokerMessage message,
-                  std::vector<std::uint32_t> ids) override;
-  void on_fence(const std::string& robot, std::uint64_t number) override;
+  friend class RobotLink;
+
+  struct AttachFailure {
+    std::string why;
+    bool is_id_refused = false;     ///< the broker does not let this gateway use the client id
+    bool is_without_files = false;  ///< the process may not open more
+  };
+  /// What the thread that resolves knows of this object, which does not wait for it:
+  /// getaddrinfo() may hang.
+  struct Asker;
+
+  void resolve(const BrokerSettings& broker, MqttVersion version);
+  void on_resolved(std::shared_ptr<RobotBroker> broker);
+  void on_ready();
+
+  // From the links, on the loop's thread, never from inside a call to one.
+  void on_attached(const std::string& robot, bool is_present);
+  void on_attach_failed(const std::string& robot, const AttachFailure& failure);
+  void on_detached(const std::string& robot);
+  void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted);
 
   std::string explain(const std::string& robot, const AttachFailure& failure) const;
+  RobotLink* find(const std::string& robot);
+  void end_link(const std::string& robot, RobotLink::Farewell farewell);
+  void end_links();
+  void close_all();
+  void await_tick();
+
   void perform(OpenSession& open);
   void perform(CloseSession& close);
   void perform(SubscribeSession& subscribe);
@@ -58,15 +85,22 @@ class SessionHost final : private RobotLinksListener {
     report_(std::move(other));
   }
 
+  boost::asio::io_context& io_;
   const SessionNames names_;
   const std::function<void(Report)> report_;
   RobotSessions sessions_;
   MachineDriver<RobotSessions> driver_;
-  RobotLinks links_;
+  boost::asio::steady_timer tick_;
+  const std::shared_ptr<Asker> asker_;
+  std::shared_ptr<const RobotBroker> broker_;  ///< null until its name is resolved
+  std::uint64_t resolving_ = 0;                ///< the last on_broker_up()
+  std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
+  std::unordered_map<std::string, std::shared_ptr<RobotLink>> links_;
   MqttVersion version_ = MqttVersion::v5;
   std::string uri_;        ///< of the broker that the sessions are at
   bool is_other_ = false;  ///< than the machine knows
   bool is_broker_up_ = false;
+  bool is_stopped_ = false;
   std::set<std::string> refused_;  ///< at most as many as there are sessions
   LogThrottle failure_throttle_{std::chrono::minutes{1}};
   LogThrottle mailbox_throttle_{std::chrono::hours{1}};
