@@ -176,52 +176,51 @@ unsigned DtlsPort::find_key(SSL* ssl, const char* identity, unsigned char* key, 
 void DtlsPort::add(std::shared_ptr<UdpSocket> socket) {
   const auto index = static_cast<std::uint8_t>(sockets_.size());
   sockets_.push_back(std::move(socket));
-  sockets_.back()->start(
-      [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
+  sockets_.back()->start(std::bind_front(&DtlsPort::on_datagram, this), index);
 }
 
 /// A ClientHello changes nothing for the connection that its address has: another one begins
 /// beside it (RFC 6347 section 4.2.8). All else may belong to either.
-void DtlsPort::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
-  const Place local{socket, datagram.to, datagram.interface};
-  if (datagram.bytes.empty() || datagram.is_truncated || is_multicast(datagram.to)) return;
-  if (is_client_hello(datagram.bytes)) return on_hello(local, datagram);
+void DtlsPort::on_datagram(const UdpSocket::Datagram& datagram) {
+  if (datagram.bytes.empty() || datagram.is_truncated || is_multicast(datagram.to.address)) return;
+  if (is_client_hello(datagram.bytes)) return on_hello(datagram);
   if (const auto found = established_.find(datagram.from); found != established_.end())
-    read(found, local, datagram);
+    read(found, datagram);
   const auto found = handshakes_.find(datagram.from);
   if (found == handshakes_.end()) return;
-  found->second.local = local;
+  found->second.local = datagram.to;
   found->second.early_records += encrypted_records(datagram.bytes);
-  if (found->second.early_records <= max_early_records) advance(found, datagram);
+  if (found->second.early_records <= max_early_records) advance(found, datagram.bytes);
 }
 
-void DtlsPort::on_hello(const Place& local, const UdpSocket::Datagram& datagram) {
-  const Endpoint& from = datagram.from;
+void DtlsPort::on_hello(const UdpSocket::Datagram& hello) {
+  const Endpoint& from = hello.from;
   ClientRandom random{};
-  std::copy_n(datagram.bytes.begin() + random_offset, random.size(), random.begin());
+  std::copy_n(hello.bytes.begin() + random_offset, random.size(), random.begin());
   const auto handshake = handshakes_.find(from);
   if (handshake != handshakes_.end() && handshake->second.random == random)
-    return advance(handshake, datagram);
+    return advance(handshake, hello.bytes);
   const auto connection = established_.find(from);
   const bool is_copy = connection != established_.end() && connection->second.random == random &&
                        read_clocks().mono - connection->second.began < copies_are_late;
   if (is_copy) return;
   if (!listener_) listener_ = make_ssl();
   ERR_clear_error();
-  feed(listener_.get(), datagram.bytes);
+  feed(listener_.get(), hello.bytes);
   const std::unique_ptr<BIO_ADDR, Release<BIO_ADDR_free>> unused(BIO_ADDR_new());
   helloing_ = &from;
   const int result = DTLSv1_listen(listener_.get(), unused.get());
   helloing_ = nullptr;
-  if (result > 0) return begin(local, from, random);
-  send_waiting(listener_.get(), local, from);
+  if (result > 0) return begin(hello, random);
+  send_waiting(listener_.get(), hello.to, from);
   BIO_reset(SSL_get_rbio(listener_.get()));
   if (result < 0) listener_.reset();
   ERR_clear_error();
 }
 
 /// The client receives at its address.
-void DtlsPort::begin(const Place& local, const Endpoint& from, const ClientRandom& random) {
+void DtlsPort::begin(const UdpSocket::Datagram& hello, const ClientRandom& random) {
+  const Endpoint& from = hello.from;
   if (handshakes_.erase(from) > 0) {  // it has started again
     places_.remove(from);
     ++handshakes_failed_;
@@ -229,26 +228,27 @@ void DtlsPort::begin(const Place& local, const Endpoint& from, const ClientRando
   if (const auto gone = places_.add(from, read_clocks().mono))
     give_up(*gone, "it made room for others");
   const auto begun =
-      handshakes_.emplace(from, Connection{std::move(listener_), local, random, read_clocks().mono})
+      handshakes_
+          .emplace(from, Connection{std::move(listener_), hello.to, random, read_clocks().mono})
           .first;
   advance(begun, {});
   watch_handshakes();
 }
 
-void DtlsPort::advance(Connections::iterator handshake, const UdpSocket::Datagram& datagram) {
+void DtlsPort::advance(Connections::iterator handshake, ByteView bytes) {
   SSL* const ssl = handshake->second.ssl.get();
   ERR_clear_error();
-  if (!datagram.bytes.empty()) feed(ssl, datagram.bytes);
+  if (!bytes.empty()) feed(ssl, bytes);
   const int result = SSL_accept(ssl);
   const int error = SSL_get_error(ssl, result);
   send_waiting(ssl, handshake->second.local, handshake->first);
   ERR_clear_error();
-  if (result == 1) return establish(handshake, datagram);
+  if (result == 1) return establish(handshake);
   if (error != SSL_ERROR_WANT_READ) fail(handshake, "it was refused");
 }
 
 /// The newest connection of an identity is the robot's; one that it had before ends.
-void DtlsPort::establish(Connections::iterator handshake, const UdpSocket::Datagram& datagram) {
+void DtlsPort::establish(Connections::iterator handshake) {
   const Endpoint from = handshake->first;
   Connection connection = std::move(handshake->second);
   handshakes_.erase(handshake);
@@ -259,13 +259,12 @@ void DtlsPort::establish(Connections::iterator handshake, const UdpSocket::Datag
   if (const auto place = endpoint_of_.find(connection.identity); place != endpoint_of_.end())
     end(established_.find(place->second));
   endpoint_of_[connection.identity] = from;
-  const Place local = connection.local;
+  const LocalAddress local = connection.local;
   const auto established = established_.emplace(from, std::move(connection)).first;
-  read(established, local, {datagram.from, datagram.to, datagram.interface, {}, false});
+  read(established, {.from = from, .to = local, .bytes = {}});
 }
 
-void DtlsPort::read(Connections::iterator connection, const Place& local,
-                    const UdpSocket::Datagram& datagram) {
+void DtlsPort::read(Connections::iterator connection, const UdpSocket::Datagram& datagram) {
   int error = SSL_ERROR_WANT_READ;
   {
     const Buffers buffers(connection->second.ssl.get());
@@ -274,7 +273,7 @@ void DtlsPort::read(Connections::iterator connection, const Place& local,
       UdpSocket::Datagram record = datagram;
       record.bytes = left.first(first_record(left));
       left = left.subspan(record.bytes.size());
-      error = read_record(connection->second, local, record);
+      error = read_record(connection->second, record);
     } while (!left.empty() && error == SSL_ERROR_WANT_READ);
     send_waiting(connection->second.ssl.get(), connection->second.local, connection->first);
   }
@@ -284,8 +283,7 @@ void DtlsPort::read(Connections::iterator connection, const Place& local,
 /// One at a time: OpenSSL drops what follows a record that it does not take, and the repetition of
 /// a client's last flight begins with such records. Only what is genuine says where the client
 /// writes to.
-int DtlsPort::read_record(Connection& connection, const Place& local,
-                          const UdpSocket::Datagram& record) {
+int DtlsPort::read_record(Connection& connection, const UdpSocket::Datagram& record) {
   SSL* const ssl = connection.ssl.get();
   const std::string identity = connection.identity;
   if (!record.bytes.empty()) feed(ssl, record.bytes);
@@ -293,8 +291,8 @@ int DtlsPort::read_record(Connection& connection, const Place& local,
   while ((count = SSL_read(ssl, plain_.data(), static_cast<int>(plain_.size()))) > 0) {
     UdpSocket::Datagram inner = record;
     inner.bytes = ByteView(plain_.data(), static_cast<std::size_t>(count));
-    connection.local = local;
-    receive_(local.socket, inner, identity);
+    connection.local = record.to;
+    receive_(inner, identity);
     ERR_clear_error();
   }
   return SSL_get_error(ssl, count);
@@ -372,7 +370,7 @@ void DtlsPort::fail(Connections::iterator handshake, const std::string& why) {
 }
 
 /// As few datagrams as there may be, each of whole records.
-void DtlsPort::send_waiting(SSL* ssl, const Place& local, const Endpoint& to) {
+void DtlsPort::send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint& to) {
   char* data = nullptr;
   const long size = BIO_get_mem_data(SSL_get_wbio(ssl), &data);
   ByteView left = as_bytes({data, static_cast<std::size_t>(std::max(size, 0L))});
@@ -387,10 +385,9 @@ void DtlsPort::send_waiting(SSL* ssl, const Place& local, const Endpoint& to) {
   BIO_reset(SSL_get_wbio(ssl));
 }
 
-void DtlsPort::send_datagram(const Place& local, const Endpoint& to, ByteView bytes) {
+void DtlsPort::send_datagram(const LocalAddress& local, const Endpoint& to, ByteView bytes) {
   if (local.socket >= sockets_.size() || !sockets_[local.socket]->can_reach(to.address)) return;
-  sockets_[local.socket]->send_soon(to, local.address, local.interface,
-                                    Bytes(bytes.begin(), bytes.end()));
+  sockets_[local.socket]->send_soon(to, local, Bytes(bytes.begin(), bytes.end()));
 }
 
 void DtlsPort::watch_handshakes() {

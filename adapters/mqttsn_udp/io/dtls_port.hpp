@@ -26,9 +26,9 @@ namespace slamgw::mqttsn {
 
 class DtlsPort {
  public:
-  /// `datagram` with what the client has encrypted in its place. `socket`: which of the sockets.
-  using Receive = std::function<void(std::uint8_t socket, const UdpSocket::Datagram& datagram,
-                                     const std::string& identity)>;
+  /// `datagram` with what the client has encrypted in its place.
+  using Receive =
+      std::function<void(const UdpSocket::Datagram& datagram, const std::string& identity)>;
   using Tell = std::function<void(Notice)>;
 
   /// `receive` may call send().
@@ -54,15 +54,9 @@ class DtlsPort {
   using Ssl = std::unique_ptr<SSL, Release<SSL_free>>;
   using ClientRandom = std::array<std::uint8_t, 32>;
 
-  /// Our side of a client: where its last datagram came to.
-  struct Place {
-    std::uint8_t socket = 0;
-    IpAddress address{};
-    std::uint32_t interface = 0;
-  };
   struct Connection {
     Ssl ssl;
-    Place local;
+    LocalAddress local;     ///< where its last datagram came to
     ClientRandom random{};  ///< of the ClientHello that began it
     TimePoint began{};
     std::string identity{};      ///< proven; empty during the handshake
@@ -76,20 +70,19 @@ class DtlsPort {
 
   std::array<std::uint8_t, 32> cookie(std::int64_t window) const;
   Ssl make_ssl() const;
-  void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
-  void on_hello(const Place& local, const UdpSocket::Datagram& datagram);
-  void begin(const Place& local, const Endpoint& from, const ClientRandom& random);
-  void advance(Connections::iterator handshake, const UdpSocket::Datagram& datagram);
-  void establish(Connections::iterator handshake, const UdpSocket::Datagram& datagram);
-  void read(Connections::iterator connection, const Place& local,
-            const UdpSocket::Datagram& datagram);
-  int read_record(Connection& connection, const Place& local, const UdpSocket::Datagram& record);
+  void on_datagram(const UdpSocket::Datagram& datagram);
+  void on_hello(const UdpSocket::Datagram& hello);
+  void begin(const UdpSocket::Datagram& hello, const ClientRandom& random);
+  void advance(Connections::iterator handshake, ByteView bytes);
+  void establish(Connections::iterator handshake);
+  void read(Connections::iterator connection, const UdpSocket::Datagram& datagram);
+  int read_record(Connection& connection, const UdpSocket::Datagram& record);
   void say_goodbye(Connections::iterator connection);
   void end(Connections::iterator connection);
   void give_up(const Endpoint& from, const std::string& why);
   void fail(Connections::iterator handshake, const std::string& why);
-  void send_waiting(SSL* ssl, const Place& local, const Endpoint& to);
-  void send_datagram(const Place& local, const Endpoint& to, ByteView bytes);
+  void send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint& to);
+  void send_datagram(const LocalAddress& local, const Endpoint& to, ByteView bytes);
   void watch_handshakes();
   void on_time();
 

@@ -114,8 +114,8 @@ void MqttsnAdapter::open() {
   for (std::size_t i = 0; i < settings_.listen.size(); ++i) {
     const std::string& listen = settings_.listen[i];
     sockets_.push_back(open_socket(listen, std::exchange(kept[i], -1)));
-    const auto index = static_cast<std::uint8_t>(i);
-    sockets_.back()->start(std::bind_front(&MqttsnAdapter::on_datagram, this, index));
+    sockets_.back()->start(std::bind_front(&MqttsnAdapter::on_datagram, this),
+                           static_cast<std::uint8_t>(i));
     where_ += place_of(where_.empty() ? "UDP " : ", ", listen, *sockets_.back());
   }
   for (std::size_t i = 0; i < kept_dtls.size(); ++i) {
@@ -245,15 +245,15 @@ Counters MqttsnAdapter::counters() const {
   return counters;
 }
 
-void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
-  const bool is_asked_for = !Settings::is_wildcard(settings_.listen[socket]);
-  if (!is_asked_for && !is_served(datagram.interface)) return drop_unserved(datagram);
+void MqttsnAdapter::on_datagram(const UdpSocket::Datagram& datagram) {
+  LocalAddress to = datagram.to;
+  const bool is_asked_for = !Settings::is_wildcard(settings_.listen[to.socket]);
+  if (!is_asked_for && !is_served(to.interface)) return drop_unserved(datagram);
   if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
   // A socket that is bound to an interface needs no index to find it, also when it is made again.
-  const std::uint32_t interface = settings_.names_interface() ? 0 : datagram.interface;
-  LocalAddress to{datagram.to, interface, socket};
-  if (is_multicast(datagram.to)) {
-    const NetworkInterface* from = find_interface(datagram.interface);
+  if (settings_.names_interface()) to.interface = 0;
+  if (is_multicast(to.address)) {
+    const NetworkInterface* from = find_interface(datagram.to.interface);
     const auto source = from ? choose_source(from->addresses, datagram.from.address) : std::nullopt;
     if (!source) return;  // no address yet; a searching client asks again
     to.address = *source;
@@ -265,20 +265,18 @@ void MqttsnAdapter::drop_unserved(const UdpSocket::Datagram& datagram) {
   ++unserved_;
   const auto count = unserved_lines_.on_event(read_clocks().mono);
   if (!count) return;
-  const NetworkInterface* from = find_interface(datagram.interface);
+  const NetworkInterface* from = find_interface(datagram.to.interface);
   listener_.on_mesh_event(Notice{
       Severity::notice,
       fmt::format("{} datagrams from networks that are not served were dropped, the last one from "
                   "{} over {}; mqttsn.interface says what is served",
                   *count, to_string(Peer{datagram.from, {}}),
-                  from ? from->name : fmt::format("interface {}", datagram.interface)),
+                  from ? from->name : fmt::format("interface {}", datagram.to.interface)),
       {}});
 }
 
-void MqttsnAdapter::on_decrypted(std::uint8_t socket, const UdpSocket::Datagram& datagram,
-                                 const std::string& identity) {
-  driver_->on_datagram(datagram.from, {datagram.to, datagram.interface, socket}, datagram.bytes,
-                       read_clocks(), identity);
+void MqttsnAdapter::on_decrypted(const UdpSocket::Datagram& datagram, const std::string& identity) {
+  driver_->on_datagram(datagram.from, datagram.to, datagram.bytes, read_clocks(), identity);
 }
 
 void MqttsnAdapter::perform(SendDatagram& action) {
@@ -297,7 +295,7 @@ void MqttsnAdapter::perform(SendDatagram& action) {
   if (socket == sockets_.end()) {
     ++sends_failed_;
   } else {
-    (*socket)->send_soon(action.to, from.address, from.interface, std::move(action.bytes));
+    (*socket)->send_soon(action.to, from, std::move(action.bytes));
   }
 }
 
@@ -316,7 +314,7 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
   for (const auto& socket : sockets_) {
     const Endpoint to = from_asio({group, socket->port()});
     const bool is_sent =
-        socket->send(to, *source, interface.index, Bytes(bytes.begin(), bytes.end()));
+        socket->send(to, {*source, interface.index}, Bytes(bytes.begin(), bytes.end()));
     if (is_sent && interface.has_carrier) advertised_from_[interface.index] = *source;
   }
 }

@@ -59,10 +59,9 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
  private:
   MachineDriver<SnGateway>& driver() override { return driver_; }
   const MachineDriver<SnGateway>& driver() const override { return driver_; }
-  void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
+  void on_datagram(const UdpSocket::Datagram& datagram);
   void drop_unserved(const UdpSocket::Datagram& datagram);
-  void on_decrypted(std::uint8_t socket, const UdpSocket::Datagram& datagram,
-                    const std::string& identity);
+  void on_decrypted(const UdpSocket::Datagram& datagram, const std::string& identity);
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
   void perform(PingEnded& ended);

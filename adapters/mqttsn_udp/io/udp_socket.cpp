@@ -38,12 +38,11 @@ void write_control(msghdr& header, int level, int type, const Info& info) {
 
 }  // namespace
 
-void OutgoingDatagram::fill(bool is_ipv6_socket, const Endpoint& to, const IpAddress& from,
-                            std::uint32_t interface, Bytes bytes) {
+void OutgoingDatagram::fill(bool is_ipv6_socket, const Endpoint& to, const LocalAddress& from,
+                            Bytes bytes) {
   is_ipv6_socket_ = is_ipv6_socket;
   is_to_ipv4_ = is_ipv4(to.address);
   from_ = from;
-  interface_ = interface;
   SpareBuffers<Bytes>::give_back(std::exchange(bytes_, std::move(bytes)));
   part_ = {bytes_.data(), bytes_.size()};
   header_ = {};
@@ -54,7 +53,7 @@ void OutgoingDatagram::fill(bool is_ipv6_socket, const Endpoint& to, const IpAdd
 }
 
 bool OutgoingDatagram::forget_interface() {
-  if (std::exchange(interface_, 0) == 0) return false;
+  if (std::exchange(from_.interface, 0) == 0) return false;
   write_source();
   return true;
 }
@@ -79,7 +78,8 @@ void OutgoingDatagram::write_target(const Endpoint& to) {
 }
 
 void OutgoingDatagram::write_source() {
-  if (from_ == IpAddress{} && interface_ == 0) {
+  const IpAddress& source = from_.address;
+  if (source == IpAddress{} && from_.interface == 0) {
     header_.msg_control = nullptr;
     header_.msg_controllen = 0;
     return;
@@ -88,16 +88,16 @@ void OutgoingDatagram::write_source() {
   header_.msg_controllen = control_.size();
   if (is_ipv6_socket_) {
     in6_pktinfo info{};
-    std::memcpy(&info.ipi6_addr, from_.data(), from_.size());
-    if (is_to_ipv4_ && from_ == IpAddress{}) {  // "any source" must be an IPv4 address then
+    std::memcpy(&info.ipi6_addr, source.data(), source.size());
+    if (is_to_ipv4_ && source == IpAddress{}) {  // "any source" must be an IPv4 address then
       info.ipi6_addr.s6_addr[10] = info.ipi6_addr.s6_addr[11] = 0xff;
     }
-    info.ipi6_ifindex = interface_;
+    info.ipi6_ifindex = from_.interface;
     return write_control(header_, IPPROTO_IPV6, IPV6_PKTINFO, info);
   }
   in_pktinfo info{};
-  if (is_ipv4(from_)) std::memcpy(&info.ipi_spec_dst, from_.data() + ipv4_offset, 4);
-  info.ipi_ifindex = static_cast<int>(interface_);
+  if (is_ipv4(source)) std::memcpy(&info.ipi_spec_dst, source.data() + ipv4_offset, 4);
+  info.ipi_ifindex = static_cast<int>(from_.interface);
   write_control(header_, IPPROTO_IP, IP_PKTINFO, info);
 }
 
@@ -178,37 +178,20 @@ IpAddress mapped(const in_addr& address) {
   return out;
 }
 
-Endpoint from_sockaddr(const sockaddr_storage& storage) {
-  Endpoint out;
-  if (storage.ss_family == AF_INET) {
-    sockaddr_in v4{};
-    std::memcpy(&v4, &storage, sizeof v4);
-    out.address = mapped(v4.sin_addr);
-    out.port = ntohs(v4.sin_port);
-  } else {
-    sockaddr_in6 v6{};
-    std::memcpy(&v6, &storage, sizeof v6);
-    std::memcpy(out.address.data(), &v6.sin6_addr, 16);
-    out.port = ntohs(v6.sin6_port);
-    out.scope_id = v6.sin6_scope_id;
-  }
-  return out;
-}
-
 /// The address that a datagram came to, from its control messages.
-void read_control(msghdr& header, UdpSocket::Datagram& datagram, std::uint32_t& kernel_drops) {
+void read_control(msghdr& header, LocalAddress& to, std::uint32_t& kernel_drops) {
   for (cmsghdr* c = CMSG_FIRSTHDR(&header); c; c = CMSG_NXTHDR(&header, c)) {
     if (c->cmsg_level == IPPROTO_IPV6 && c->cmsg_type == IPV6_PKTINFO) {
       in6_pktinfo info{};
       std::memcpy(&info, CMSG_DATA(c), sizeof info);
-      std::memcpy(datagram.to.data(), &info.ipi6_addr, 16);
-      datagram.interface = info.ipi6_ifindex;
+      std::memcpy(to.address.data(), &info.ipi6_addr, 16);
+      to.interface = info.ipi6_ifindex;
     } else if (c->cmsg_level == IPPROTO_IP && c->cmsg_type == IP_PKTINFO) {
       in_pktinfo info{};
       std::memcpy(&info, CMSG_DATA(c), sizeof info);
-      datagram.to = mapped(info.ipi_addr);
-      if (!is_multicast(datagram.to)) datagram.to = mapped(info.ipi_spec_dst);  // of a broadcast
-      datagram.interface = static_cast<std::uint32_t>(info.ipi_ifindex);
+      to.address = mapped(info.ipi_addr);
+      if (!is_multicast(to.address)) to.address = mapped(info.ipi_spec_dst);  // of a broadcast
+      to.interface = static_cast<std::uint32_t>(info.ipi_ifindex);
     } else if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
       std::memcpy(&kernel_drops, CMSG_DATA(c), sizeof kernel_drops);
     }
@@ -337,7 +320,8 @@ void UdpSocket::bind_to(const std::string& interface) {
   }
 }
 
-void UdpSocket::start(Receive receive) {
+void UdpSocket::start(Receive receive, std::uint8_t number) {
+  number_ = number;
   receive_ = std::move(receive);
   wait();
 }
@@ -378,10 +362,11 @@ bool UdpSocket::receive_batch() {
   if (count < 0) return errno != EAGAIN && errno != EWOULDBLOCK;
   for (int i = 0; i < count && receive_; ++i) {
     Datagram datagram;
-    datagram.from = from_sockaddr(incoming_->from[i]);
+    datagram.from = from_sockaddr(reinterpret_cast<const sockaddr&>(incoming_->from[i]));
     datagram.bytes = ByteView(incoming_->bytes[i], headers[i].msg_len);
     datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
-    read_control(headers[i].msg_hdr, datagram, kernel_drops_);
+    datagram.to.socket = number_;
+    read_control(headers[i].msg_hdr, datagram.to, kernel_drops_);
     if (is_bound_to_interface_) datagram.from.scope_id = 0;  // it changes with the interface
     is_at_last_ = i + 1 == count && count < Incoming::size;  // else more may be waiting
     receive_(datagram);
@@ -391,17 +376,15 @@ bool UdpSocket::receive_batch() {
   return count == Incoming::size;
 }
 
-bool UdpSocket::send(const Endpoint& to, const IpAddress& from, std::uint32_t interface,
-                     Bytes bytes) {
+bool UdpSocket::send(const Endpoint& to, const LocalAddress& from, Bytes bytes) {
   if (!socket_.is_open() || !can_reach(to.address)) return false;
   OutgoingDatagram datagram;
-  datagram.fill(is_ipv6_, to, from, interface, std::move(bytes));
+  datagram.fill(is_ipv6_, to, from, std::move(bytes));
   return transmit(datagram);
 }
 
-void UdpSocket::send_soon(const Endpoint& to, const IpAddress& from, std::uint32_t interface,
-                          Bytes bytes) {
-  outgoing_->datagrams[outgoing_->count++].fill(is_ipv6_, to, from, interface, std::move(bytes));
+void UdpSocket::send_soon(const Endpoint& to, const LocalAddress& from, Bytes bytes) {
+  outgoing_->datagrams[outgoing_->count++].fill(is_ipv6_, to, from, std::move(bytes));
   if (outgoing_->count == Outgoing::size) return flush();
   if (outgoing_->count > 1 || is_receiving_) return;
   asio::defer(socket_.get_executor(), [socket = weak_from_this()] {
@@ -435,47 +418,41 @@ bool UdpSocket::transmit(const OutgoingDatagram& datagram) {
 }
 
 bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
-  return change_membership(true, group, interface) || errno == EADDRINUSE;
+  return change_membership(MCAST_JOIN_GROUP, group, interface) || errno == EADDRINUSE;
 }
 
 void UdpSocket::leave(const asio::ip::address& group, std::uint32_t interface) {
-  change_membership(false, group, interface);
+  change_membership(MCAST_LEAVE_GROUP, group, interface);
 }
 
-bool UdpSocket::change_membership(bool is_member, const asio::ip::address& group,
+bool UdpSocket::change_membership(int option, const asio::ip::address& group,
                                   std::uint32_t interface) {
-  if (!can_reach(from_asio({group, 0}).address)) return false;
-  int result = 0;
-  if (group.is_v6()) {
-    ipv6_mreq request{};
-    const auto octets = group.to_v6().to_bytes();
-    std::memcpy(&request.ipv6mr_multiaddr, octets.data(), octets.size());
-    request.ipv6mr_interface = interface;
-    result = setsockopt(socket_.native_handle(), IPPROTO_IPV6,
-                        is_member ? IPV6_JOIN_GROUP : IPV6_LEAVE_GROUP, &request, sizeof request);
-  } else {
-    ip_mreqn request{};
-    const auto octets = group.to_v4().to_bytes();
-    std::memcpy(&request.imr_multiaddr, octets.data(), octets.size());
-    request.imr_ifindex = static_cast<int>(interface);
-    result =
-        setsockopt(socket_.native_handle(), IPPROTO_IP,
-                   is_member ? IP_ADD_MEMBERSHIP : IP_DROP_MEMBERSHIP, &request, sizeof request);
-  }
-  return result == 0;
+  const udp::endpoint endpoint(group, 0);
+  if (!can_reach(from_asio(endpoint).address)) return false;
+  group_req request{};
+  request.gr_interface = interface;
+  std::memcpy(&request.gr_group, endpoint.data(), endpoint.size());
+  return setsockopt(socket_.native_handle(), group.is_v6() ? IPPROTO_IPV6 : IPPROTO_IP, option,
+                    &request, sizeof request) == 0;
 }
 
-Endpoint from_asio(const udp::endpoint& endpoint) {
-  const asio::ip::address address = endpoint.address();
-  const asio::ip::address_v6 v6 =
-      address.is_v6() ? address.to_v6()
-                      : asio::ip::make_address_v6(asio::ip::v4_mapped, address.to_v4());
+Endpoint from_sockaddr(const sockaddr& address) {
   Endpoint out;
-  const auto octets = v6.to_bytes();
-  std::copy(octets.begin(), octets.end(), out.address.begin());
-  out.port = endpoint.port();
-  out.scope_id = static_cast<std::uint32_t>(v6.scope_id());
+  if (address.sa_family == AF_INET) {
+    sockaddr_in v4{};
+    std::memcpy(&v4, &address, sizeof v4);
+    out.address = mapped(v4.sin_addr);
+    out.port = ntohs(v4.sin_port);
+  } else {
+    sockaddr_in6 v6{};
+    std::memcpy(&v6, &address, sizeof v6);
+    std::memcpy(out.address.data(), &v6.sin6_addr, out.address.size());
+    out.port = ntohs(v6.sin6_port);
+    out.scope_id = v6.sin6_scope_id;
+  }
   return out;
 }
+
+Endpoint from_asio(const udp::endpoint& endpoint) { return from_sockaddr(*endpoint.data()); }
 
 }  // namespace slamgw::mqttsn

@@ -28,8 +28,7 @@ class OutgoingDatagram {
   OutgoingDatagram& operator=(const OutgoingDatagram&) = delete;
 
   /// `is_ipv6_socket`: IPv4 addresses are IPv4-mapped there, and IPv6 ones unusable elsewhere.
-  void fill(bool is_ipv6_socket, const Endpoint& to, const IpAddress& from, std::uint32_t interface,
-            Bytes bytes);
+  void fill(bool is_ipv6_socket, const Endpoint& to, const LocalAddress& from, Bytes bytes);
   /// For another attempt: the kernel chooses the interface. False when it does already.
   bool forget_interface();
   const msghdr& header() const { return header_; }
@@ -40,8 +39,7 @@ class OutgoingDatagram {
 
   bool is_ipv6_socket_ = false;
   bool is_to_ipv4_ = false;
-  IpAddress from_{};
-  std::uint32_t interface_ = 0;
+  LocalAddress from_;
   sockaddr_in6 target_{};  // large enough for sockaddr_in
   alignas(cmsghdr) std::array<std::uint8_t, CMSG_SPACE(sizeof(in6_pktinfo))> control_{};
   Bytes bytes_;
@@ -51,16 +49,13 @@ class OutgoingDatagram {
 
 /// One UDP socket of `mqttsn.listen`: reports the local address that each datagram came to, and
 /// sends from a given local address (R17). I/O shell; knows nothing of MQTT-SN. Loop's thread only.
-class OutgoingDatagram;
-
 /// Owned by shared_ptr: a wait that is under way keeps it alive.
 class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
  public:
   /// `is_truncated`: the datagram was longer than the buffer; `bytes` is its beginning.
   struct Datagram {
     Endpoint from;  ///< without a scope where the socket has one interface only
-    IpAddress to{};
-    std::uint32_t interface = 0;
+    LocalAddress to;
     ByteView bytes;
     bool is_truncated = false;
   };
@@ -75,17 +70,17 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   ~UdpSocket();
 
   /// From now on `receive` is called for each datagram, a bounded number each time the loop comes
-  /// by. It may call `send`.
-  void start(Receive receive);
+  /// by. It may call `send`. `number`: which socket each datagram came to (LocalAddress).
+  void start(Receive receive, std::uint8_t number = 0);
   /// `send` still works.
   void stop_receiving();
   void close();
 
   /// Never blocks: what the kernel does not take is lost, as datagrams are. False then.
-  bool send(const Endpoint& to, const IpAddress& from, std::uint32_t interface, Bytes bytes);
+  bool send(const Endpoint& to, const LocalAddress& from, Bytes bytes);
   /// After the present handler of the loop, with others, for which one call to the kernel is
-  /// enough. can_reach(to.address) holds. When `interface` does not take it, the kernel chooses.
-  void send_soon(const Endpoint& to, const IpAddress& from, std::uint32_t interface, Bytes bytes);
+  /// enough. can_reach(to.address) holds. When the interface does not take it, the kernel chooses.
+  void send_soon(const Endpoint& to, const LocalAddress& from, Bytes bytes);
   /// Does now what send_soon() has put off.
   void flush();
   /// The same once the last datagram of those that came together is being received, so that answers
@@ -123,7 +118,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool receive_batch();
   void send_again(OutgoingDatagram& datagram);
   bool transmit(const OutgoingDatagram& datagram);
-  bool change_membership(bool is_member, const boost::asio::ip::address& group,
+  bool change_membership(int option, const boost::asio::ip::address& group,
                          std::uint32_t interface);
 
   boost::asio::ip::udp::socket socket_;
@@ -134,6 +129,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool is_receiving_ = false;  // flush() follows
   bool is_at_last_ = false;    // of the datagrams that came together
   std::uint16_t port_ = 0;
+  std::uint8_t number_ = 0;
   std::uint32_t kernel_drops_ = 0;
   std::uint64_t sends_failed_ = 0;
   std::unique_ptr<Incoming> incoming_;
@@ -141,6 +137,8 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   Receive receive_;  ///< empty: nothing is received
 };
 
+/// `address` is the beginning of a sockaddr_in or a sockaddr_in6.
+Endpoint from_sockaddr(const sockaddr& address);
 Endpoint from_asio(const boost::asio::ip::udp::endpoint& endpoint);
 
 }  // namespace slamgw::mqttsn

@@ -70,7 +70,7 @@ class SentTogether : public ::testing::Test {
     });
   }
   void send_soon(std::uint8_t first, std::size_t octets = 1, std::uint32_t interface = 0) {
-    sender->send_soon({loopback, receiver->port()}, {}, interface, Bytes(octets, first));
+    sender->send_soon({loopback, receiver->port()}, {{}, interface}, Bytes(octets, first));
   }
   void run_until(std::size_t count) {
     EXPECT_TRUE(test::eventually([&] {
@@ -132,11 +132,11 @@ TEST_F(SentTogether, AnswersGoWithTheLastDatagramOfThoseThatCameTogether) {
     return count;
   };
   server->start([&](const UdpSocket::Datagram& datagram) {
-    server->send_soon({loopback, receiver->port()}, {}, 0, Bytes{datagram.bytes.front()});
+    server->send_soon({loopback, receiver->port()}, {}, Bytes{datagram.bytes.front()});
     server->flush_answers();
     left_after.push_back(count_left());
   });
-  for (std::uint8_t i = 0; i < 3; ++i) sender->send({loopback, server->port()}, {}, 0, Bytes{i});
+  for (std::uint8_t i = 0; i < 3; ++i) sender->send({loopback, server->port()}, {}, Bytes{i});
   EXPECT_TRUE(test::eventually(io, [&] { return left_after.size() == 3; }));
   EXPECT_EQ(left_after, (std::vector<std::size_t>{0, 0, 3}));
 }
