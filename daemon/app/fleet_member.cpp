@@ -8,7 +8,7 @@
 
 #include "daemon/core/result.hpp"
 #include "daemon/observability/log.hpp"
-#include "daemon/sessions/mailbox.hpp"
+#include "daemon/sessions/session_names.hpp"
 
 namespace slamgw {
 

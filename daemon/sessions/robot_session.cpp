@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "daemon/sessions/mailbox.hpp"
-
 namespace slamgw::sessions {
 
 // --- Who holds it --------------------------------------------------------------------------------

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The names at the broker that belong to one robot's session (docs/fleet.md). Pure functions on
-// strings.
+// The names at the broker that belong to one robot's session, and what its mailbox holds
+// (docs/fleet.md). Pure functions.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 
+#include "daemon/core/messages.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::sessions {
@@ -28,5 +30,11 @@ class SessionNames {
   std::string note_root_;
   std::string command_root_;
 };
+
+/// What one gateway hands to the next for a robot: a big-endian age in milliseconds (4 octets), the
+/// QoS (1), the length of the topic (2), the topic, and the payload.
+Bytes encode_waiting(const WaitingMessage& waiting);
+/// `waited` of the message is its age. Nothing when the octets are no such message.
+std::optional<BrokerMessage> decode_waiting(ByteView octets);
 
 }  // namespace slamgw::sessions

@@ -13,7 +13,7 @@
 #include <filesystem>
 
 #include "daemon/sessions/io/session_host.hpp"
-#include "daemon/sessions/mailbox.hpp"
+#include "daemon/sessions/session_names.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
 #include "tests/support/temp_dir.hpp"

@@ -7,8 +7,8 @@
 #include <array>
 #include <random>
 
-#include "daemon/sessions/mailbox.hpp"
 #include "daemon/sessions/robot_sessions.hpp"
+#include "daemon/sessions/session_names.hpp"
 #include "tests/sessions/broker_model.hpp"
 
 namespace slamgw::sessions {
