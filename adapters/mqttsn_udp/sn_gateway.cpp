@@ -8,8 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/client_report.hpp"
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {

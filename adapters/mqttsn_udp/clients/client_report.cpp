@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/mqttsn_udp/clients/client_report.hpp"
-
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <vector>
+
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 
 namespace slamgw::mqttsn {
 namespace {

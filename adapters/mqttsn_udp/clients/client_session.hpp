@@ -106,7 +106,13 @@ class ClientSession {
     return state_ != ClientState::disconnected && state_ != ClientState::lost;
   }
   /// As TopicTable::assign(); no id is given anew that an open REGISTER or PUBLISH names.
-  std::optional<std::uint16_t> assign_topic(std::string_view name);
+  std::optional<std::uint16_t> assign_topic(std::string_view name) {
+    if (const auto known = topics.id_of(name)) return known;
+    std::vector<std::uint16_t> in_use{delivery.last_qos0_id};
+    if (delivery.publishing) in_use.push_back(delivery.publishing->topic_id);
+    for (const Registering& open : delivery.registering) in_use.push_back(open.topic_id);
+    return topics.assign(name, in_use);
+  }
 
  private:
   friend class Lifecycle;  // the one writer

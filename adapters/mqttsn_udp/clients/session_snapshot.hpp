@@ -80,4 +80,10 @@ SessionSnapshot to_note(const SessionSnapshot& snapshot);
 /// Fills a fresh session; its state, binding, timers and broker subscriptions are the caller's.
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now);
 
+/// As octets for the store and for notes, and back: CBOR (RFC 8949) of a map with a `version`;
+/// members that this version does not know are ignored.
+Bytes encode_session(const SessionSnapshot& snapshot);
+/// Nothing when the octets are damaged or of a newer version.
+std::optional<SessionSnapshot> decode_session(ByteView content);
+
 }  // namespace slamgw::mqttsn

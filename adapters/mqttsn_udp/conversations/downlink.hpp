@@ -5,10 +5,11 @@
 // answer holds nothing else back for longer than one wait: see TopicRegistration and Release.
 #pragma once
 
+#include <deque>
+#include <memory>
 #include <string>
 
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
-#include "adapters/mqttsn_udp/conversations/command_watch.hpp"
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/conversations/topic_registration.hpp"
@@ -18,6 +19,35 @@
 #include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::mqttsn {
+
+/// Tells the outcome of each command exactly once: when the robot has it, when it can't get it, or
+/// when 30 s are over. Knows nothing of the delivery, which the gateway withdraws then.
+class CommandWatch {
+ public:
+  CommandWatch(const NameRules& rules, ClientTable& clients, Output& output)
+      : rules_(rules), clients_(clients), output_(output) {}
+
+  /// A command that no client can carry out. Nothing happens when `id` is none.
+  void refuse(const BrokerMessage& message, CommandId id, std::string why);
+  /// Null when `message` is no command for this client's robot.
+  std::shared_ptr<Command> begin(const ClientSession& session, const BrokerMessage& message,
+                                 CommandId id, TimePoint now);
+  /// From before a restart of the daemon: its outcome is still owed.
+  void adopt(const std::shared_ptr<Command>& command);
+  /// `command` may be null.
+  void end(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
+           TimePoint now);
+
+  std::optional<TimePoint> deadline() const;
+  /// A command whose time is over; `end()` reports its outcome. Null when there is none.
+  std::shared_ptr<Command> pop_overdue(TimePoint now);
+
+ private:
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
+};
 
 class Downlink {
  public:

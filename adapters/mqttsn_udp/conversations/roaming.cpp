@@ -5,7 +5,6 @@
 #include <utility>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 

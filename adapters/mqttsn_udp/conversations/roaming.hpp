@@ -14,7 +14,7 @@
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/conversations/connecting.hpp"
-#include "adapters/mqttsn_udp/conversations/supervision.hpp"
+#include "adapters/mqttsn_udp/conversations/sleep.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 

@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/conversations/answers.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
+#include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"

@@ -6,7 +6,7 @@
 #include <functional>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/mqttsn_udp/clients/client_report.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"

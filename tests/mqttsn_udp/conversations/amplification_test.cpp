@@ -6,7 +6,7 @@
 #include <map>
 #include <random>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 

@@ -3,7 +3,7 @@
 // and what is evidence that a robot is here.
 #include <gtest/gtest.h>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 

@@ -5,7 +5,7 @@
 #include <set>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {

@@ -2,7 +2,7 @@
 // Robots that come from another gateway and robots that go to one.
 #include <gtest/gtest.h>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/mqttsn_udp/clients/predefined_topics.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
 
 namespace slamgw::mqttsn {
 
