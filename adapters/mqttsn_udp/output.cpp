@@ -9,8 +9,8 @@
 
 namespace slamgw::mqttsn {
 
-Counters Tally::counters() const {
-  constexpr std::array<std::string_view, size> names = {
+Counters Output::counters() const {
+  constexpr std::array<std::string_view, std::tuple_size_v<decltype(counts_)>> names = {
       "datagrams_in",        "datagrams_out",    "malformed",
       "oversized",           "unexpected",       "strangers",
       "unanswered",          "connects",         "connects_refused",
@@ -24,7 +24,7 @@ Counters Tally::counters() const {
       "identity_missing"};
   static_assert(!names.back().empty(), "a name for each counter");
   Counters counters;
-  for (std::size_t i = 0; i < size; ++i) counters.push_back({names[i], values_[i]});
+  for (std::size_t i = 0; i < names.size(); ++i) counters.push_back({names[i], counts_[i]});
   return counters;
 }
 
@@ -55,14 +55,13 @@ void Output::send(const Peer& to, const LocalAddress& from, Packet packet, std::
                   const ClientSession* promised) {
   Bytes bytes = encode(std::move(packet));
   if (!to.node_id.empty()) bytes = encode_encapsulation(radius, to.node_id, bytes);
-  if (!validation.may_send(to.endpoint.address, bytes.size()))
-    return tally_.count(Count::unvalidated);
+  if (!validation.may_send(to.endpoint.address, bytes.size())) return count(Count::unvalidated);
   validation.on_sent(to.endpoint.address, bytes.size());
-  tally_.count(Count::datagrams_out);
+  count(Count::datagrams_out);
   SendDatagram datagram{from, to.endpoint, std::move(bytes), to.identity};
   if (promised) changed_.mark(*promised);
   if (!unsaved_.take(datagram, promised ? &promised->client_id : nullptr)) {
-    if (promised && has_store_) tally_.count(Count::answered_unsaved);
+    if (promised && has_store_) count(Count::answered_unsaved);
     return actions_.push(std::move(datagram));
   }
   if (unsaved_.is_full()) send_unsaved();
@@ -93,7 +92,7 @@ void Output::on_saved(bool is_saved, TimePoint now) {
 
 void Output::send_unsaved() {
   for (SendDatagram& datagram : unsaved_.give_up()) {
-    tally_.count(Count::answered_unsaved);
+    count(Count::answered_unsaved);
     actions_.push(std::move(datagram));
   }
 }
@@ -123,7 +122,7 @@ std::size_t Output::overhead(const ClientSession& session, std::size_t octets) {
 }
 
 void Output::send_multicast(const Packet& packet, std::uint32_t interface) {
-  tally_.count(Count::datagrams_out);
+  count(Count::datagrams_out);
   actions_.push(SendMulticast{encode(packet), interface});
 }
 

@@ -56,16 +56,6 @@ enum class Count : std::uint8_t {
   last_ = identity_missing,
 };
 
-class Tally {
- public:
-  void count(Count what) { ++values_[static_cast<std::size_t>(what)]; }
-  Counters counters() const;
-
- private:
-  static constexpr std::size_t size = static_cast<std::size_t>(Count::last_) + 1;
-  std::array<std::uint64_t, size> values_{};
-};
-
 /// To the configured multicast group.
 struct SendMulticast {
   Bytes bytes;
@@ -102,7 +92,7 @@ class Output {
   void send_multicast(const Packet& packet, std::uint32_t interface = 0);
   void end(PingEnded ping) { actions_.push(std::move(ping)); }
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
-  void count(Count what) { tally_.count(what); }
+  void count(Count what) { ++counts_[static_cast<std::size_t>(what)]; }
   /// Something in the session that must survive a restart has changed.
   void mark_changed(const ClientSession& session) {
     changed_.mark(session);
@@ -110,7 +100,7 @@ class Output {
   }
 
   std::optional<Action> next_action() { return actions_.pop(); }
-  Counters counters() const { return tally_.counters(); }
+  Counters counters() const;
   bool has_changed() const { return changed_.has_any(); }
   /// Client ids of about `max` changed sessions, first those whose answers wait; they are not
   /// marked any more. on_saved() follows when they are saved.
@@ -133,7 +123,7 @@ class Output {
  private:
   static std::size_t overhead(const ClientSession& session, std::size_t octets);
 
-  Tally tally_;
+  std::array<std::uint64_t, static_cast<std::size_t>(Count::last_) + 1> counts_{};
   ChangedSessions changed_;
   ChangedSessions noteworthy_;
   UnsavedAnswers unsaved_;

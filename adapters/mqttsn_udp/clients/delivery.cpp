@@ -73,7 +73,7 @@ bool is_in_use(const Delivery& delivery, std::uint16_t id) {
   const auto has_id = [id](const auto& request) { return request.attempt.msg_id == id; };
   return (delivery.publishing && has_id(*delivery.publishing)) ||
          std::ranges::any_of(delivery.registering, has_id) ||
-         std::ranges::any_of(delivery.releasing, has_id) ||
+         std::ranges::find(delivery.releasing, id, &Attempt::msg_id) != delivery.releasing.end() ||
          std::ranges::count(delivery.abandoned, id) > 0 ||
          std::ranges::any_of(delivery.queue,
                              [id](const Outgoing& waiting) { return waiting.msg_id == id; });

@@ -120,11 +120,6 @@ struct Registering {
   Attempt attempt;
 };
 
-/// A PUBREL that awaits its PUBCOMP: the client has the message.
-struct Releasing {
-  Attempt attempt;
-};
-
 /// A topic of which the client does not answer; its messages wait, others go on.
 struct SetAside {
   std::string topic;
@@ -137,8 +132,9 @@ struct Delivery {
   DeliveryQueue queue;
   std::unique_ptr<Publishing> publishing;  ///< null as a rule: 160 octets less
   std::vector<Registering> registering;    ///< at most max_open_registers, at most one fresh
-  std::vector<Releasing> releasing;        ///< at most max_open_releases, oldest first
-  std::vector<SetAside> set_aside;         ///< at most max_set_aside, oldest first
+  /// PUBRELs that await their PUBCOMP: the client has the messages.
+  std::vector<Attempt> releasing;   ///< at most max_open_releases, oldest first
+  std::vector<SetAside> set_aside;  ///< at most max_set_aside, oldest first
   /// MsgIds of QoS 2 commands that have failed: a late PUBREC must not have them carried out.
   std::vector<std::uint16_t> abandoned;  ///< at most max_abandoned, oldest first
   std::uint16_t last_msg_id = 0;

@@ -46,7 +46,7 @@ void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, T
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
   for (const std::uint16_t msg_id : snapshot.released)
-    delivery.releasing.push_back({Attempt{msg_id, TimePoint::min()}});
+    delivery.releasing.push_back({msg_id, TimePoint::min()});
   for (const MessageSnapshot& message : snapshot.messages) {
     Outgoing outgoing = to_outgoing(message);
     outgoing.command = command_of(message, snapshot, now);
@@ -93,8 +93,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   for (const auto& [filter, s] : session.subscriptions)
     out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
   add_messages(session.delivery, out.messages, now);
-  for (const Releasing& open : session.delivery.releasing)
-    out.released.push_back(open.attempt.msg_id);
+  for (const Attempt& open : session.delivery.releasing) out.released.push_back(open.msg_id);
   for (const auto& [msg_id, inbound] : session.inbound_qos2) {
     if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
   }

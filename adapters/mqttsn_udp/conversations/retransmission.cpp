@@ -37,59 +37,49 @@ TimePoint Retransmission::end_of(const Attempt& attempt) const {
   return attempt.begun + settings_.retry_interval * (settings_.retry_count + 1);
 }
 
-namespace {
-
-auto find(Delivery& delivery, std::uint16_t msg_id) {
-  return std::ranges::find(delivery.releasing, msg_id,
-                           [](const Releasing& open) { return open.attempt.msg_id; });
-}
-
-}  // namespace
-
 void Release::begin(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (delivery.releasing.size() >= limits::max_open_releases)
     delivery.releasing.erase(delivery.releasing.begin());
-  delivery.releasing.push_back({retransmission_.begin(delivery, msg_id, now)});
+  delivery.releasing.push_back(retransmission_.begin(delivery, msg_id, now));
   output_.mark_changed(session);
   output_.send(session, Pubrel{msg_id});
 }
 
 bool Release::on_pubrec(ClientSession& session, std::uint16_t msg_id) {
-  const auto open = find(session.delivery, msg_id);
+  const auto open = std::ranges::find(session.delivery.releasing, msg_id, &Attempt::msg_id);
   if (open == session.delivery.releasing.end()) return false;
-  open->attempt.repeats = std::max(open->attempt.repeats, 1U);
+  open->repeats = std::max(open->repeats, 1U);
   output_.send(session, Pubrel{msg_id});
   return true;
 }
 
 bool Release::on_pubcomp(Delivery& delivery, std::uint16_t msg_id, TimePoint now) {
-  const auto open = find(delivery, msg_id);
+  const auto open = std::ranges::find(delivery.releasing, msg_id, &Attempt::msg_id);
   if (open == delivery.releasing.end()) return false;
-  Retransmission::on_answer(delivery, open->attempt, now);
+  Retransmission::on_answer(delivery, *open, now);
   delivery.releasing.erase(open);
   return true;
 }
 
 bool Release::is_fresh(const Delivery& delivery) {
-  return std::ranges::any_of(delivery.releasing, [](const Releasing& open) {
-    return open.attempt.repeat_at && open.attempt.is_fresh();
-  });
+  return std::ranges::any_of(delivery.releasing,
+                             [](const Attempt& open) { return open.repeat_at && open.is_fresh(); });
 }
 
 void Release::rest(Delivery& delivery) {
-  for (Releasing& open : delivery.releasing) {
-    open.attempt.repeat_at.reset();
-    open.attempt.begun = TimePoint::min();
+  for (Attempt& open : delivery.releasing) {
+    open.repeat_at.reset();
+    open.begun = TimePoint::min();
   }
 }
 
 void Release::resume(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
-  for (Releasing& open : delivery.releasing) {
-    if (open.attempt.repeat_at || session.last_heard <= open.attempt.begun) continue;
-    open.attempt = retransmission_.begin(delivery, open.attempt.msg_id, now);
-    output_.send(session, Pubrel{open.attempt.msg_id});
+  for (Attempt& open : delivery.releasing) {
+    if (open.repeat_at || session.last_heard <= open.begun) continue;
+    open = retransmission_.begin(delivery, open.msg_id, now);
+    output_.send(session, Pubrel{open.msg_id});
   }
 }
 
@@ -97,17 +87,17 @@ void Release::resume(ClientSession& session, TimePoint now) {
 /// PUBREC has it sent again (R92).
 bool Release::on_time(ClientSession& session, TimePoint now) {
   bool is_silent = false;
-  const auto is_over = [&](Releasing& open) {
-    switch (retransmission_.on_time(open.attempt, now)) {
+  const auto is_over = [&](Attempt& open) {
+    switch (retransmission_.on_time(open, now)) {
       case Retransmission::Due::nothing: return false;
       case Retransmission::Due::repeat:
         output_.count(Count::retransmitted);
-        output_.send(session, Pubrel{open.attempt.msg_id});
+        output_.send(session, Pubrel{open.msg_id});
         return false;
       case Retransmission::Due::give_up: break;
     }
-    open.attempt.repeat_at.reset();
-    const bool was_heard = session.last_heard > open.attempt.begun;
+    open.repeat_at.reset();
+    const bool was_heard = session.last_heard > open.begun;
     is_silent |= !was_heard;
     return was_heard;
   };
@@ -117,7 +107,7 @@ bool Release::on_time(ClientSession& session, TimePoint now) {
 
 std::optional<TimePoint> Release::next_time(const Delivery& delivery) {
   std::optional<TimePoint> next;
-  for (const Releasing& open : delivery.releasing) next = earlier(next, open.attempt.repeat_at);
+  for (const Attempt& open : delivery.releasing) next = earlier(next, open.repeat_at);
   return next;
 }
 
