@@ -60,21 +60,8 @@ std::optional<std::uint16_t> TopicTable::id_of(std::string_view name) const {
   return *found;
 }
 
-bool TopicTable::is_known(std::uint16_t id) const {
-  const Topic* topic = find(id);
-  return topic && topic->is_known;
-}
-
-void TopicTable::set_known(std::uint16_t id, bool known) {
-  if (Topic* topic = find(id)) topic->is_known = known;
-}
-
 void TopicTable::forget_known() {
   for (Topic& topic : topics_) topic.is_known = false;
-}
-
-void TopicTable::set_own(std::uint16_t id) {
-  if (Topic* topic = find(id)) topic->is_own = true;
 }
 
 void TopicTable::touch(std::uint16_t id) {

@@ -79,22 +79,20 @@ class TopicTable {
   const std::string* name_of(std::uint16_t id) const;
   std::optional<std::uint16_t> id_of(std::string_view name) const;
 
-  /// Whether the client has got this id in its present connection (R48, R65).
-  bool is_known(std::uint16_t id) const;
-  void set_known(std::uint16_t id, bool known);
   void forget_known();
-  /// The client has asked for this id, or uses it: it keeps its meaning.
-  void set_own(std::uint16_t id);
   /// The gateway publishes with this id.
   void touch(std::uint16_t id);
 
   struct Topic {
     std::string name;
     std::uint16_t id = 0;
-    bool is_known = false;
-    bool is_own = false;
+    bool is_known = false;   ///< the client has got this id in its present connection (R48, R65)
+    bool is_own = false;     ///< the client has asked for this id, or uses it: it keeps its meaning
     std::uint64_t used = 0;  ///< later uses have larger numbers
   };
+  /// Null for an id that was never given out.
+  Topic* find(std::uint16_t id);
+  const Topic* find(std::uint16_t id) const;
   /// In the order of their ids.
   const std::vector<Topic>& topics() const { return topics_; }
   /// Ids keep their meaning under other names. A name may have several ids afterwards.
@@ -104,8 +102,6 @@ class TopicTable {
   void clear();
 
  private:
-  Topic* find(std::uint16_t id);
-  const Topic* find(std::uint16_t id) const;
   std::uint16_t free_id(std::string_view name) const;
   void erase(std::uint16_t id);
   /// In by_name_: where `name` is, or belongs.

@@ -347,7 +347,7 @@ void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
     session.delivery.forgets_ids_asleep = true;
     session.topics.forget_known();
   } else if (const auto id = session.topics.id_of(outgoing.message->topic)) {
-    session.topics.set_known(*id, false);
+    session.topics.find(*id)->is_known = false;
   }
   outgoing.was_refused_once = true;
   outgoing.msg_id = 0;

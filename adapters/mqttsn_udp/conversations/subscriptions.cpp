@@ -25,7 +25,8 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   if (!session.subscriptions.contains(filter)) charge(session, filter);
   const auto qos = static_cast<Qos>(request.qos);
   session.subscriptions[filter] = {qos, request.topic_id_type, wish->topic_id, request.msg_id, {}};
-  if (request.topic_id_type == TopicIdType::normal) session.topics.set_known(wish->topic_id, true);
+  TopicTable::Topic* const topic = session.topics.find(wish->topic_id);  // a wildcard has none
+  if (topic && request.topic_id_type == TopicIdType::normal) topic->is_known = true;
   output_.mark_changed(session);
   answers_.hold(session, filter, answer);
   ask(session, filter, qos, false);
@@ -191,7 +192,7 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
     return Wish{*filter, 0};  // R95, R96
   const auto id = session.assign_topic(*filter);
   if (!id) return ReturnCode::congestion;
-  session.topics.set_own(*id);
+  session.topics.find(*id)->is_own = true;
   return Wish{*filter, *id};
 }
 

@@ -41,7 +41,7 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
   if (outgoing.topic_id_type != TopicIdType::normal) return Readiness::ready;
   const std::string& topic = outgoing.message->topic;
   const auto known = session.topics.id_of(topic);
-  if (known && session.topics.is_known(*known)) return Readiness::ready;
+  if (known && session.topics.find(*known)->is_known) return Readiness::ready;
   const auto open = std::ranges::find_if(
       delivery.registering, [&](const Registering& other) { return other.topic_id == known; });
   if (open != delivery.registering.end())
@@ -121,12 +121,12 @@ std::optional<std::string> TopicRegistration::on_regack(ClientSession& session,
   if (regack.code == ReturnCode::congestion) return std::nullopt;
   const std::uint16_t id = answered->topic_id;
   delivery.registering.erase(answered);
-  const std::string* name = session.topics.name_of(id);
-  if (!name) return std::nullopt;
-  const auto known = find_set_aside(delivery, *name);
+  TopicTable::Topic* topic = session.topics.find(id);
+  if (!topic) return std::nullopt;
+  const auto known = find_set_aside(delivery, topic->name);
   if (known != delivery.set_aside.end()) delivery.set_aside.erase(known);
-  if (regack.code == ReturnCode::accepted) session.topics.set_known(id, true);
-  return *name;
+  if (regack.code == ReturnCode::accepted) topic->is_known = true;
+  return topic->name;
 }
 
 std::vector<TopicRegistration::Unanswered> TopicRegistration::on_time(ClientSession& session,

@@ -152,7 +152,8 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
         return ReturnCode::invalid_topic_id;
       }
       topic = SpareBuffers<std::string>::copy(*name);
-      if (publish.topic_id_type == TopicIdType::normal) session.topics.set_own(publish.topic_id);
+      if (publish.topic_id_type == TopicIdType::normal)
+        session.topics.find(publish.topic_id)->is_own = true;
       break;
     }
     case TopicIdType::short_name: topic = short_name(publish.topic_id); break;
@@ -312,8 +313,8 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
   if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
   const auto id = session.assign_topic(topic);
   if (id) {
-    session.topics.set_own(*id);
-    session.topics.set_known(*id, true);
+    TopicTable::Topic& own = *session.topics.find(*id);
+    own.is_own = own.is_known = true;
     output_.mark_changed(session);
     return answer(*id, ReturnCode::accepted);
   }

@@ -33,7 +33,7 @@ TEST(SnGateway, R58_NeverGivesOutReservedIds) {
 TEST(SnGateway, R58_HasIdsForSoManyTopicsOnly) {
   TopicTable table;
   for (std::size_t i = 0; i < limits::max_topics_per_client; ++i)
-    table.set_own(table.assign("t" + std::to_string(i)).value());
+    table.find(table.assign("t" + std::to_string(i)).value())->is_own = true;
   EXPECT_EQ(table.assign("one more"), std::nullopt) << "the client uses them all";
 }
 
@@ -66,13 +66,13 @@ TEST(SnGateway, R58_ForgetsTheLongestUnusedTopicForAnotherOne) {
   table.number_by([](std::string_view) { return lowest_topic_id; });
   for (std::size_t i = 1; i <= limits::max_topics_per_client; ++i) {
     const auto id = table.assign("t" + std::to_string(i));
-    table.set_known(id.value(), true);
+    table.find(id.value())->is_known = true;
   }
   table.touch(1);
-  table.set_own(2);
+  table.find(2)->is_own = true;
   const std::vector<std::uint16_t> in_use{3};
   EXPECT_EQ(table.assign("new", in_use), 4);
-  EXPECT_FALSE(table.is_known(4)) << "the client has to be told";
+  EXPECT_FALSE(table.find(4)->is_known) << "the client has to be told";
   EXPECT_EQ(*table.name_of(4), "new");
   EXPECT_EQ(table.id_of("t4"), std::nullopt);
   EXPECT_EQ(table.assign("t1"), 1);
