@@ -118,9 +118,8 @@ void SnGateway::receive(const Arrival& arrival, Packet packet) {
   renew_local(arrival);
   follow_identity(arrival, packet);
   if (const auto* connect = std::get_if<Connect>(&packet)) {
-    if (roaming_.takes(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now))
-      return;
-    connecting_.on_connect(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now);
+    if (roaming_.takes(arrival, *connect)) return;
+    connecting_.on_connect(arrival, *connect);
     return advance_client_at(arrival);
   }
   auto* publish = std::get_if<Publish>(&packet);
@@ -166,9 +165,9 @@ void SnGateway::advance_client_at(const Arrival& arrival) {
 /// True when the message was the handshake's.
 bool SnGateway::receive_in_handshake(const Arrival& arrival, Packet& packet) {
   if (const auto* topic = std::get_if<WillTopic>(&packet)) {
-    connecting_.on_willtopic(arrival.peer, arrival.local, *topic, arrival.now);
+    connecting_.on_willtopic(arrival, *topic);
   } else if (auto* message = std::get_if<WillMsg>(&packet)) {
-    connecting_.on_willmsg(arrival.peer, arrival.local, std::move(*message), arrival.now);
+    connecting_.on_willmsg(arrival, std::move(*message));
   } else if (is_late_answer(packet)) {
     return false;
   } else {
@@ -409,8 +408,9 @@ void SnGateway::go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint n
     if (ClientSession* session = clients_.find(client_id))
       session->note_hash = known ? fingerprint(note) : 0;
   }
-  connecting_.on_connect(waited.peer, waited.local, waited.connect, waited.fingerprint, now);
-  if (ClientSession* session = clients_.find(waited.peer)) supervision_.advance(*session, now);
+  waited.arrival.now = now;
+  connecting_.on_connect(waited.arrival, waited.connect);
+  advance_client_at(waited.arrival);
   for (const RobotMessage& message : waited.take_messages(now)) on_broker_message(message, now);
 }
 

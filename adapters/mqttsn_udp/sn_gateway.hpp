@@ -105,14 +105,6 @@ class SnGateway {
   }
 
  private:
-  /// One message and where it came from.
-  struct Arrival {
-    Peer peer;
-    LocalAddress local;
-    std::uint64_t fingerprint;  ///< of its octets
-    TimePoint now;
-  };
-
   void go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now);
   std::optional<SessionSnapshot> read_note(const Roaming::WaitingConnect& waited,
                                            ByteView note) const;

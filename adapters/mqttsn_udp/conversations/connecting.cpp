@@ -20,26 +20,28 @@ bool can_resume(const ClientSession& session) {
 
 }  // namespace
 
-void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
-                            std::uint64_t fingerprint, TimePoint now) {
+void Connecting::on_connect(const Arrival& arrival, const Connect& connect) {
+  const Peer& peer = arrival.peer;
+  const TimePoint now = arrival.now;
   auto robot = robot_at(peer, connect.client_id);
-  if (!robot || connect.protocol != protocol_id) return refuse_name(peer, local, connect, now);
-  if (is_repetition(peer, connect, fingerprint, now)) {
+  if (!robot || connect.protocol != protocol_id) return refuse_name(arrival, connect);
+  if (is_repetition(arrival, connect)) {
     ClientSession& session = *clients_.find(peer);
     lifecycle_.on_connect_again(session, now);
-    session.connect_fingerprint = fingerprint;
+    session.connect_fingerprint = arrival.fingerprint;
     return output_.send(session, Connack{ReturnCode::accepted});
   }
   const bool is_known = clients_.find(connect.client_id) != nullptr;
-  if (!is_known && !lifecycle_.make_room(peer, now)) return refuse_for_room(peer, local, now);
-  Attempt attempt{local, connect, std::move(*robot), fingerprint, Stage::topic, {}, 0, {}};
-  if (connect.will) return begin(peer, std::move(attempt), now);
+  if (!is_known && !lifecycle_.make_room(peer, now)) return refuse_for_room(arrival);
+  Attempt attempt{
+      arrival.local, connect, std::move(*robot), arrival.fingerprint, Stage::topic, {}, 0, {}};
+  if (connect.will) return begin(arrival, std::move(attempt));
   if (is_open(peer)) take(peer);
   const ClientSession* known = clients_.find(connect.client_id);
   std::optional<Will> kept;
   const bool may_keep = known && can_resume(*known) && !connect.clean_session;  // R45
   if (may_keep && known->will) kept = *known->will;
-  complete(peer, attempt, std::move(kept), now);
+  complete(arrival, attempt, std::move(kept));
 }
 
 /// A client that the configuration names may have an address on another mesh too; any other must
@@ -62,42 +64,38 @@ std::optional<std::string> Connecting::robot_at(const Peer& peer,
 }
 
 /// The CONNACK was lost: it is sent again, and nothing that was registered since is wiped (R35).
-bool Connecting::is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
-                               TimePoint now) const {
-  const ClientSession* session = clients_.find(peer);
+bool Connecting::is_repetition(const Arrival& arrival, const Connect& connect) const {
+  const ClientSession* session = clients_.find(arrival.peer);
   return session && session->client_id == connect.client_id &&
-         session->state() == ClientState::active && session->connect_fingerprint == fingerprint &&
-         now - session->connected_at <= limits::repeat_window;
+         session->state() == ClientState::active &&
+         session->connect_fingerprint == arrival.fingerprint &&
+         arrival.now - session->connected_at <= limits::repeat_window;
 }
 
-void Connecting::on_willtopic(const Peer& peer, const LocalAddress& local, const WillTopic& will,
-                              TimePoint now) {
+void Connecting::on_willtopic(const Arrival& arrival, const WillTopic& will) {
+  const Peer& peer = arrival.peer;
   Attempt& attempt = attempts_.at(peer);
-  attempt.local = local;
-  if (will.topic.empty()) {  // deletes the stored will; no message is asked for (R25)
-    const Attempt done = take(peer);
-    return complete(peer, done, std::nullopt, now);
-  }
-  auto topic =
-      wills_.allowed_topic(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now);
+  attempt.local = arrival.local;
+  if (will.topic.empty())  // deletes the stored will; no message is asked for (R25)
+    return complete(arrival, take(peer), std::nullopt);
+  auto topic = wills_.allowed_topic(attempt.connect.client_id, attempt.robot, will.topic, will.qos,
+                                    arrival.now);
   if (!topic) {
-    const Attempt done = take(peer);
+    take(peer);
     output_.count(Count::connects_refused);
-    return answer_refused(peer, done.local, ReturnCode::not_supported, now);
+    return answer_refused(arrival, ReturnCode::not_supported);
   }
   attempt.will = {std::move(*topic), {}, static_cast<Qos>(will.qos), will.retain};
   attempt.stage = Stage::message;
   attempt.repeats = 0;
-  prompt(peer, attempt, now);
+  prompt(peer, attempt, arrival.now);
 }
 
-void Connecting::on_willmsg(const Peer& peer, const LocalAddress& local, WillMsg will,
-                            TimePoint now) {
-  if (attempts_.at(peer).stage == Stage::topic) return abandon(peer);
-  Attempt done = take(peer);
-  done.local = local;
+void Connecting::on_willmsg(const Arrival& arrival, WillMsg will) {
+  if (attempts_.at(arrival.peer).stage == Stage::topic) return abandon(arrival.peer);
+  Attempt done = take(arrival.peer);
   done.will.message = std::move(will.message);
-  complete(peer, done, done.will, now);
+  complete(arrival, done, done.will);
 }
 
 void Connecting::on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now) {
@@ -132,13 +130,14 @@ void Connecting::on_deadline(TimePoint now) {
   }
 }
 
-void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
+void Connecting::begin(const Arrival& arrival, Attempt attempt) {
+  const Peer& peer = arrival.peer;
   if (is_open(peer)) take(peer);  // R28: from the beginning
-  if (!make_room()) return refuse_for_room(peer, attempt.local, now);
+  if (!make_room()) return refuse_for_room(arrival);
   const bool is_stranger = !clients_.find(attempt.connect.client_id);
   Attempt& added = attempts_[peer] = std::move(attempt);
   if (is_stranger) strangers_.emplace(added.stranger = ++last_stranger_, peer);
-  prompt(peer, added, now);
+  prompt(peer, added, arrival.now);
 }
 
 /// An attacker who makes up client ids must not shut out robots: a handshake takes one round trip,
@@ -170,11 +169,13 @@ Connecting::Attempt Connecting::take(const Peer& peer) {
   return attempt;
 }
 
-void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will,
-                          TimePoint now) {
+void Connecting::complete(const Arrival& arrival, const Attempt& attempt,
+                          std::optional<Will> will) {
+  const Peer& peer = arrival.peer;
+  const TimePoint now = arrival.now;
   const Connect& connect = attempt.connect;
   const auto robot = robot_at(peer, connect.client_id);  // names may change during the handshake
-  if (!robot) return refuse_name(peer, attempt.local, connect, now);
+  if (!robot) return refuse_name(arrival, connect);
   if (will && *robot != attempt.robot) {
     auto own = replace_robot(rules_.policy.scheme(), will->topic, attempt.robot, *robot);
     if (own) will->topic = std::move(*own);
@@ -184,7 +185,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   ClientSession* session = clients_.find(connect.client_id);
   const bool begins_anew = connect.clean_session || (session && !can_resume(*session));
   if (!session) {
-    if (!lifecycle_.make_room(peer, now)) return refuse_for_room(peer, attempt.local, now);
+    if (!lifecycle_.make_room(peer, now)) return refuse_for_room(arrival);
     session = &clients_.create(connect.client_id, *robot);
   }
   if (session->state() == ClientState::active && session->peer && *session->peer != peer)
@@ -203,7 +204,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   session->connect_fingerprint = attempt.fingerprint;
   session->connected_at = now;
   const bool is_new_address = session->peer != peer;
-  clients_.bind(*session, peer, attempt.local);
+  clients_.bind(*session, peer, arrival.local);
   clients_.on_connected(*session, now);
   if (is_new_address) downlink_.on_address(*session);
   output_.count(Count::connects);
@@ -233,8 +234,8 @@ void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint
              .is_proven = session.has_answered});
 }
 
-void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
-                             TimePoint now) {
+void Connecting::refuse_name(const Arrival& arrival, const Connect& connect) {
+  const Peer& peer = arrival.peer;
   const char* why = "another robot has this name, in the configuration or on another mesh";
   if (!rules_.names.may_come_from(connect.client_id, peer.endpoint.address))
     why = "the configuration has another address for it (robots[].address)";
@@ -249,24 +250,24 @@ void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const 
   refusals_.on_refusal(Count::connects_refused, connect.client_id,
                        fmt::format("{} may not connect as '{}' (CONNACK 0x03): {}", to_string(peer),
                                    connect.client_id.substr(0, limits::max_logged_id_octets), why),
-                       is_valid_level(connect.client_id) ? connect.client_id : std::string{}, now);
-  answer_refused(peer, local, ReturnCode::not_supported, now);
+                       is_valid_level(connect.client_id) ? connect.client_id : std::string{},
+                       arrival.now);
+  answer_refused(arrival, ReturnCode::not_supported);
 }
 
-void Connecting::answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code,
-                                TimePoint now) {
-  if (!guard_.may_answer(peer, now)) return output_.count(Count::unanswered);
-  output_.send(peer, local, Connack{code});
+void Connecting::answer_refused(const Arrival& arrival, ReturnCode code) {
+  if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
+  output_.send(arrival.peer, arrival.local, Connack{code});
 }
 
-void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now) {
+void Connecting::refuse_for_room(const Arrival& arrival) {
   refusals_.on_refusal(Count::connects_refused, {},
                        fmt::format("{} and others can't connect: mqttsn.max_clients is {}, and as "
                                    "many are here or connecting",
-                                   to_string(peer), settings_.max_clients),
-                       {}, now);
+                                   to_string(arrival.peer), settings_.max_clients),
+                       {}, arrival.now);
   if (settings_.is_full_silent()) return;  // the client tries again (R33)
-  answer_refused(peer, local, ReturnCode::congestion, now);
+  answer_refused(arrival, ReturnCode::congestion);
 }
 
 }  // namespace slamgw::mqttsn

@@ -26,8 +26,7 @@ class Connecting {
         refusals_(refusals),
         guard_(guard) {}
 
-  void on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
-                  std::uint64_t fingerprint, TimePoint now);
+  void on_connect(const Arrival& arrival, const Connect& connect);
   /// The name that this client's robot goes by; nothing when it may not connect.
   std::optional<std::string> robot_of(const std::string& client_id) const;
   /// The same, unless the configuration has another address for this client, or its key says that
@@ -36,9 +35,8 @@ class Connecting {
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
   /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
-  void on_willtopic(const Peer& peer, const LocalAddress& local, const WillTopic& will,
-                    TimePoint now);
-  void on_willmsg(const Peer& peer, const LocalAddress& local, WillMsg will, TimePoint now);
+  void on_willtopic(const Arrival& arrival, const WillTopic& will);
+  void on_willmsg(const Arrival& arrival, WillMsg will);
   /// After the handshake: its CONNACK was lost when nothing else was heard since.
   void on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now);
   /// The attempt is forgotten, answered by DISCONNECT (R29).
@@ -61,18 +59,16 @@ class Connecting {
     std::uint64_t stranger = 0;  // its key in strangers_; 0: a session is known here
   };
 
-  bool is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
-                     TimePoint now) const;
-  void begin(const Peer& peer, Attempt attempt, TimePoint now);
+  bool is_repetition(const Arrival& arrival, const Connect& connect) const;
+  void begin(const Arrival& arrival, Attempt attempt);
   void prompt(const Peer& peer, Attempt& attempt, TimePoint now);
   Attempt take(const Peer& peer);
   bool make_room();
-  void complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will, TimePoint now);
+  void complete(const Arrival& arrival, const Attempt& attempt, std::optional<Will> will);
   void on_takeover(ClientSession& session, const Peer& peer, TimePoint now);
-  void refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
-                   TimePoint now);
-  void answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code, TimePoint now);
-  void refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now);
+  void refuse_name(const Arrival& arrival, const Connect& connect);
+  void answer_refused(const Arrival& arrival, ReturnCode code);
+  void refuse_for_room(const Arrival& arrival);
 
   const Settings& settings_;
   const NameRules& rules_;

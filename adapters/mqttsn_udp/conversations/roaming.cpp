@@ -10,22 +10,22 @@
 
 namespace slamgw::mqttsn {
 
-bool Roaming::takes(const Peer& peer, const LocalAddress& local, const Connect& connect,
-                    std::uint64_t fingerprint, TimePoint now) {
-  const auto waiting = std::ranges::find(waiting_, peer, &WaitingConnect::peer);
+bool Roaming::takes(const Arrival& arrival, const Connect& connect) {
+  const auto waiting = std::ranges::find(
+      waiting_, arrival.peer, [](const auto& each) -> const Peer& { return each.arrival.peer; });
   if (waiting != waiting_.end()) {
     if (waiting->connect.client_id != connect.client_id) return true;
     waiting->connect = connect;  // it may want a clean session now
-    waiting->fingerprint = fingerprint;
+    waiting->arrival.fingerprint = arrival.fingerprint;
     return true;
   }
   if (connect.clean_session || waiting_.size() >= limits::max_waiting_connects ||
       clients_.find(connect.client_id))
     return false;
-  if (!rules_.may_speak(connect.client_id, peer)) return false;
+  if (!rules_.may_speak(connect.client_id, arrival.peer)) return false;
   const auto robot = rules_.names.of_client(connect.client_id);
   if (!robot || !is_valid_level(*robot) || !served_elsewhere_(*robot)) return false;
-  waiting_.push_back({peer, local, connect, fingerprint, *robot, now + limits::note_patience});
+  waiting_.push_back({arrival, connect, *robot, arrival.now + limits::note_patience});
   output_.emit(NoteRequest{Mesh::thread, *robot});
   return true;
 }

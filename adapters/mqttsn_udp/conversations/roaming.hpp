@@ -23,10 +23,8 @@ namespace slamgw::mqttsn {
 class Roaming {
  public:
   struct WaitingConnect {
-    Peer peer;
-    LocalAddress local;
+    Arrival arrival;
     Connect connect;
-    std::uint64_t fingerprint = 0;
     std::string robot;
     TimePoint until{};
     std::vector<std::pair<TimePoint, RobotMessage>> messages{};  ///< and when each came
@@ -42,8 +40,7 @@ class Roaming {
   void ask(ServedElsewhere served_elsewhere) { served_elsewhere_ = std::move(served_elsewhere); }
   /// True when the CONNECT waits: the client's session may be at another gateway, or an earlier
   /// CONNECT from this address waits, whose place it takes.
-  bool takes(const Peer& peer, const LocalAddress& local, const Connect& connect,
-             std::uint64_t fingerprint, TimePoint now);
+  bool takes(const Arrival& arrival, const Connect& connect);
   /// True when the message waits with its robot's CONNECT.
   bool keep(const RobotMessage& message, TimePoint now);
   bool is_waiting(const std::string& robot) const;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -64,6 +65,14 @@ struct Peer {
   /// The MQTT-SN client id that a key has proven over DTLS; empty: over plain UDP.
   std::string identity{};
   auto operator<=>(const Peer&) const = default;
+};
+
+/// Where a message came from and to, and when.
+struct Arrival {
+  Peer peer;
+  LocalAddress local;
+  std::uint64_t fingerprint = 0;  ///< of its octets
+  TimePoint now{};
 };
 
 struct SendDatagram {
