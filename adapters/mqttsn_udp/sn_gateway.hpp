@@ -128,6 +128,7 @@ class SnGateway {
   ClientTable clients_;
   Output output_;
   Refusals refusals_;
+  const Conversation common_;
   Answers answers_;
   Subscriptions subscriptions_;
   CommandWatch commands_;

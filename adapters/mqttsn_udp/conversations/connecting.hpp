@@ -11,19 +11,14 @@
 
 namespace slamgw::mqttsn {
 
-class Connecting {
+class Connecting : Conversation {
  public:
-  Connecting(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
-             Lifecycle& lifecycle, Downlink& downlink, Wills& wills, Refusals& refusals,
+  Connecting(const Conversation& common, Lifecycle& lifecycle, Downlink& downlink, Wills& wills,
              FloodGuard& guard)
-      : settings_(settings),
-        rules_(rules),
-        clients_(clients),
-        output_(output),
+      : Conversation(common),
         lifecycle_(lifecycle),
         downlink_(downlink),
         wills_(wills),
-        refusals_(refusals),
         guard_(guard) {}
 
   void on_connect(const Arrival& arrival, const Connect& connect);
@@ -70,14 +65,9 @@ class Connecting {
   void answer_refused(const Arrival& arrival, ReturnCode code);
   void refuse_for_room(const Arrival& arrival);
 
-  const Settings& settings_;
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
   Lifecycle& lifecycle_;
   Downlink& downlink_;
   Wills& wills_;
-  Refusals& refusals_;
   FloodGuard& guard_;
   NameCheck is_elsewhere_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes

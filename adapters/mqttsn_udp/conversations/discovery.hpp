@@ -6,10 +6,7 @@
 #include <array>
 #include <cstddef>
 
-#include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/protocol/endpoint.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/conversations/conversation.hpp"
 #include "daemon/core/time.hpp"
 #include "daemon/core/token_bucket.hpp"
 
@@ -28,10 +25,9 @@ class FloodGuard {
   TokenBucket all_;
 };
 
-class Discovery {
+class Discovery : Conversation {
  public:
-  Discovery(const Settings& settings, ClientTable& clients, Output& output, FloodGuard& guard)
-      : settings_(settings), clients_(clients), output_(output), guard_(guard) {}
+  Discovery(const Conversation& common, FloodGuard& guard) : Conversation(common), guard_(guard) {}
 
   void on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
                    TimePoint now);
@@ -48,9 +44,6 @@ class Discovery {
   void advertise(TimePoint now);
   Advertise advertisement() const;
 
-  const Settings& settings_;
-  ClientTable& clients_;
-  Output& output_;
   FloodGuard& guard_;
   bool is_broker_up_ = false;
   std::optional<TimePoint> next_advertise_;

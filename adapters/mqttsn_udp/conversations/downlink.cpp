@@ -71,20 +71,6 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bo
 
 }  // namespace
 
-Downlink::Downlink(const Settings& settings, const NameRules& rules, ClientTable& clients,
-                   Output& output, Subscriptions& subscriptions, CommandWatch& commands,
-                   RandomSource random)
-    : settings_(settings),
-      rules_(rules),
-      clients_(clients),
-      output_(output),
-      subscriptions_(subscriptions),
-      commands_(commands),
-      retransmission_(settings),
-      registration_(rules, output, retransmission_),
-      release_(output, retransmission_),
-      random_(std::move(random)) {}
-
 /// The broker may know better than the session here what the robot has subscribed to: it came from
 /// another gateway, and the note about that is lost.
 void Downlink::on_broker_message(ClientSession& session, const RobotMessage& incoming,
@@ -222,7 +208,7 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now)
   transmit(session, outgoing, topic_id, msg_id);
   outgoing.msg_id = msg_id;
   delivery.publishing = std::make_unique<Publishing>(
-      Publishing{std::move(outgoing), topic_id, retransmission_.begin(delivery, msg_id, now)});
+      Publishing{std::move(outgoing), topic_id, begin_attempt(settings_, delivery, msg_id, now)});
 }
 
 /// With DUP when the message was sent before, unless the client refuses that.
@@ -260,7 +246,7 @@ void Downlink::on_answer(ClientSession& session, std::uint16_t msg_id) {
 void Downlink::learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
   const auto& open = session.delivery.publishing;
   if (!open || open->attempt.msg_id != msg_id) return;
-  Retransmission::on_answer(session.delivery, open->attempt, now);
+  on_answered(session.delivery, open->attempt, now);
   on_answer(session, msg_id);
 }
 
@@ -396,10 +382,10 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
   }
   if (!delivery.publishing) return is_silent;
   Publishing& open = *delivery.publishing;
-  switch (retransmission_.on_time(open.attempt, now)) {
-    case Retransmission::Due::nothing: break;
-    case Retransmission::Due::repeat: repeat(session, open); break;
-    case Retransmission::Due::give_up: is_silent |= give_up(session, now); break;
+  switch (check_attempt(settings_, open.attempt, now)) {
+    case Due::nothing: break;
+    case Due::repeat: repeat(session, open); break;
+    case Due::give_up: is_silent |= give_up(session, now); break;
   }
   return is_silent;
 }

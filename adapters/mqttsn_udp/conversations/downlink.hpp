@@ -13,19 +13,15 @@
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/conversations/topic_registration.hpp"
-#include "adapters/mqttsn_udp/name_rules.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::mqttsn {
 
 /// Tells the outcome of each command exactly once: when the robot has it, when it can't get it, or
 /// when 30 s are over. Knows nothing of the delivery, which the gateway withdraws then.
-class CommandWatch {
+class CommandWatch : Conversation {
  public:
-  CommandWatch(const NameRules& rules, ClientTable& clients, Output& output)
-      : rules_(rules), clients_(clients), output_(output) {}
+  explicit CommandWatch(const Conversation& common) : Conversation(common) {}
 
   /// A command that no client can carry out. Nothing happens when `id` is none.
   void refuse(const BrokerMessage& message, CommandId id, std::string why);
@@ -43,16 +39,19 @@ class CommandWatch {
   std::shared_ptr<Command> pop_overdue(TimePoint now);
 
  private:
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
   std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
 };
 
-class Downlink {
+class Downlink : Conversation {
  public:
-  Downlink(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
-           Subscriptions& subscriptions, CommandWatch& commands, RandomSource random);
+  Downlink(const Conversation& common, Subscriptions& subscriptions, CommandWatch& commands,
+           RandomSource random)
+      : Conversation(common),
+        subscriptions_(subscriptions),
+        commands_(commands),
+        registration_(common),
+        release_(common),
+        random_(std::move(random)) {}
 
   /// Takes the message, or says why not. `pump()` sends it.
   void on_broker_message(ClientSession& session, const RobotMessage& incoming, TimePoint now);
@@ -123,13 +122,8 @@ class Downlink {
   template <class Predicate>
   void drop_if(ClientSession& session, const std::string& why, TimePoint now, Predicate is_dropped);
 
-  const Settings& settings_;
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;
-  Retransmission retransmission_;
   TopicRegistration registration_;
   Release release_;
   RandomSource random_;

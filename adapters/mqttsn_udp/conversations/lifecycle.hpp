@@ -3,23 +3,18 @@
 // presence, what is kept and what is forgotten.
 #pragma once
 
-#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/conversations/uplink.hpp"
 #include "adapters/mqttsn_udp/conversations/wills.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
 
 namespace slamgw::mqttsn {
 
-class Lifecycle {
+class Lifecycle : Conversation {
  public:
-  Lifecycle(const Settings& settings, ClientTable& clients, Output& output,
-            Subscriptions& subscriptions, Downlink& downlink, Uplink& uplink, Wills& wills)
-      : settings_(settings),
-        clients_(clients),
-        output_(output),
+  Lifecycle(const Conversation& common, Subscriptions& subscriptions, Downlink& downlink,
+            Uplink& uplink, Wills& wills)
+      : Conversation(common),
         subscriptions_(subscriptions),
         downlink_(downlink),
         uplink_(uplink),
@@ -58,9 +53,6 @@ class Lifecycle {
   void erase(ClientSession& session);
   void leave(ClientSession& session, ClientState state, TimePoint now);
 
-  const Settings& settings_;
-  ClientTable& clients_;
-  Output& output_;
   Subscriptions& subscriptions_;
   Downlink& downlink_;
   Uplink& uplink_;

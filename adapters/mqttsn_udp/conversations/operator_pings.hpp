@@ -8,18 +8,16 @@
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/conversations/conversation.hpp"
 
 namespace slamgw::mqttsn {
 
-class OperatorPings {
+class OperatorPings : Conversation {
  public:
   static constexpr std::size_t max_open = 16;
   static constexpr std::chrono::seconds patience{5};
 
-  /// Both outlive it.
-  OperatorPings(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
+  explicit OperatorPings(const Conversation& common) : Conversation(common) {}
 
   /// Ends with one PingEnded, which has this id.
   void ask(std::uint64_t id, const std::string& robot, TimePoint now);
@@ -36,8 +34,6 @@ class OperatorPings {
 
   void end(const Open& ping, std::optional<Duration> after, const std::string& why, TimePoint now);
 
-  const ClientTable& clients_;
-  Output& output_;
   std::vector<Open> open_;  ///< oldest first
 };
 

@@ -7,24 +7,33 @@
 
 namespace slamgw::mqttsn {
 
-Attempt Retransmission::begin(const Delivery& delivery, std::uint16_t msg_id, TimePoint now) const {
-  Attempt attempt{msg_id, now, now, delivery.timeout.first(settings_.retry_interval)};
-  attempt.repeat_at = std::min(now + attempt.wait, end_of(attempt));
+namespace {
+
+TimePoint end_of(const Attempt& attempt, const Settings& settings) {
+  return attempt.begun + settings.retry_interval * (settings.retry_count + 1);
+}
+
+}  // namespace
+
+Attempt begin_attempt(const Settings& settings, const Delivery& delivery, std::uint16_t msg_id,
+                      TimePoint now) {
+  Attempt attempt{msg_id, now, now, delivery.timeout.first(settings.retry_interval)};
+  attempt.repeat_at = std::min(now + attempt.wait, end_of(attempt, settings));
   return attempt;
 }
 
-Retransmission::Due Retransmission::on_time(Attempt& attempt, TimePoint now) const {
+Due check_attempt(const Settings& settings, Attempt& attempt, TimePoint now) {
   if (!attempt.repeat_at || *attempt.repeat_at > now) return Due::nothing;
-  if (end_of(attempt) <= now) return Due::give_up;
+  if (end_of(attempt, settings) <= now) return Due::give_up;
   ++attempt.repeats;
   attempt.sent = now;
   attempt.wait =
-      RetransmissionTimeout::next(attempt.wait, attempt.repeats, settings_.retry_interval);
-  attempt.repeat_at = std::min(now + attempt.wait, end_of(attempt));
+      RetransmissionTimeout::next(attempt.wait, attempt.repeats, settings.retry_interval);
+  attempt.repeat_at = std::min(now + attempt.wait, end_of(attempt, settings));
   return Due::repeat;
 }
 
-void Retransmission::on_answer(Delivery& delivery, const Attempt& attempt, TimePoint now) {
+void on_answered(Delivery& delivery, const Attempt& attempt, TimePoint now) {
   if (attempt.begun == TimePoint::min()) return;  // it rested, or was restored: no time is known
   if (attempt.repeats == 0) {
     delivery.timeout.on_answer(now - attempt.begun);
@@ -33,15 +42,11 @@ void Retransmission::on_answer(Delivery& delivery, const Attempt& attempt, TimeP
   }
 }
 
-TimePoint Retransmission::end_of(const Attempt& attempt) const {
-  return attempt.begun + settings_.retry_interval * (settings_.retry_count + 1);
-}
-
 void Release::begin(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (delivery.releasing.size() >= limits::max_open_releases)
     delivery.releasing.erase(delivery.releasing.begin());
-  delivery.releasing.push_back(retransmission_.begin(delivery, msg_id, now));
+  delivery.releasing.push_back(begin_attempt(settings_, delivery, msg_id, now));
   output_.mark_changed(session);
   output_.send(session, Pubrel{msg_id});
 }
@@ -57,7 +62,7 @@ bool Release::on_pubrec(ClientSession& session, std::uint16_t msg_id) {
 bool Release::on_pubcomp(Delivery& delivery, std::uint16_t msg_id, TimePoint now) {
   const auto open = std::ranges::find(delivery.releasing, msg_id, &Attempt::msg_id);
   if (open == delivery.releasing.end()) return false;
-  Retransmission::on_answer(delivery, *open, now);
+  on_answered(delivery, *open, now);
   delivery.releasing.erase(open);
   return true;
 }
@@ -78,7 +83,7 @@ void Release::resume(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   for (Attempt& open : delivery.releasing) {
     if (open.repeat_at || session.last_heard <= open.begun) continue;
-    open = retransmission_.begin(delivery, open.msg_id, now);
+    open = begin_attempt(settings_, delivery, open.msg_id, now);
     output_.send(session, Pubrel{open.msg_id});
   }
 }
@@ -88,13 +93,13 @@ void Release::resume(ClientSession& session, TimePoint now) {
 bool Release::on_time(ClientSession& session, TimePoint now) {
   bool is_silent = false;
   const auto is_over = [&](Attempt& open) {
-    switch (retransmission_.on_time(open, now)) {
-      case Retransmission::Due::nothing: return false;
-      case Retransmission::Due::repeat:
+    switch (check_attempt(settings_, open, now)) {
+      case Due::nothing: return false;
+      case Due::repeat:
         output_.count(Count::retransmitted);
         output_.send(session, Pubrel{open.msg_id});
         return false;
-      case Retransmission::Due::give_up: break;
+      case Due::give_up: break;
     }
     open.repeat_at.reset();
     const bool was_heard = session.last_heard > open.begun;

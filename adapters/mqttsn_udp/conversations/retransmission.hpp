@@ -6,41 +6,30 @@
 #pragma once
 
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/conversations/conversation.hpp"
 
 namespace slamgw::mqttsn {
 
-class Retransmission {
- public:
-  explicit Retransmission(const Settings& settings) : settings_(settings) {}
+/// The request leaves for the first time (or again, after it has rested).
+Attempt begin_attempt(const Settings& settings, const Delivery& delivery, std::uint16_t msg_id,
+                      TimePoint now);
 
-  /// The request leaves for the first time (or again, after it has rested).
-  Attempt begin(const Delivery& delivery, std::uint16_t msg_id, TimePoint now) const;
-
-  enum class Due : std::uint8_t {
-    nothing,  ///< its time has not come
-    repeat,   ///< it is to be sent once more
-    give_up,  ///< it was sent often enough
-  };
-  /// Takes note of the repetition that it asks for.
-  Due on_time(Attempt& attempt, TimePoint now) const;
-
-  /// The client has answered this request.
-  static void on_answer(Delivery& delivery, const Attempt& attempt, TimePoint now);
-
- private:
-  TimePoint end_of(const Attempt& attempt) const;
-
-  const Settings& settings_;
+enum class Due : std::uint8_t {
+  nothing,  ///< its time has not come
+  repeat,   ///< it is to be sent once more
+  give_up,  ///< it was sent often enough
 };
+/// Takes note of the repetition that it asks for.
+Due check_attempt(const Settings& settings, Attempt& attempt, TimePoint now);
+
+/// The client has answered this request.
+void on_answered(Delivery& delivery, const Attempt& attempt, TimePoint now);
 
 /// The second half of a QoS 2 delivery: PUBREL until PUBCOMP (MQTT-SN 1.2 section 6.6). The client
 /// has the message by then, so a PUBREL that stays unanswered holds nothing back.
-class Release {
+class Release : Conversation {
  public:
-  Release(Output& output, const Retransmission& retransmission)
-      : output_(output), retransmission_(retransmission) {}
+  explicit Release(const Conversation& common) : Conversation(common) {}
 
   void begin(ClientSession& session, std::uint16_t msg_id, TimePoint now);
   /// A repeated PUBREC: answered, and the repetitions go on as they were. False when there is no
@@ -59,10 +48,6 @@ class Release {
   /// Repeats what is due. True when the client has not answered and said nothing else meanwhile.
   bool on_time(ClientSession& session, TimePoint now);
   static std::optional<TimePoint> next_time(const Delivery& delivery);
-
- private:
-  Output& output_;
-  const Retransmission& retransmission_;
 };
 
 }  // namespace slamgw::mqttsn

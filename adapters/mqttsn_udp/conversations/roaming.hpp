@@ -11,16 +11,13 @@
 #include <utility>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/conversations/connecting.hpp"
 #include "adapters/mqttsn_udp/conversations/sleep.hpp"
-#include "adapters/mqttsn_udp/name_rules.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
-class Roaming {
+class Roaming : Conversation {
  public:
   struct WaitingConnect {
     Arrival arrival;
@@ -34,8 +31,7 @@ class Roaming {
   /// Whether another gateway serves the robot, or has served it.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
 
-  Roaming(const NameRules& rules, const ClientTable& clients, Output& output)
-      : rules_(rules), clients_(clients), output_(output) {}
+  explicit Roaming(const Conversation& common) : Conversation(common) {}
 
   void ask(ServedElsewhere served_elsewhere) { served_elsewhere_ = std::move(served_elsewhere); }
   /// True when the CONNECT waits: the client's session may be at another gateway, or an earlier
@@ -50,18 +46,15 @@ class Roaming {
   std::optional<TimePoint> deadline() const;
 
  private:
-  const NameRules& rules_;
-  const ClientTable& clients_;
-  Output& output_;
   ServedElsewhere served_elsewhere_ = [](const std::string&) { return false; };
   std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
 };
 
 /// Reports the note with which another gateway can continue a kept session (CleanSession 0). A
 /// changed note waits a little, so that what a client sets up together is one note.
-class Notes {
+class Notes : Conversation {
  public:
-  Notes(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
+  explicit Notes(const Conversation& common) : Conversation(common) {}
 
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
@@ -69,21 +62,17 @@ class Notes {
  private:
   void update(ClientSession& session, TimePoint now);
 
-  const ClientTable& clients_;
-  Output& output_;
   std::optional<TimePoint> due_;  // nothing: no change was seen since the last notes
 };
 
 /// A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon,
 /// or from another gateway's note (R47; docs/topics.md, promise 7).
-class Restoring {
+class Restoring : Conversation {
  public:
-  Restoring(const NameRules& rules, ClientTable& clients, Output& output,
-            Subscriptions& subscriptions, CommandWatch& commands, Downlink& downlink,
-            Lifecycle& lifecycle, const Connecting& connecting, Supervision& supervision)
-      : rules_(rules),
-        clients_(clients),
-        output_(output),
+  Restoring(const Conversation& common, Subscriptions& subscriptions, CommandWatch& commands,
+            Downlink& downlink, Lifecycle& lifecycle, const Connecting& connecting,
+            Supervision& supervision)
+      : Conversation(common),
         subscriptions_(subscriptions),
         commands_(commands),
         downlink_(downlink),
@@ -105,9 +94,6 @@ class Restoring {
   void adopt_commands(const Delivery& delivery);
   void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
 
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;
   Downlink& downlink_;
@@ -118,13 +104,11 @@ class Restoring {
 
 /// The configuration gives robots other names while their clients are connected: each session goes
 /// on under the new name, unnoticed by its client.
-class Renaming {
+class Renaming : Conversation {
  public:
-  Renaming(const NameRules& rules, ClientTable& clients, Output& output,
-           Subscriptions& subscriptions, Lifecycle& lifecycle, const Connecting& connecting)
-      : rules_(rules),
-        clients_(clients),
-        output_(output),
+  Renaming(const Conversation& common, Subscriptions& subscriptions, Lifecycle& lifecycle,
+           const Connecting& connecting)
+      : Conversation(common),
         subscriptions_(subscriptions),
         lifecycle_(lifecycle),
         connecting_(connecting) {}
@@ -142,9 +126,6 @@ class Renaming {
   void leave_name(ClientSession& session, TimePoint now);
   void enter_name(const Renamed& renamed, TimePoint now);
 
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
   Subscriptions& subscriptions_;
   Lifecycle& lifecycle_;
   const Connecting& connecting_;

@@ -14,15 +14,10 @@ namespace slamgw::mqttsn {
 /// its messages, and sleeps again by PINGRESP.
 ///
 ///   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
-class Sleep {
+class Sleep : Conversation {
  public:
-  Sleep(const Settings& settings, ClientTable& clients, Output& output, Downlink& downlink,
-        Lifecycle& lifecycle)
-      : settings_(settings),
-        clients_(clients),
-        output_(output),
-        downlink_(downlink),
-        lifecycle_(lifecycle) {}
+  Sleep(const Conversation& common, Downlink& downlink, Lifecycle& lifecycle)
+      : Conversation(common), downlink_(downlink), lifecycle_(lifecycle) {}
 
   /// DISCONNECT with a duration: nothing is sent from now on, messages wait (R114, R116, R126).
   void fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
@@ -43,9 +38,6 @@ class Sleep {
  private:
   void sleep_again(ClientSession& session, TimePoint now);
 
-  const Settings& settings_;
-  ClientTable& clients_;
-  Output& output_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
 };
@@ -53,12 +45,11 @@ class Sleep {
 /// Handles the timers of clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
 /// requests are repeated, commands expire. Also the step that follows each event of a client:
 /// it is sent what may be sent.
-class Supervision {
+class Supervision : Conversation {
  public:
-  Supervision(const Settings& settings, ClientTable& clients, CommandWatch& commands,
-              Downlink& downlink, Lifecycle& lifecycle, Sleep& sleep)
-      : settings_(settings),
-        clients_(clients),
+  Supervision(const Conversation& common, CommandWatch& commands, Downlink& downlink,
+              Lifecycle& lifecycle, Sleep& sleep)
+      : Conversation(common),
         commands_(commands),
         downlink_(downlink),
         lifecycle_(lifecycle),
@@ -76,8 +67,6 @@ class Supervision {
   void on_time(ClientSession& session, TimePoint now);
   std::optional<TimePoint> lost_at(const ClientSession& session) const;
 
-  const Settings& settings_;
-  ClientTable& clients_;
   CommandWatch& commands_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;

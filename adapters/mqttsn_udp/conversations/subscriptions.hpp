@@ -7,19 +7,15 @@
 #include <string_view>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/conversations/refusals.hpp"
-#include "adapters/mqttsn_udp/name_rules.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/conversations/conversation.hpp"
 
 namespace slamgw::mqttsn {
 
 /// Answers to REGISTER, SUBSCRIBE and UNSUBSCRIBE, in the order of their requests (R64): behind a
 /// SUBACK that waits for the broker, later answers wait too.
-class Answers {
+class Answers : Conversation {
  public:
-  Answers(const Settings& settings, Output& output) : settings_(settings), output_(output) {}
+  explicit Answers(const Conversation& common) : Conversation(common) {}
 
   /// False when too many answers wait: the request should be ignored, its sender repeats it.
   bool has_room(const ClientSession& session) const;
@@ -31,17 +27,12 @@ class Answers {
   bool is_held(const ClientSession& session, std::uint16_t msg_id) const;
   /// The broker's answer: for all that wait for it.
   void release(ClientSession& session, const std::string& filter, bool granted);
-
- private:
-  const Settings& settings_;
-  Output& output_;
 };
 
-class Subscriptions {
+class Subscriptions : Conversation {
  public:
-  Subscriptions(const NameRules& rules, ClientTable& clients, Output& output, Answers& answers,
-                Refusals& refusals)
-      : rules_(rules), clients_(clients), output_(output), answers_(answers), refusals_(refusals) {}
+  Subscriptions(const Conversation& common, Answers& answers)
+      : Conversation(common), answers_(answers) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
   /// The filter that the client no longer has, if it had it.
@@ -86,11 +77,7 @@ class Subscriptions {
                        std::string_view why, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
   Answers& answers_;
-  Refusals& refusals_;
 };
 
 }  // namespace slamgw::mqttsn

@@ -78,7 +78,7 @@ std::string TopicRegistration::probe_topic() const {
 void TopicRegistration::begin(ClientSession& session, std::uint16_t topic_id, TimePoint now) {
   Delivery& delivery = session.delivery;
   delivery.registering.push_back(
-      {topic_id, retransmission_.begin(delivery, next_message_id(delivery), now)});
+      {topic_id, begin_attempt(settings_, delivery, next_message_id(delivery), now)});
   transmit(session, delivery.registering.back());
 }
 
@@ -117,7 +117,7 @@ std::optional<std::string> TopicRegistration::on_regack(ClientSession& session,
       std::ranges::find(delivery.registering, regack.msg_id,
                         [](const Registering& open) { return open.attempt.msg_id; });
   if (answered == delivery.registering.end()) return std::nullopt;
-  Retransmission::on_answer(delivery, answered->attempt, now);
+  on_answered(delivery, answered->attempt, now);
   if (regack.code == ReturnCode::congestion) return std::nullopt;
   const std::uint16_t id = answered->topic_id;
   delivery.registering.erase(answered);
@@ -138,12 +138,12 @@ std::vector<TopicRegistration::Unanswered> TopicRegistration::on_time(ClientSess
   std::vector<Unanswered> given_up;
   for (std::size_t i = 0; i < delivery.registering.size();) {
     Registering& open = delivery.registering[i];
-    const auto due = retransmission_.on_time(open.attempt, now);
-    if (due == Retransmission::Due::repeat) {
+    const auto due = check_attempt(settings_, open.attempt, now);
+    if (due == Due::repeat) {
       output_.count(Count::retransmitted);
       transmit(session, open);
     }
-    if (due != Retransmission::Due::give_up) {
+    if (due != Due::give_up) {
       ++i;
       continue;
     }

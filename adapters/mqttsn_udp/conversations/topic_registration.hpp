@@ -7,15 +7,12 @@
 #include <string>
 
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
-#include "adapters/mqttsn_udp/name_rules.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
-class TopicRegistration {
+class TopicRegistration : Conversation {
  public:
-  TopicRegistration(const NameRules& rules, Output& output, const Retransmission& retransmission)
-      : rules_(rules), output_(output), retransmission_(retransmission) {}
+  explicit TopicRegistration(const Conversation& common) : Conversation(common) {}
 
   enum class Readiness : std::uint8_t {
     ready,          ///< the client knows the id
@@ -57,10 +54,6 @@ class TopicRegistration {
   void begin(ClientSession& session, std::uint16_t topic_id, TimePoint now);
   void transmit(const ClientSession& session, Registering& registering);
   void notify_set_aside(ClientSession& session, const std::string& topic);
-
-  const NameRules& rules_;
-  Output& output_;
-  const Retransmission& retransmission_;
 };
 
 }  // namespace slamgw::mqttsn

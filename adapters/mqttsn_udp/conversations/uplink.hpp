@@ -8,12 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
-#include "adapters/mqttsn_udp/name_rules.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/recycling_allocator.hpp"
 
 namespace slamgw::mqttsn {
@@ -21,15 +16,9 @@ namespace slamgw::mqttsn {
 /// Whether a robot of another mesh goes by this name.
 using NameCheck = std::function<bool(const std::string& robot)>;
 
-class Uplink {
+class Uplink : Conversation {
  public:
-  Uplink(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
-         Refusals& refusals)
-      : settings_(settings),
-        rules_(rules),
-        clients_(clients),
-        output_(output),
-        refusals_(refusals) {}
+  explicit Uplink(const Conversation& common) : Conversation(common) {}
 
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
   void on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now);
@@ -65,11 +54,6 @@ class Uplink {
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
   void report_repeat(const ClientSession& session, const Publish& publish, std::string topic);
 
-  const Settings& settings_;
-  const NameRules& rules_;
-  ClientTable& clients_;
-  Output& output_;
-  Refusals& refusals_;
   NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;
   std::unordered_map<std::uint64_t, Open, std::hash<std::uint64_t>, std::equal_to<>,
@@ -78,11 +62,10 @@ class Uplink {
 };
 
 /// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the other way round.
-class InboundRegistration {
+class InboundRegistration : Conversation {
  public:
-  InboundRegistration(const NameRules& rules, Output& output, Answers& answers, Uplink& uplink,
-                      Refusals& refusals)
-      : rules_(rules), output_(output), answers_(answers), uplink_(uplink), refusals_(refusals) {}
+  InboundRegistration(const Conversation& common, Answers& answers, Uplink& uplink)
+      : Conversation(common), answers_(answers), uplink_(uplink) {}
 
   void on_register(ClientSession& session, const Register& request, TimePoint now);
 
@@ -91,11 +74,8 @@ class InboundRegistration {
   std::string own_root(const ClientSession& session) const;
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
 
-  const NameRules& rules_;
-  Output& output_;
   Answers& answers_;
   Uplink& uplink_;
-  Refusals& refusals_;
 };
 
 }  // namespace slamgw::mqttsn

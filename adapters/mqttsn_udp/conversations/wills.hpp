@@ -5,16 +5,13 @@
 
 #include <string>
 
-#include "adapters/mqttsn_udp/conversations/refusals.hpp"
-#include "adapters/mqttsn_udp/name_rules.hpp"
-#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/conversations/conversation.hpp"
 
 namespace slamgw::mqttsn {
 
-class Wills {
+class Wills : Conversation {
  public:
-  Wills(const NameRules& rules, Output& output, Refusals& refusals)
-      : rules_(rules), output_(output), refusals_(refusals) {}
+  explicit Wills(const Conversation& common) : Conversation(common) {}
 
   /// The will's topic as the broker knows it; nothing when this client may not have such a will
   /// (R55), which is counted and logged.
@@ -24,11 +21,6 @@ class Wills {
   void on_willmsgupd(ClientSession& session, WillMsgUpd update);
   /// The client is lost. The will itself stays: the next CONNECT decides about it.
   void publish(const ClientSession& session);
-
- private:
-  const NameRules& rules_;
-  Output& output_;
-  Refusals& refusals_;
 };
 
 }  // namespace slamgw::mqttsn
