@@ -126,19 +126,9 @@ std::string describe_octets(ByteView octets) {
 }
 
 Bytes hex(std::string_view text) {
-  const auto digit = [](char c) { return c <= '9' ? c - '0' : c - 'a' + 10; };
-  Bytes bytes;
-  bool is_high = true;
-  for (const char c : text) {
-    if (c == ' ') continue;
-    if (is_high) {
-      bytes.push_back(static_cast<std::uint8_t>(digit(c) << 4));
-    } else {
-      bytes.back() = static_cast<std::uint8_t>(bytes.back() | digit(c));
-    }
-    is_high = !is_high;
-  }
-  return bytes;
+  std::string digits(text);
+  std::erase(digits, ' ');
+  return from_hex(digits).value();
 }
 
 }  // namespace slamgw::mqttsn

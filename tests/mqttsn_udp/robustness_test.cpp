@@ -14,8 +14,7 @@ Bytes wrapped(const std::string& node, const Packet& packet, std::uint8_t radius
 
 TEST(SnGateway, R133_StopsAfterItsRepetitionsUntilTheClientIsHeard) {
   for (const bool clean : {true, false}) {
-    SnRig rig;
-    rig.connect(1, "r1", clean, 6000);
+    ConnectedRig rig(clean, 6000);
     rig.subscribe(1, "a/x", 1);
     rig.broker("a/x", "1", 1);
     rig.broker("a/x", "2", 1);
@@ -33,8 +32,7 @@ TEST(SnGateway, R133_StopsAfterItsRepetitionsUntilTheClientIsHeard) {
 }
 
 TEST(SnGateway, R134_DoesNotRepeatAnswersByItself) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 6000);
+  ConnectedRig rig(true, 6000);
   rig.register_topic(1, own_topic);
   rig.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, "a/z", 0});
   rig.publish(1, 1, 2, 3);
@@ -45,8 +43,7 @@ TEST(SnGateway, R134_DoesNotRepeatAnswersByItself) {
 }
 
 TEST(SnGateway, R135_TakesLateSecondAnswersCalmly) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 6000);
+  ConnectedRig rig(true, 6000);
   rig.subscribe(1, "a/+", 2);
   rig.broker("a/x", "1", 2);
   rig.send(1, Regack{1, 1, ReturnCode::accepted});
@@ -78,8 +75,7 @@ TEST(SnGateway, R136_UsesTheConfiguredTimers) {
 }
 
 TEST(SnGateway, R137_TakesEveryRequestTwiceWithTheSameResult) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.register_topic(1, own_topic);
   Publish qos1{false, WireQos::one, false, TopicIdType::normal, 1, 5, to_bytes("x")};
   for (const Packet& request :
@@ -103,8 +99,7 @@ TEST(SnGateway, R138_SaysCongestionWhereConfigured) {
   Settings settings;
   settings.when_full = WhenFull::reject;
   settings.max_clients = 1;
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   rig.send(2, Connect{false, true, 1, 60, "r2"});
   EXPECT_EQ(rig.last_to(2), "CONNACK code=1");
   for (std::size_t i = 0; i < limits::max_topics_per_client; ++i)
@@ -183,8 +178,7 @@ TEST(SnGateway, R144_ServesManyRobotsWithOneFilter) {
 }
 
 TEST(SnGateway, R145_KeepsClientsWhileTheBrokerIsAway) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   const auto id = rig.register_topic(1, own_topic);
   rig.broker_link(false);
@@ -211,8 +205,7 @@ TEST(SnGateway, R146_QueuesForEveryClientBeforeItReturns) {
 }
 
 TEST(SnGateway, R147_NeverLetsOneClientWaitForAnother) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.connect(2, "r2");
   rig.subscribe(1, "a/#", 1);
   rig.subscribe(2, "a/x", 1);
@@ -226,8 +219,7 @@ TEST(SnGateway, R147_NeverLetsOneClientWaitForAnother) {
 }
 
 TEST(SnGateway, TakesNewNamesAndRulesWithoutDroppingSessions) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.connect(2, "r2");
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
   rig.subscribe(1, "a/x", 0);

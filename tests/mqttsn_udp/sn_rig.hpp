@@ -111,6 +111,14 @@ class SnRig {
   std::uint64_t last_command_ = 0;
 };
 
+/// Client r1 is connected from address 1.
+struct ConnectedRig : SnRig {
+  explicit ConnectedRig(bool clean = true, std::uint16_t duration_s = 60) {
+    connect(1, "r1", clean, duration_s);
+  }
+  explicit ConnectedRig(Settings settings) : SnRig(std::move(settings)) { connect(1, "r1"); }
+};
+
 /// One list from several, for comparing.
 using Lines = std::vector<std::string>;
 

@@ -287,8 +287,7 @@ TEST(SnGateway, TellsNoRefusalAgainAfterARestart) {
 TEST(SnGateway, KeepsAtItsEndWhatASleeperHadQueuedWhileItWasActive) {
   Settings settings;
   settings.max_sleeping_messages = 2;
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   rig.subscribe(1, "a/x", 1);
   for (int i = 0; i < 10; ++i) rig.broker("a/x", "hi", 1);
   rig.sleep(1, 300);
@@ -299,8 +298,7 @@ TEST(SnGateway, KeepsAtItsEndWhatASleeperHadQueuedWhileItWasActive) {
 }
 
 TEST(SnGateway, RefusesAtItsEndWhatWaitsForARegistrationOrComesLater) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
   rig.broker(cmd_topic, "unregistered", 0);
   EXPECT_TRUE(rig.outcomes.empty());
@@ -312,8 +310,7 @@ TEST(SnGateway, RefusesAtItsEndWhatWaitsForARegistrationOrComesLater) {
 }
 
 TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, cmd_topic, 1);
   rig.sleep(1, 300);
   rig.broker(cmd_topic, "kept", 1);
@@ -325,8 +322,7 @@ TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
 }
 
 TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
-  SnRig before;
-  before.connect(1, "r1", false);
+  ConnectedRig before(false);
   before.subscribe(1, "a/x", 2);
   before.broker("a/x", "1", 2);
   before.broker("a/x", "2", 1);
@@ -342,8 +338,7 @@ TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
 }
 
 TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
-  SnRig before;
-  before.connect(1, "r1", false);
+  ConnectedRig before(false);
   const auto id = before.register_topic(1, own_topic);
   before.publish(1, id, 2, 7);
   before.receipt(before.reports.at(0).receipt.id);
@@ -355,8 +350,7 @@ TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
 }
 
 TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
-  SnRig before;
-  before.connect(1, "r1");
+  ConnectedRig before;
   const auto id = before.register_topic(1, own_topic);
   before.publish(1, id, 1, 7, "step");
   before.publish(1, id, 1, 8, "not safe yet");
@@ -374,8 +368,7 @@ TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
 
 /// Its PUBACK was lost right after the restart, and the client repeats without DUP a second later.
 TEST(SnGateway, R76_StillKnowsAfterARestartThatAClientCountsItsMsgIds) {
-  SnRig before;
-  before.connect(1, "r1");
+  ConnectedRig before;
   const auto id = before.register_topic(1, own_topic);
   before.gateway.take_dirty(1000);
   for (std::uint16_t msg_id = 7; msg_id < 8 + limits::min_counted_ids; ++msg_id)
@@ -392,8 +385,7 @@ TEST(SnGateway, R76_StillKnowsAfterARestartThatAClientCountsItsMsgIds) {
 }
 
 TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
-  SnRig before;
-  before.connect(1, "r1");
+  ConnectedRig before;
   before.subscribe(1, "a/x", 1);
   before.sleep(1, 100);
   before.broker("a/x", "1", 1);
@@ -410,8 +402,7 @@ TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
 }
 
 TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.connect(2, "r2");
   EXPECT_EQ(rig.gateway.take_dirty(1000), (Lines{"r1", "r2"}));
   rig.send(1, Pingreq{});
@@ -486,8 +477,7 @@ TEST(SessionCodec, RefusesLengthsBeyondTheOctets) {
 }
 
 TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
-  SnRig before;
-  before.connect(1, "r1");
+  ConnectedRig before;
   before.subscribe(1, "a/x", 1);
   auto snapshot = *before.gateway.snapshot("r1", before.now);
   snapshot.subscriptions.push_back({"ntnu-slam/server/r2/cmd", Qos::at_least_once, {}, 9});
@@ -500,8 +490,7 @@ TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
 }
 
 TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
-  SnRig before;
-  before.connect(1, "r1");
+  ConnectedRig before;
   const auto snapshot = before.gateway.snapshot("r1", TimePoint{});
   ASSERT_TRUE(snapshot);
   SnRig taken({}, {{"r1", {}, "tank"}});

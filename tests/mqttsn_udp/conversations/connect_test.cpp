@@ -55,8 +55,7 @@ TEST(SnGateway, R26_TakesAnEmptyWillMessage) {
 }
 
 TEST(SnGateway, R27_GivesUpAnUnfinishedHandshakeQuietly) {
-  SnRig rig;
-  rig.connect(1, "r1", false, 3600);
+  ConnectedRig rig(false, 3600);
   rig.send(2, with_will("r1"));
   rig.pass_s(100);
   EXPECT_EQ(rig.sent_to(2), Lines(4, "WILLTOPICREQ"));
@@ -95,8 +94,7 @@ TEST(SnGateway, R29_EndsTheHandshakeOnAnythingElse) {
 }
 
 TEST(SnGateway, R30_RefusesAnotherProtocol) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.send(2, Connect{false, true, 2, 60, "r1"});
   EXPECT_EQ(rig.last_to(2), "CONNACK code=3");
   rig.send(1, Pingreq{});
@@ -131,15 +129,13 @@ TEST(SnGateway, R32_RefusesClientIdsThatAreNoTopicLevel) {
 TEST(SnGateway, R33_IsSilentOrRejectsWhenFull) {
   Settings settings;
   settings.max_clients = 1;
-  SnRig silent(settings);
-  silent.connect(1, "r1");
+  ConnectedRig silent(settings);
   silent.send(2, plain("r2"));
   EXPECT_TRUE(silent.is_silent(2));
   silent.send(1, plain("r1"));
   EXPECT_EQ(silent.last_to(1), "CONNACK code=0") << "who is in stays in";
   settings.when_full = WhenFull::reject;
-  SnRig rejecting(settings);
-  rejecting.connect(1, "r1");
+  ConnectedRig rejecting(settings);
   rejecting.send(2, plain("r2"));
   EXPECT_EQ(rejecting.last_to(2), "CONNACK code=1");
   rejecting.send(1, Disconnect{});
@@ -159,8 +155,7 @@ TEST(SnGateway, R34_AnswersTheSameConnectAgain) {
 }
 
 TEST(SnGateway, R35_WipesOnlyWhenSomethingElseWasHeardSince) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   rig.send(1, plain("r1"));
   rig.publish(1, id, 0, 0);
@@ -193,15 +188,13 @@ TEST(SnGateway, R36_FollowsAClientToANewAddress) {
 }
 
 TEST(SnGateway, R36_KeepsACleanSessionThatMovesButNotOneThatIsOver) {
-  SnRig rig;
-  rig.connect(1, "r1", true);
+  ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.connect(2, "r1", false);
   rig.broker("a/x");
   EXPECT_FALSE(rig.is_silent(2));
 
-  SnRig lost;
-  lost.connect(1, "r1", true);
+  ConnectedRig lost;
   lost.subscribe(1, "a/x");
   lost.pass_s(91);
   lost.connect(2, "r1", false);
@@ -233,8 +226,7 @@ TEST(SnGateway, R37_GivesAnAddressToItsLatestClient) {
 }
 
 TEST(SnGateway, R38_SupervisesADurationOfZero) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 0);
+  ConnectedRig rig(true, 0);
   rig.pass_s(5399);
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
   rig.pass_s(2);

@@ -19,8 +19,7 @@ struct DownlinkRig : SnRig {
 TEST(SnGateway, R85_UsesTheKindOfIdThatTheClientSubscribedWith) {
   Settings settings;
   settings.predefined_topics = {{7, "a/seven", {}}};
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   rig.subscribe(1, "a/name", 0);
   rig.send(1, Subscribe{false, WireQos::zero, TopicIdType::predefined, 2, "", 7});
   rig.send(1, Subscribe{false, WireQos::zero, TopicIdType::short_name, 3, "", 0x6162});
@@ -77,8 +76,7 @@ TEST(SnGateway, R86_LeavesACongestedClientAloneAndDropsWhatItRefuses) {
 }
 
 TEST(SnGateway, R87_DeliversAtTheLowerQos) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/0", 0);
   rig.subscribe(1, "a/1", 1);
   rig.broker("a/0", "x", 2);
@@ -182,8 +180,7 @@ TEST(SnGateway, R93_SendsNothingToWhoDoesNotListen) {
 
 TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
   const std::string command = "ntnu-slam/server/r1/cmd";
-  SnRig rig;
-  rig.connect(1, "r1", false, 6000);
+  ConnectedRig rig(false, 6000);
   rig.subscribe(1, command, 1);
   rig.broker(command, "0", 0);
   ASSERT_EQ(rig.outcomes.size(), 1U);
@@ -212,8 +209,7 @@ TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
 
 TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
   const std::string command = "ntnu-slam/server/r1/cmd";
-  SnRig rig;
-  rig.connect(1, "r1", false, 6000);
+  ConnectedRig rig(false, 6000);
   rig.subscribe(1, command, 1);
   rig.broker(command, "fresh", 1);
   const auto comes_after = [&](const std::string& topic, std::chrono::seconds waited) {
@@ -240,8 +236,7 @@ TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
 
 TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
   const std::string command = "ntnu-slam/server/r1/cmd";
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, command, 1);
   rig.sleep(1, 300);
   rig.broker(command, "go", 0);
@@ -255,8 +250,7 @@ TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
 }
 
 TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/run", 1);
   rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
   ASSERT_EQ(rig.outcomes.size(), 1U);
@@ -271,8 +265,7 @@ TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
 
 /// Another copy may come by the robot's own subscription.
 TEST(SnGateway, RefusesACommandThatComesUnaskedAlsoWhereASubscriptionMatches) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
   rig.robot_message({"r1",
                      {"ntnu-slam/server/r1/cmd", to_bytes("go"), Qos::at_most_once},

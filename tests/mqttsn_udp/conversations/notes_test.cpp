@@ -11,8 +11,7 @@ namespace slamgw::mqttsn {
 namespace {
 
 TEST(Notes, TellOnceWhatARobotThatKeepsItsSessionHasSetUp) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.register_topic(1, own_topic);
   rig.subscribe(1, "a/x", 1);
   EXPECT_TRUE(rig.notes.empty()) << "all of it together";
@@ -29,8 +28,7 @@ TEST(Notes, TellOnceWhatARobotThatKeepsItsSessionHasSetUp) {
 }
 
 TEST(Notes, ChangeOnlyWithWhatAnotherGatewayNeeds) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   const auto id = rig.register_topic(1, own_topic);
   rig.subscribe(1, "a/#", 2);
   rig.pass_s(2);
@@ -52,8 +50,7 @@ TEST(Notes, ChangeOnlyWithWhatAnotherGatewayNeeds) {
 }
 
 TEST(Notes, AreOnlyAboutRobotsThatKeepTheirSessions) {
-  SnRig rig;
-  rig.connect(1, "r1", true);
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.pass_s(5);
   EXPECT_TRUE(rig.notes.empty());
@@ -86,8 +83,7 @@ TEST(Notes, EndWithTheSession) {
 }
 
 TEST(Notes, FollowARobotThatIsRenamed) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.pass_s(2);
   rig.notes.clear();
   rig.rename({{"tank", {}, "r1"}});
@@ -101,8 +97,7 @@ TEST(Notes, FollowARobotThatIsRenamed) {
 
 /// Another gateway may have written a newer one while this one was away.
 TEST(Notes, AreNotWrittenAgainAfterARestart) {
-  SnRig before;
-  before.connect(1, "r1", false);
+  ConnectedRig before(false);
   before.subscribe(1, "a/x", 1);
   SnRig after;
   ASSERT_TRUE(after.gateway.restore(*before.gateway.snapshot("r1", before.now), after.now));
@@ -114,8 +109,7 @@ TEST(Notes, AreNotWrittenAgainAfterARestart) {
 }
 
 TEST(Notes, AreNotWrittenAgainByTheGatewayThatHasReadThem) {
-  SnRig before;
-  before.connect(1, "r1", false);
+  ConnectedRig before(false);
   before.subscribe(1, "a/x", 1);
   before.pass_s(2);
   SnRig next;
@@ -127,8 +121,7 @@ TEST(Notes, AreNotWrittenAgainByTheGatewayThatHasReadThem) {
 }
 
 TEST(Notes, AreBounded) {
-  SnRig rig;
-  rig.connect(1, "r1", false, 6000);
+  ConnectedRig rig(false, 6000);
   std::string topic = "a/" + std::string(1000, 'x');
   for (std::size_t i = 0; i < limits::max_note_octets / 1000 + 1; ++i)
     rig.register_topic(1, topic + std::to_string(i));
@@ -144,8 +137,7 @@ TEST(Notes, OfManyRobotsAreWrittenInTurns) {
 }
 
 TEST(SnGateway, ReportsACleanStartBeforeAllElseOfTheNewSession) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.subscribe(1, "a/x");
   EXPECT_TRUE(rig.cleaned.empty());
   rig.connect(1, "r1", true);

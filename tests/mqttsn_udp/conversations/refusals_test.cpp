@@ -79,8 +79,7 @@ TEST(SnGateway, TellsARefusedMessageOfQosMinusOneOnceForEachClient) {
 TEST(SnGateway, TellsThatThereIsNoRoomOnce) {
   Settings settings;
   settings.max_clients = 1;
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   for (unsigned n = 2; n < 10; ++n)
     rig.send(n, Connect{false, true, 1, 60, "x" + std::to_string(n)});
   ASSERT_EQ(rig.notices.size(), 1U);
@@ -96,8 +95,7 @@ TEST(SnGateway, HasABudgetForRefusalsOfACrowd) {
 }
 
 TEST(SnGateway, SaysWhyCommandsOfARobotThatDisconnectsAreRefused) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
   for (int i = 0; i < 2; ++i) rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
   rig.send(1, Disconnect{});
@@ -110,8 +108,7 @@ TEST(SnGateway, SaysWhyCommandsOfARobotThatDisconnectsAreRefused) {
 
 /// As simon622's client does: it forgets its ids in its sleep, and says so in its own way.
 TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.sleep(1, 100);
   rig.broker("a/x", "1", 1);
@@ -130,8 +127,7 @@ TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
 
 /// As simon622's client, which disconnects when it is sent QoS 2 under an id that it has forgotten.
 TEST(SnGateway, TellsAllIdsAgainToASleeperThatForgetsThem) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.subscribe(1, "a/y", 2);
   rig.sleep(1, 100);
@@ -164,8 +160,7 @@ TEST(SnGateway, TellsAllIdsAgainToASleeperThatForgetsThem) {
 
 /// It gets PINGRESP behind a message of QoS 0, and refuses the message when it is asleep again.
 TEST(SnGateway, TellsAllIdsAgainToASleeperThatRefusesQos0) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.subscribe(1, "a/y", 2);
   rig.sleep(1, 100);
@@ -184,8 +179,7 @@ TEST(SnGateway, TellsAllIdsAgainToASleeperThatRefusesQos0) {
 
 /// As RIOT's emcute does with every repetition.
 TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "1", 1);
   rig.pass(RetransmissionTimeout::initial);
@@ -202,8 +196,7 @@ TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
 }
 
 TEST(SnGateway, RegistersAgainOnceOnly) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "1", 1);
   rig.send(1, Puback{0, 1, ReturnCode::not_supported});

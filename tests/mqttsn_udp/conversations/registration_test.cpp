@@ -11,8 +11,7 @@ namespace slamgw::mqttsn {
 namespace {
 
 TEST(SnGateway, R57_AnswersRegisterWithAnIdAndTheSameMsgId) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(1, Register{0x7777, 0x1234, own_topic});
   EXPECT_EQ(rig.sent_to(1), Lines{"REGACK id=1 msg=4660 code=0"});
 }
@@ -106,8 +105,7 @@ TEST(SnGateway, R65_AListenerHearsMoreTopicsThanItHasIds) {
 }
 
 TEST(SnGateway, R65_GivesNoIdAnewThatTheClientUses) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 6000);
+  ConnectedRig rig(true, 6000);
   const auto own = rig.register_topic(1, own_topic);
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
   rig.subscribe(1, "ntnu-slam/robot/#", 0);
@@ -124,8 +122,7 @@ TEST(SnGateway, R65_GivesNoIdAnewThatTheClientUses) {
 }
 
 TEST(SnGateway, R63_ARobotMayMakeOnlySoManyTypes) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   for (std::size_t i = 0; i < limits::max_types_per_robot; ++i)
     EXPECT_NE(rig.register_topic(1, "ntnu-slam/robot/r1/t" + std::to_string(i)), 0);
   rig.send(1, Register{0, 7, "ntnu-slam/robot/r1/more"});
@@ -161,8 +158,7 @@ TEST(SnGateway, R63_NamesOfAllClientsTogetherAreBounded) {
 }
 
 TEST(SnGateway, R59_KeepsIdsOfClientsApart) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.connect(2, "r2");
   const auto id = rig.register_topic(1, own_topic);
   rig.publish(2, id, 0, 0);
@@ -171,16 +167,14 @@ TEST(SnGateway, R59_KeepsIdsOfClientsApart) {
 }
 
 TEST(SnGateway, R60_GivesOneNameOneId) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   EXPECT_NE(rig.register_topic(1, "ntnu-slam/robot/r1/update"), id);
   EXPECT_EQ(rig.register_topic(1, own_topic), id);
 }
 
 TEST(SnGateway, R61_GivesRegisterAndSubscribeTheSameId) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, "ntnu-slam/server/r1/cmd");
   rig.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 9, "ntnu-slam/server/r1/cmd", 0});
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=1 id=" + std::to_string(id) + " msg=9 code=0");
@@ -189,8 +183,7 @@ TEST(SnGateway, R61_GivesRegisterAndSubscribeTheSameId) {
 TEST(SnGateway, R62_KeepsPredefinedAndNormalIdsApart) {
   Settings settings;
   settings.predefined_topics = {{1, "a/predefined", {}}};
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   ASSERT_EQ(rig.register_topic(1, own_topic), 1);
   rig.publish(1, 1, 0, 0);
   rig.send(1, Publish{false, WireQos::zero, false, TopicIdType::predefined, 1, 0, {}});
@@ -202,8 +195,7 @@ TEST(SnGateway, R62_KeepsPredefinedAndNormalIdsApart) {
 TEST(SnGateway, R63_RefusesNamesThatAreNoTopicsAndAFullTable) {
   Settings settings;
   settings.when_full = WhenFull::reject;
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   for (const std::string& name : {std::string("a/+"), std::string("a/#"), std::string("a/\xff"),
                                   std::string("a/\0", 3), std::string("not/allowed")}) {
     rig.send(1, Register{0, 1, name});
@@ -236,8 +228,7 @@ TEST(SnGateway, R63_RefusesOwnNamesThatItWouldNotPublish) {
 }
 
 TEST(SnGateway, R64_AnswersABurstInOrder) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.answers_subscribes = false;
   rig.send(1, Register{0, 1, own_topic});
   rig.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, "a/x", 0});
@@ -252,8 +243,7 @@ TEST(SnGateway, R64_AnswersABurstInOrder) {
 }
 
 TEST(SnGateway, R65_RegistersBeforeTheFirstPublishOfAWildcardMatch) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/new", "1");
   EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=1 msg=1 topic=a/new"});
@@ -264,8 +254,7 @@ TEST(SnGateway, R65_RegistersBeforeTheFirstPublishOfAWildcardMatch) {
 }
 
 TEST(SnGateway, R66_OpensOneRegisterAfterTheOtherAndKeepsTheOrderOfEachTopic) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 600);
+  ConnectedRig rig(true, 600);
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/1", "1");
   rig.broker("a/2", "2");
@@ -280,8 +269,7 @@ TEST(SnGateway, R66_OpensOneRegisterAfterTheOtherAndKeepsTheOrderOfEachTopic) {
 }
 
 TEST(SnGateway, R66_RepeatsARegisterWithTheSameMsgIdWhileOthersHaveTheirTurn) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 600);
+  ConnectedRig rig(true, 600);
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/1", "1");
   rig.broker("a/2", "2");
@@ -296,8 +284,7 @@ TEST(SnGateway, R66_RepeatsARegisterWithTheSameMsgIdWhileOthersHaveTheirTurn) {
 }
 
 TEST(SnGateway, R67_TakesARefusedRegisterForAnUnsubscribe) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.subscribe(1, "a/x");
   rig.connect(1, "r1", false);
   rig.broker("a/x");
@@ -325,8 +312,7 @@ TEST(SnGateway, R67_TakesARefusedRegisterForAnUnsubscribe) {
 }
 
 TEST(SnGateway, R68_IgnoresARegackNobodyWaitsFor) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/1", "1");
   rig.sent_to(1);
@@ -335,8 +321,7 @@ TEST(SnGateway, R68_IgnoresARegackNobodyWaitsFor) {
 }
 
 TEST(SnGateway, R69_KeepsAMessageWhoseRegisterIsNotAnswered) {
-  SnRig rig;
-  rig.connect(1, "r1", false, 600);
+  ConnectedRig rig(false, 600);
   rig.subscribe(1, "a/#", 1);
   rig.broker("a/1", "1", 1);
   rig.pass_s(100);

@@ -245,8 +245,7 @@ TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
 
 /// What a sleeper's gateway has for it follows it.
 TEST(Roaming, ACommandForASleeperFollowsIt) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.subscribe(1, cmd, 1);
   rig.sleep(1);
   rig.broker(cmd, "go", 1);

@@ -32,8 +32,7 @@ struct SleepRig : SnRig {
 };
 
 TEST(SnGateway, R114_PutsAClientToSleepForItsDuration) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(1, Disconnect{100});
   EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
   EXPECT_EQ(rig.presence.back().presence, Presence::asleep);
@@ -44,16 +43,14 @@ TEST(SnGateway, R114_PutsAClientToSleepForItsDuration) {
 }
 
 TEST(SnGateway, R115_TakesDuration0ForAPlainDisconnect) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.send_octets(1, hex("04 18 00 00"));
   EXPECT_EQ(rig.last_to(1), "DISCONNECT plain");
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
 }
 
 TEST(SnGateway, R116_SendsNothingToASleepingClient) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 600);
+  ConnectedRig rig(true, 600);
   rig.subscribe(1, "a/x", 2);
   rig.subscribe(1, "a/+", 0);
   rig.broker("a/x", "1", 1);  // in flight
@@ -110,8 +107,7 @@ TEST(SnGateway, R118_PingreqFromAnyAddressWakesAsleepClient) {
 }
 
 TEST(SnGateway, R118_RegistersFirstWhereNeeded) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/+", 1);
   rig.sleep(1, 100);
   rig.broker("a/new", "1", 1);
@@ -241,8 +237,7 @@ TEST(SnGateway, R127_LosesASleeperThatDoesNotWake) {
 }
 
 TEST(SnGateway, R128_DoesNotMoveAnActiveClientByAPing) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(2, Pingreq{"r1"});
   EXPECT_EQ(rig.sent_to(2), Lines{"DISCONNECT plain"});
   rig.send(1, Pingreq{});

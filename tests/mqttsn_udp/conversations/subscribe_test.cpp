@@ -16,8 +16,7 @@ Unsubscribe not_by_name(const std::string& filter, std::uint16_t msg_id) {
 }
 
 TEST(SnGateway, R94_GrantsANameWithItsId) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   for (const unsigned qos : {0U, 1U, 2U}) {
     rig.send(1, by_name("a/" + std::to_string(qos), 7, static_cast<WireQos>(qos)));
     EXPECT_EQ(rig.last_to(1), "SUBACK qos=" + std::to_string(qos) +
@@ -27,8 +26,7 @@ TEST(SnGateway, R94_GrantsANameWithItsId) {
 }
 
 TEST(SnGateway, R95_GrantsAWildcardWithId0) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(1, by_name("a/#", 7));
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=1 id=0 msg=7 code=0");
   rig.send(1, by_name("a/+/b", 8));
@@ -38,8 +36,7 @@ TEST(SnGateway, R95_GrantsAWildcardWithId0) {
 TEST(SnGateway, R96_TakesPredefinedIdsAndShortNames) {
   Settings settings;
   settings.predefined_topics = {{7, "a/seven", {}}};
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   rig.send_octets(1, hex("07 12 21 00 0d 00 07"));
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=1 id=7 msg=13 code=0");
   rig.send_octets(1, hex("07 12 21 00 0e 00 08"));
@@ -51,8 +48,7 @@ TEST(SnGateway, R96_TakesPredefinedIdsAndShortNames) {
 }
 
 TEST(SnGateway, R97_RefusesInvalidFiltersAndQos) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   for (const std::string& filter :
        {std::string("a+"), std::string("#/a"), std::string("a/\0", 3), std::string("a/\xff"),
         std::string("not/allowed"), "a/" + std::string(200, '/')}) {
@@ -67,8 +63,7 @@ TEST(SnGateway, R97_RefusesInvalidFiltersAndQos) {
 }
 
 TEST(SnGateway, R98_SendsSubackBeforeWhatTheSubscriptionCauses) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/x", 7));
   rig.broker("a/x", "old", 0, true);
@@ -81,8 +76,7 @@ TEST(SnGateway, R98_SendsSubackBeforeWhatTheSubscriptionCauses) {
 }
 
 TEST(SnGateway, R99_TakesTheSameSubscribeAgain) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/x", 7));
   rig.send(1, by_name("a/x", 7));
@@ -102,8 +96,7 @@ TEST(SnGateway, R99_TakesTheSameSubscribeAgain) {
 TEST(SnGateway, R100_RefusesWithoutRoomAndWhenTheBrokerDoes) {
   Settings settings;
   settings.when_full = WhenFull::reject;
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/no", 7));
   rig.subscribe_result("a/no", false);
@@ -118,8 +111,7 @@ TEST(SnGateway, R100_RefusesWithoutRoomAndWhenTheBrokerDoes) {
 }
 
 TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextRequest) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.subscribe_result("a/x", false);  // granted while the broker was away
   rig.broker("a/x");
@@ -131,8 +123,7 @@ TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextR
 }
 
 TEST(SnGateway, R100_TellsARefusalToTheRobotThatItIsForAndToAllItsRequests) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.connect(2, "r2");
   rig.answers_subscribes = false;
   for (const unsigned n : {1U, 2U}) rig.send(n, by_name("a/no", 7));
@@ -165,8 +156,7 @@ TEST(SnGateway, R101_EndsASubscriptionAtTheBrokerWithItsRobots) {
 }
 
 TEST(SnGateway, R102_DeliversARetainedMessageAsItComes) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.broker("a/x", "kept", 0, true);
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=1 normal id=1 msg=0 data=6b657074"});
@@ -187,8 +177,7 @@ TEST(SnGateway, GivesAMessageToItsRobotAlone) {
 /// The broker has the subscriptions of a robot that came from another gateway, also when the note
 /// about them is lost.
 TEST(SnGateway, BelievesTheBrokerAboutWhatARobotThatKeepsItsSessionHasSubscribedTo) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.robot_message({"r1", {"a/x", to_bytes("hi"), Qos::exactly_once}});
   EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=a/x");
   rig.send(1, Regack{1, 1, ReturnCode::accepted});
@@ -203,8 +192,7 @@ TEST(SnGateway, BelievesTheBrokerAboutWhatARobotThatKeepsItsSessionHasSubscribed
 }
 
 TEST(SnGateway, R103_DeliversOnceForOverlappingFilters) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/#", 0);
   rig.subscribe(1, "a/x", 1);
   rig.subscribe(1, "a/+", 0);
@@ -215,8 +203,7 @@ TEST(SnGateway, R103_DeliversOnceForOverlappingFilters) {
 }
 
 TEST(SnGateway, R103_TakesEqualMessagesForSeveral) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/x", "hi");
@@ -247,8 +234,7 @@ TEST(SnGateway, R104_UnsubscribesInEveryWayAndAlwaysAnswers) {
 }
 
 TEST(SnGateway, R104_AnswersASubscribeThatItsUnsubscribeOvertook) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/x", 7));
   rig.send(1, not_by_name("a/x", 8));
@@ -276,16 +262,14 @@ TEST(SnGateway, R100_BoundsTheRateOfSubscribes) {
 }
 
 TEST(SnGateway, R100_LetsAClientMakeAllItsSubscriptionsAtOnce) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   for (std::size_t i = 0; i < limits::max_subscriptions_per_client; ++i)
     rig.send(1, by_name("a/" + std::to_string(i), static_cast<std::uint16_t>(i + 1)));
   EXPECT_EQ(rig.sent_to(1).size(), limits::max_subscriptions_per_client);
 }
 
 TEST(SnGateway, R105_GivesAClientItsOwnMessages) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
   rig.subscribe(1, "ntnu-slam/robot/r1/adv", 0);
   rig.publish(1, id, 0, 0, "me");

@@ -12,15 +12,13 @@ namespace {
 bool is_active(const SnRig& rig) { return rig.gateway.presence_of("r1") == Presence::online; }
 
 TEST(SnGateway, R106_AnswersAPlainPing) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(1, Pingreq{});
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
 }
 
 TEST(SnGateway, R107_TakesAPingWithClientIdFromAnActiveClientForAPing) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.send(1, Pingreq{"r1"});
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
@@ -30,8 +28,7 @@ TEST(SnGateway, R107_TakesAPingWithClientIdFromAnActiveClientForAPing) {
 }
 
 TEST(SnGateway, R108_TakesAPingrespAtAnyTimeAndNeedsNone) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.pass_s(80);
   rig.send(1, Pingresp{});
   EXPECT_TRUE(rig.is_silent(1));
@@ -40,8 +37,7 @@ TEST(SnGateway, R108_TakesAPingrespAtAnyTimeAndNeedsNone) {
 }
 
 TEST(SnGateway, PingsAClientAndTimesItsAnswer) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.ping(7, "r1");
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGREQ client="});
   rig.pass(std::chrono::milliseconds{40});
@@ -56,8 +52,7 @@ TEST(SnGateway, PingsAClientAndTimesItsAnswer) {
 }
 
 TEST(SnGateway, SaysWhyAPingWasNotAnswered) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.connect(2, "r2");
   rig.sleep(2);
   rig.ping(1, "r1");
@@ -75,8 +70,7 @@ TEST(SnGateway, SaysWhyAPingWasNotAnswered) {
 }
 
 TEST(SnGateway, BoundsOpenPings) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   for (std::uint64_t id = 0; id <= OperatorPings::max_open; ++id) rig.ping(id, "r1");
   ASSERT_EQ(rig.pings.size(), 1U);
   EXPECT_EQ(rig.pings[0].id, OperatorPings::max_open);
@@ -84,8 +78,7 @@ TEST(SnGateway, BoundsOpenPings) {
 }
 
 TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   Unsubscribe unsubscribe;
   unsubscribe.topic_name = "a/x";
@@ -103,8 +96,7 @@ TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {
 }
 
 TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.signs_of_life = 0;
   Subscribe subscribe;
   subscribe.topic_name = "a/x";
@@ -119,8 +111,7 @@ TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
 TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
   for (const std::uint16_t duration_s :
        {std::uint16_t{10}, std::uint16_t{60}, std::uint16_t{600}}) {
-    SnRig rig;
-    rig.connect(1, "r1", true, duration_s);
+    ConnectedRig rig(true, duration_s);
     rig.pass(std::chrono::milliseconds(duration_s * 1500 - 1));
     EXPECT_TRUE(is_active(rig)) << duration_s;
     rig.pass(std::chrono::milliseconds(1));
@@ -128,8 +119,7 @@ TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
   }
   Settings settings;
   settings.keep_alive_tolerance = 3;
-  SnRig patient(settings);
-  patient.connect(1, "r1");
+  ConnectedRig patient(settings);
   patient.pass_s(179);
   EXPECT_TRUE(is_active(patient));
 }
@@ -162,8 +152,7 @@ TEST(SnGateway, R112_PublishesTheWillAndKeepsOrForgetsTheSession) {
 
 TEST(SnGateway, R113_RevivesALostClientFromItsAddress) {
   for (const bool clean : {true, false}) {
-    SnRig rig;
-    rig.connect(1, "r1", clean);
+    ConnectedRig rig(clean);
     const auto id = rig.register_topic(1, own_topic);
     rig.subscribe(1, "a/x", 0);
     rig.pass_s(100);
@@ -185,8 +174,7 @@ TEST(SnGateway, R113_RevivesALostClientFromItsAddress) {
 TEST(SnGateway, R113_ForgetsALostCleanClientForANewOne) {
   Settings settings;
   settings.max_clients = 2;
-  SnRig rig(settings);
-  rig.connect(1, "r1");
+  ConnectedRig rig(settings);
   rig.subscribe(1, "a/x");
   rig.connect(2, "r2", true, 6000);
   rig.send(3, Connect{false, true, 1, 60, "r3"});
@@ -200,8 +188,7 @@ TEST(SnGateway, R113_ForgetsALostCleanClientForANewOne) {
 }
 
 TEST(SnGateway, R113_RevivesACleanClientWithoutWhatWasNotDelivered) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.broker("a/x", "1", 1);
   rig.pass_s(100);
@@ -212,8 +199,7 @@ TEST(SnGateway, R113_RevivesACleanClientWithoutWhatWasNotDelivered) {
 }
 
 TEST(SnGateway, R130_AnswersADisconnectAndSupervisesNoLonger) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.send(1, Disconnect{});
   EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
@@ -227,8 +213,7 @@ TEST(SnGateway, R130_AnswersADisconnectAndSupervisesNoLonger) {
 
 TEST(SnGateway, R131_AnswersARepeatedDisconnect) {
   for (const bool clean : {true, false}) {
-    SnRig rig;
-    rig.connect(1, "r1", clean);
+    ConnectedRig rig(clean);
     rig.send(1, Disconnect{});
     rig.send(1, Disconnect{});
     EXPECT_EQ(rig.sent_to(1), Lines(2, "DISCONNECT plain"));
@@ -236,8 +221,7 @@ TEST(SnGateway, R131_AnswersARepeatedDisconnect) {
 }
 
 TEST(SnGateway, R132_NeverSendsADuration) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(1, Disconnect{300});
   EXPECT_EQ(to_hex(rig.datagrams.back().bytes), "0218");
 }

@@ -128,8 +128,7 @@ TEST(SnGateway, ForgetsPausesWhenTheClientConnectsAgain) {
 }
 
 TEST(SnGateway, KeepsTheOrderOfCommandsBehindAPromptRegister) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 600);
+  ConnectedRig rig(true, 600);
   rig.subscribe(1, r1_command, 1);
   rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
   rig.broker("ntnu-slam/server/r1/run", "stop", 1);
@@ -142,8 +141,7 @@ TEST(SnGateway, KeepsTheOrderOfCommandsBehindAPromptRegister) {
 }
 
 TEST(SnGateway, SaysNoAcknowledgementOnlyOfWhatWasTransmitted) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 6000);
+  ConnectedRig rig(true, 6000);
   rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
   rig.broker("ntnu-slam/server/r1/run", "1", 1);
   rig.pass_s(30);
@@ -152,8 +150,7 @@ TEST(SnGateway, SaysNoAcknowledgementOnlyOfWhatWasTransmitted) {
   EXPECT_EQ(rig.outcomes[0].why, "the robot did not answer the registration of this topic");
   for (const std::string& line : rig.sent_to(1)) EXPECT_FALSE(line.starts_with("PUBLISH")) << line;
 
-  SnRig second;
-  second.connect(1, "r1", true, 6000);
+  ConnectedRig second(true, 6000);
   second.subscribe(1, r1_command, 1);
   second.broker(r1_command, "1", 1);
   second.broker(r1_command, "2", 1);
@@ -166,8 +163,7 @@ TEST(SnGateway, SaysNoAcknowledgementOnlyOfWhatWasTransmitted) {
 TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
   for (const unsigned qos : {1U, 2U}) {
     for (const bool clean : {true, false}) {
-      SnRig rig;
-      rig.connect(1, "r1", clean, 6000);
+      ConnectedRig rig(clean, 6000);
       rig.subscribe(1, r1_command, qos);
       rig.broker(r1_command, "1", qos);
       rig.broker(r1_command, "2", qos);
@@ -187,8 +183,7 @@ TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
 }
 
 TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 6000);
+  ConnectedRig rig(true, 6000);
   rig.subscribe(1, r1_command, 2);
   rig.broker(r1_command, "1", 2);
   rig.send(1, Pubrec{1});
@@ -203,8 +198,7 @@ TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
 }
 
 TEST(SnGateway, IsNotHeldByAClientThatAnswersPubrelWithPubrec) {
-  SnRig rig;
-  rig.connect(1, "r1", true, 6000);
+  ConnectedRig rig(true, 6000);
   rig.subscribe(1, r1_command, 2);
   rig.broker(r1_command, "1", 2);
   rig.broker(r1_command, "2", 2);
@@ -223,8 +217,7 @@ TEST(SnGateway, IsNotHeldByAClientThatAnswersPubrelWithPubrec) {
 }
 
 TEST(SnGateway, TakesALateAcknowledgementOfWhatItHasPutBack) {
-  SnRig rig;
-  rig.connect(1, "r1", false, 6000);
+  ConnectedRig rig(false, 6000);
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "1", 1);
   rig.pass_s(100);
@@ -235,8 +228,7 @@ TEST(SnGateway, TakesALateAcknowledgementOfWhatItHasPutBack) {
 }
 
 TEST(SnGateway, SparesAKeptSessionAMessageThatItNeverAcknowledges) {
-  SnRig rig;
-  rig.connect(1, "r1", false, 6000);
+  ConnectedRig rig(false, 6000);
   rig.subscribe(1, r1_command, 1);
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "poison", 1);

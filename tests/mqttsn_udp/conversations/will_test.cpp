@@ -91,8 +91,7 @@ TEST(SnGateway, R47_KeepsWhatWasNotDeliveredWhileDisconnectedOrLost) {
 }
 
 TEST(SnGateway, R48_TellsIdsAgainAfterAResumedSessionAndTakesTheOldOnes) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   const auto up = rig.register_topic(1, first_will);
   rig.subscribe(1, "a/x");
   rig.connect(2, "r1", false);
@@ -104,8 +103,7 @@ TEST(SnGateway, R48_TellsIdsAgainAfterAResumedSessionAndTakesTheOldOnes) {
 }
 
 TEST(SnGateway, R48_RegistersBeforeItRepeatsWhatWasInFlight) {
-  SnRig rig;
-  rig.connect(1, "r1", false);
+  ConnectedRig rig(false);
   rig.subscribe(1, "a/x", 2);
   rig.broker("a/x", "hi", 2);
   rig.connect(1, "r1", false);
@@ -176,8 +174,7 @@ TEST(SnGateway, R53_ReplacesTheWillMessage) {
 }
 
 TEST(SnGateway, R54_MakesAWillFromUpdatesAlone) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.send(1, WillMsgUpd{to_bytes("gone")});
   EXPECT_EQ(rig.last_to(1), "WILLMSGRESP code=3") << "there is no topic yet";
   rig.send(1, WillTopicUpd{WireQos::one, false, first_will});

@@ -18,8 +18,7 @@ TEST(SnGateway, R1_TakesTheThreeOctetLengthOnShortMessages) {
 }
 
 TEST(SnGateway, R2_SendsTheThreeOctetLengthOnlyFrom256Octets) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.broker("a/x", std::string(248, 'x'));
   EXPECT_EQ(rig.datagrams.back().bytes.size(), 255U);
@@ -31,8 +30,7 @@ TEST(SnGateway, R2_SendsTheThreeOctetLengthOnlyFrom256Octets) {
 
 /// Lengths of datagrams on both sides of the longer Length field, and of what Thread carries.
 TEST(SnGateway, R2_TakesEachLengthAtTheBoundsWhole) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   constexpr std::size_t header = 7;
   constexpr std::size_t long_header = 9;
@@ -64,8 +62,7 @@ TEST(SnGateway, R3_DropsAndCountsAWrongLength) {
 }
 
 TEST(SnGateway, R4_DropsAndCountsEveryInvalidDatagram) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   std::uint64_t invalid = 0;
   for (const std::string_view wire : invalid_datagrams) {
     rig.send_octets(1, hex(wire));
@@ -88,8 +85,7 @@ TEST(SnGateway, R5_IgnoresReservedTypes) {
 }
 
 TEST(SnGateway, R6_IgnoresWhatOnlyGatewaysSend) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   for (const Packet& packet :
        {Packet{Connack{}}, Packet{WillTopicReq{}}, Packet{WillMsgReq{}}, Packet{Suback{}},
         Packet{Unsuback{}}, Packet{WillTopicResp{}}, Packet{WillMsgResp{}}, Packet{Advertise{2, 1}},
@@ -112,8 +108,7 @@ TEST(SnGateway, R7_IgnoresFlagsWithoutMeaning) {
 }
 
 TEST(SnGateway, R8_AbandonsWhatTheNetworkCannotCarry) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd");
   rig.broker("ntnu-slam/server/r1/cmd", std::string(1223, 'x'));
   EXPECT_EQ(rig.datagrams.back().bytes.size(), 1232U) << "the largest one";
@@ -127,8 +122,7 @@ TEST(SnGateway, R8_AbandonsWhatTheNetworkCannotCarry) {
 }
 
 TEST(SnGateway, R9_DropsOverlongDatagrams) {
-  SnRig rig;
-  rig.connect(1, "r1");
+  ConnectedRig rig;
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
   rig.publish(1, id, 0, 0, std::string(1223, 'x'));
   EXPECT_EQ(rig.reports.size(), 1U);
