@@ -110,12 +110,12 @@ void RepeatFilter::erase(std::size_t begin, std::size_t end) {
   msg_ids_.shrink_to_fit();
 }
 
-std::optional<RepeatFilter::Entry> RepeatFilter::on_safe(std::uint64_t receipt_id, TimePoint now) {
+bool RepeatFilter::on_safe(std::uint64_t receipt_id, TimePoint now) {
   const auto found = find_receipt(receipt_id);
-  if (found == entries_.rend()) return std::nullopt;
+  if (found == entries_.rend()) return false;
   found->receipt_id = 0;
   found->since = now;
-  return *found;
+  return true;
 }
 
 std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receipt_id) {

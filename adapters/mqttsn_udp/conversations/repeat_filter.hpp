@@ -42,8 +42,8 @@ class RepeatFilter {
   void on_request(std::uint16_t msg_id);
   /// A new message.
   void add(const Entry& entry);
-  /// The entry that waited for this receipt, which it does no longer.
-  std::optional<Entry> on_safe(std::uint64_t receipt_id, TimePoint now);
+  /// The message is acknowledged. False when none waits for this receipt.
+  bool on_safe(std::uint64_t receipt_id, TimePoint now);
   /// Forgets it: its repetition is a new message.
   std::optional<Entry> on_refused(std::uint64_t receipt_id);
   void clear();

@@ -40,16 +40,7 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
   switch (publish.qos) {
     case WireQos::zero:
     case WireQos::minus_one:
-      output_.count(Count::published_up);
-      return output_.emit(Report{.mesh = Mesh::thread,
-                                 .robot = session.robot,
-                                 .topic = std::move(*topic),
-                                 .payload = std::move(publish.payload),
-                                 .qos = Qos::at_most_once,
-                                 .retain = publish.retain,
-                                 .receipt = no_receipt,
-                                 .wire = wire_facts(publish),
-                                 .is_proven = session.has_answered});
+      return report(session, std::move(publish), std::move(*topic), no_receipt);
     case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
     case WireQos::two:
       return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
@@ -177,9 +168,10 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
   if (session.open_receipts >= limits::max_open_receipts)
     return refuse(session, publish, ReturnCode::congestion);
   const bool did_count = session.repeats.counts_ids();
-  session.repeats.add({mark, now, last_receipt_ + 1, publish.topic_id, publish.msg_id});
+  const Receipt receipt = open_receipt(session, publish);
+  session.repeats.add({mark, now, receipt.id, publish.topic_id, publish.msg_id});
   if (session.repeats.counts_ids() != did_count) output_.mark_changed(session);
-  report(session, std::move(publish), std::move(topic));
+  report(session, std::move(publish), std::move(topic), receipt);
 }
 
 void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
@@ -198,24 +190,29 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
                         session.inbound_qos2.size() >= limits::max_inbound_qos2);
   if (is_full) return refuse(session, publish, ReturnCode::congestion);
   // Another message under the same MsgId: the client has given up the former.
-  session.inbound_qos2[publish.msg_id] = {mark, last_receipt_ + 1};
+  const Receipt receipt = open_receipt(session, publish);
+  session.inbound_qos2[publish.msg_id] = {mark, receipt.id};
   output_.mark_changed(session);
-  report(session, std::move(publish), std::move(topic));
+  report(session, std::move(publish), std::move(topic), receipt);
 }
 
-void Uplink::report(ClientSession& session, Publish publish, std::string topic) {
-  const auto qos = static_cast<Qos>(publish.qos);
-  const std::uint64_t id = ++last_receipt_;
-  open_[id] = {clients_.weak(session), qos, publish.topic_id, publish.msg_id};
+Receipt Uplink::open_receipt(ClientSession& session, const Publish& publish) {
+  open_[++last_receipt_] = {clients_.weak(session), qos_of(publish), publish.topic_id,
+                            publish.msg_id};
   ++session.open_receipts;
+  return {Mesh::thread, last_receipt_};
+}
+
+void Uplink::report(const ClientSession& session, Publish publish, std::string topic,
+                    Receipt receipt) {
   output_.count(Count::published_up);
   output_.emit(Report{.mesh = Mesh::thread,
                       .robot = session.robot,
                       .topic = std::move(topic),
                       .payload = std::move(publish.payload),
-                      .qos = qos,
+                      .qos = qos_of(publish),
                       .retain = publish.retain,
-                      .receipt = {Mesh::thread, id},
+                      .receipt = receipt,
                       .wire = wire_facts(publish),
                       .is_proven = session.has_answered});
 }
@@ -236,7 +233,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
                      TimePoint now) {
   bool is_known = false;
   if (open.qos == Qos::at_least_once) {
-    is_known = session.repeats.on_safe(receipt_id, now).has_value();
+    is_known = session.repeats.on_safe(receipt_id, now);
   } else {
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;

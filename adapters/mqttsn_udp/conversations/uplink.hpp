@@ -47,8 +47,8 @@ class Uplink : Conversation {
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
   void publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
                             TimePoint now);
-  /// Sends it up under the next receipt id.
-  void report(ClientSession& session, Publish publish, std::string topic);
+  Receipt open_receipt(ClientSession& session, const Publish& publish);
+  void report(const ClientSession& session, Publish publish, std::string topic, Receipt receipt);
   void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open, TimePoint now);
   void on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open);
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
