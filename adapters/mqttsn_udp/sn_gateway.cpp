@@ -87,11 +87,10 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
   Result<Packet, DecodeError> packet = decode(bytes);
   if (!packet) return on_malformed(from, now);
   if (lacks_identity(peer, *packet, now)) return;
-  if (auto* search = std::get_if<SearchGw>(&*packet)) {
-    if (peer.node_id.empty()) radius = search->radius;
-    return discovery_.on_searchgw(peer, to, SearchGw{radius}, now);
-  }
-  receive({std::move(peer), to, fingerprint(bytes), now}, std::move(*packet));
+  const Arrival arrival{std::move(peer), to, fingerprint(bytes), now};
+  if (const auto* search = std::get_if<SearchGw>(&*packet))
+    return discovery_.on_searchgw(arrival, arrival.peer.node_id.empty() ? search->radius : radius);
+  receive(arrival, std::move(*packet));
 }
 
 /// Whether a plain client, as far as it says who it is, must come over DTLS: it gets no answer.
@@ -152,8 +151,7 @@ void SnGateway::follow_identity(const Arrival& arrival, const Packet& packet) {
       connecting_.is_open(peer) || !rules_.may_speak(peer.identity, peer))
     return;
   ClientSession* session = clients_.find(peer.identity);
-  if (session && session->state() != ClientState::disconnected)
-    sleep_.follow(*session, peer, arrival.local, arrival.now);
+  if (session && session->state() != ClientState::disconnected) sleep_.follow(*session, arrival);
 }
 
 /// A handshake may have made it active.
@@ -247,7 +245,7 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
   ClientSession* session = clients_.find(pingreq.client_id);
   if (!session || !Sleep::is_asleep(*session)) return nullptr;
   if (!rules_.may_speak(session->client_id, arrival.peer)) return nullptr;
-  sleep_.follow(*session, arrival.peer, arrival.local, arrival.now);
+  sleep_.follow(*session, arrival);
   return session;
 }
 

@@ -76,7 +76,8 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   // some of them.
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
   const auto unheld_since = std::exchange(unheld_since_, std::nullopt);
-  subscribe_own();
+  subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);  // the marker comes by it
+  subscribe_to_commands();
   if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
   for (const std::string& filter : std::exchange(given_up_, {}))
@@ -84,8 +85,7 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   for (auto& [filter, entry] : filters_) ask(filter, entry);
   if (!note_until_) return;
   if (!is_present) return end_note({});
-  actions_.push(
-      SubscribeSession{robot_, names_.note_topic(robot_), Qos::at_least_once, own_id, true});
+  subscribe_own(names_.note_topic(robot_), /*wants_retained=*/true);
 }
 
 void RobotSession::send_marker(TimePoint now) {
@@ -96,9 +96,7 @@ void RobotSession::send_marker(TimePoint now) {
 
 /// What waited for the robot at the broker has an outcome before it is forgotten.
 void RobotSession::begin_sorting(TimePoint now) {
-  if (!is_held())
-    actions_.push(
-        SubscribeSession{robot_, names_.mailbox_topic(robot_), Qos::at_least_once, own_id, false});
+  if (!is_held()) subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);
   state_ = State::sorting;
   is_wanted_ = true;
   for (Unfenced& each : unfenced_) each.is_stale = true;
@@ -112,11 +110,8 @@ void RobotSession::purge_when_sorted() {
   open();
 }
 
-/// The mailbox first: the marker comes back through it.
-void RobotSession::subscribe_own() {
-  actions_.push(
-      SubscribeSession{robot_, names_.mailbox_topic(robot_), Qos::at_least_once, own_id, false});
-  subscribe_to_commands();
+void RobotSession::subscribe_own(const std::string& topic, bool wants_retained) {
+  actions_.push(SubscribeSession{robot_, topic, Qos::at_least_once, own_id, wants_retained});
 }
 
 /// On MQTT 5 what the robot has not subscribed to has an outcome, too.
@@ -309,8 +304,7 @@ void RobotSession::read_note(TimePoint now) {
     is_wanted_ = true;
     return;
   }
-  actions_.push(
-      SubscribeSession{robot_, names_.note_topic(robot_), Qos::at_least_once, own_id, true});
+  subscribe_own(names_.note_topic(robot_), /*wants_retained=*/true);
 }
 
 void RobotSession::end_note(Bytes note) {

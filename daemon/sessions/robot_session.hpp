@@ -169,7 +169,7 @@ class RobotSession {
 
   Filter& filter_of(const std::string& filter, Qos qos);
   std::uint32_t make_id(const std::string& filter) const;
-  void subscribe_own();
+  void subscribe_own(const std::string& topic, bool wants_retained);
   void subscribe_to_commands();
   void ask(const std::string& filter, Filter& entry);
   void refuse(const std::string& filter);

@@ -15,11 +15,10 @@ bool FloodGuard::may_answer(const Peer& peer, TimePoint now) {
 
 /// Unicast to the source: a multicast GWINFO misses clients on other ports, behind routers, and
 /// sleepy ones (R15).
-void Discovery::on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
-                            TimePoint now) {
-  if (!is_broker_up_ || !clients_.has_room(now)) return;  // R20
-  if (!guard_.may_answer(peer, now)) return output_.count(Count::unanswered);
-  output_.send(peer, local, GwInfo{settings_.gateway_id, {}}, search.radius);
+void Discovery::on_searchgw(const Arrival& arrival, std::uint8_t radius) {
+  if (!is_broker_up_ || !clients_.has_room(arrival.now)) return;  // R20
+  if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
+  output_.send(arrival.peer, arrival.local, GwInfo{settings_.gateway_id, {}}, radius);
 }
 
 void Discovery::on_broker_link(bool is_up, TimePoint now) {

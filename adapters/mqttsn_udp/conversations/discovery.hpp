@@ -29,8 +29,7 @@ class Discovery : Conversation {
  public:
   Discovery(const Conversation& common, FloodGuard& guard) : Conversation(common), guard_(guard) {}
 
-  void on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
-                   TimePoint now);
+  void on_searchgw(const Arrival& arrival, std::uint8_t radius);
   /// The broker is back: an ADVERTISE at once (R11, R12).
   void on_broker_link(bool is_up, TimePoint now);
   /// A network interface, or its lasting address, has appeared: an ADVERTISE there, if clients

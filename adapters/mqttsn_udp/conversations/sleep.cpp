@@ -22,14 +22,14 @@ void Sleep::wake(ClientSession& session, TimePoint now) {
   session.delivery.wake_budget = session.delivery.queue.size() + settings_.max_sleeping_messages;
 }
 
-void Sleep::follow(ClientSession& session, const Peer& peer, const LocalAddress& local,
-                   TimePoint now) {
-  if (ClientSession* former = clients_.find(peer)) lifecycle_.displace(*former, now);
+void Sleep::follow(ClientSession& session, const Arrival& arrival) {
+  const Peer& peer = arrival.peer;
+  if (ClientSession* former = clients_.find(peer)) lifecycle_.displace(*former, arrival.now);
   const bool is_new_address = session.peer != peer;
-  clients_.bind(session, peer, local);
+  clients_.bind(session, peer, arrival.local);
   if (is_new_address) downlink_.on_address(session);
   output_.mark_changed(session);
-  lifecycle_.report_presence(session, presence_of(session.state()), now);
+  lifecycle_.report_presence(session, presence_of(session.state()), arrival.now);
 }
 
 void Sleep::settle(ClientSession& session, TimePoint now) {

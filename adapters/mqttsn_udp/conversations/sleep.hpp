@@ -28,7 +28,7 @@ class Sleep : Conversation {
     return presence_of(session.state()) == Presence::asleep;
   }
   /// Its PINGREQ came from this address, perhaps a new one (R118).
-  void follow(ClientSession& session, const Peer& peer, const LocalAddress& local, TimePoint now);
+  void follow(ClientSession& session, const Arrival& arrival);
   /// After each step of the delivery: with nothing left to send or to await, PINGRESP lets the
   /// client sleep again for the same duration (R119, R120).
   void settle(ClientSession& session, TimePoint now);

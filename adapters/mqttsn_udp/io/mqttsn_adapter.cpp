@@ -68,11 +68,8 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
 }
 
 void MqttsnAdapter::start() {
-  if (keeper_) {
-    const SessionKeeper::Restored restored = keeper_->restore(read_clocks().mono);
-    if (!restored.text.empty())
-      listener_.on_mesh_event(Notice{restored.severity, restored.text, {}});
-  }
+  if (auto restored = keeper_ ? keeper_->restore(read_clocks().mono) : std::nullopt)
+    listener_.on_mesh_event(std::move(*restored));
   interfaces_ = read_network_interfaces();
   interface_index_ = index_of_interface();
   only_thread_ = thread_interfaces();

@@ -23,7 +23,7 @@ SessionKeeper::SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, Se
   store_.watch(std::bind_front(&SessionKeeper::on_written, this));
 }
 
-SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
+std::optional<Notice> SessionKeeper::restore(TimePoint now) {
   std::size_t taken = 0;
   std::vector<SessionStore::Change> useless;
   for (const auto& [id, content] : store_.load()) {
@@ -34,7 +34,8 @@ SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
       useless.push_back({id, std::nullopt});
     }
   }
-  Restored restored;
+  if (taken == 0 && useless.empty()) return std::nullopt;
+  Notice restored;
   if (taken > 0) restored.text = fmt::format("{} MQTT-SN sessions go on", taken);
   if (!useless.empty()) {
     restored.severity = Severity::warning;

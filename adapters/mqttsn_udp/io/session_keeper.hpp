@@ -7,6 +7,7 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,12 +31,8 @@ class SessionKeeper {
   SessionKeeper(const SessionKeeper&) = delete;
   SessionKeeper& operator=(const SessionKeeper&) = delete;
 
-  struct Restored {
-    Severity severity = Severity::info;
-    std::string text;  ///< for the operator; empty when there was nothing to restore
-  };
-  /// Once, before the first datagram.
-  Restored restore(TimePoint now);
+  /// Once, before the first datagram. Nothing when there was no session to restore.
+  std::optional<Notice> restore(TimePoint now);
   /// Something may have changed; costs nothing when it has not.
   void save_soon();
   /// Now, if answers wait and the store is free.
