@@ -280,12 +280,7 @@ void RobotSessions::on_deadline(const Now& now) {
 
 // --- Questions -----------------------------------------------------------------------------------
 
-RobotSession* RobotSessions::find(const std::string& robot) {
-  const auto found = sessions_.find(robot);
-  return found == sessions_.end() ? nullptr : found->second.session.get();
-}
-
-const RobotSession* RobotSessions::find(const std::string& robot) const {
+RobotSession* RobotSessions::find(const std::string& robot) const {
   const auto found = sessions_.find(robot);
   return found == sessions_.end() ? nullptr : found->second.session.get();
 }

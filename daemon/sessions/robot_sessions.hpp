@@ -88,8 +88,7 @@ class RobotSessions {
   Counters counters() const;
 
  private:
-  RobotSession* find(const std::string& robot);
-  const RobotSession* find(const std::string& robot) const;
+  RobotSession* find(const std::string& robot) const;
   RobotSession* find_or_make(const std::string& robot, TimePoint now);
   /// Queues the robot for its CONNECT, when it may have one.
   void want(const std::string& robot, RobotSession& session, TimePoint now);

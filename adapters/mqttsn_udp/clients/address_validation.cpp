@@ -2,7 +2,6 @@
 #include "adapters/mqttsn_udp/clients/address_validation.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -18,17 +17,6 @@ std::size_t with_headers(const IpAddress& address, std::size_t octets) {
 }
 
 }  // namespace
-
-std::size_t AddressValidation::Hash::operator()(const IpAddress& address) const {
-  std::uint64_t high = 0;
-  std::uint64_t low = 0;
-  std::memcpy(&high, address.data(), sizeof high);
-  std::memcpy(&low, address.data() + sizeof high, sizeof low);
-  constexpr std::uint64_t odd = 0x9e3779b97f4a7c15;
-  std::uint64_t hash = (high ^ (low * odd)) * odd;
-  hash ^= hash >> 32;
-  return static_cast<std::size_t>(hash * odd >> 16);
-}
 
 void AddressValidation::validate(const IpAddress& address) {
   if (!validated_.insert(address).second) return;

@@ -10,6 +10,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
+#include <string_view>
 #include <unordered_set>
 
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
@@ -40,7 +42,9 @@ class AddressValidation {
 
  private:
   struct Hash {
-    std::size_t operator()(const IpAddress& address) const;
+    std::size_t operator()(const IpAddress& address) const {
+      return std::hash<std::string_view>{}(as_text(address));
+    }
   };
 
   /// Addresses share a fixed number of places by hash, so that a flood of addresses costs no

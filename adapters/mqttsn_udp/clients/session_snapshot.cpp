@@ -32,25 +32,15 @@ void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messag
   }
 }
 
-Outgoing to_outgoing(const MessageSnapshot& snapshot) {
-  Outgoing outgoing;
-  outgoing.message = std::make_shared<const BrokerMessage>(snapshot.message);
-  outgoing.qos = snapshot.qos;
-  outgoing.topic_id_type = snapshot.topic_id_type;
-  outgoing.predefined_id = snapshot.predefined_id;
-  outgoing.msg_id = snapshot.msg_id;
-  return outgoing;
-}
-
 void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
   for (const std::uint16_t msg_id : snapshot.released)
     delivery.releasing.push_back({msg_id, TimePoint::min()});
   for (const MessageSnapshot& message : snapshot.messages) {
-    Outgoing outgoing = to_outgoing(message);
-    outgoing.command = command_of(message, snapshot, now);
-    delivery.queue.push_back(std::move(outgoing));
+    delivery.queue.push_back({std::make_shared<const BrokerMessage>(message.message), message.qos,
+                              message.topic_id_type, message.predefined_id,
+                              command_of(message, snapshot, now), message.msg_id});
   }
 }
 
@@ -135,13 +125,9 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   if (snapshot.will && is_valid_topic_name(snapshot.will->topic))
     session.will = std::make_unique<Will>(*snapshot.will);
   for (const TopicTable::Topic& topic : snapshot.topics) session.topics.restore(topic);
-  for (const SubscriptionSnapshot& s : snapshot.subscriptions) {
-    Subscription subscription;
-    subscription.qos = s.qos;
-    subscription.topic_id_type = s.topic_id_type;
-    subscription.topic_id = s.topic_id;
-    session.subscriptions.emplace(s.filter, std::move(subscription));
-  }
+  for (const SubscriptionSnapshot& s : snapshot.subscriptions)
+    session.subscriptions.emplace(s.filter,
+                                  Subscription{s.qos, s.topic_id_type, s.topic_id, 0, {}});
   for (const RepeatSnapshot& repeat : snapshot.repeats)
     session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
   if (snapshot.counts_ids) session.repeats.set_counts_ids();
