@@ -52,6 +52,18 @@ std::optional<Notice> RefusalNotices::within_budget(Severity severity, std::stri
   return Notice{severity, std::move(text), {}};
 }
 
+std::optional<Notice> RefusalNotices::on_deadline(TimePoint now) {
+  const auto due = deadline();
+  if (!due || now < *due) return std::nullopt;
+  begin_ = now;
+  lines_ = 1;
+  return Notice{Severity::warning,
+                fmt::format("{} more lines about messages that the broker does not take were left "
+                            "out",
+                            std::exchange(left_out_, 0)),
+                {}};
+}
+
 std::optional<Notice> RefusalNotices::on_refused_topic(const std::string& topic,
                                                        const Refusal& refusal, TimePoint now) {
   return within_budget(
@@ -98,6 +110,7 @@ std::optional<Notice> RefusalNotices::on_dropped(const std::string& topic, std::
 void StoreTrouble::reset(std::string why) {
   write_ = std::move(why);
   read_.clear();
+  revive_.clear();
 }
 
 std::optional<Notice> StoreTrouble::on_write_failed(const std::string& why, TimePoint now) {

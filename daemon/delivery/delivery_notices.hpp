@@ -28,7 +28,7 @@ Notice no_room_notice(const NoRoom& no_room);
 /// Reports each topic and reason once, and at most `most_lines` lines in each interval.
 class RefusalNotices {
  public:
-  /// The first line of the next interval reports how many lines were left out.
+  /// The first line of the next interval, or one at its beginning, reports how many were left out.
   static constexpr std::size_t most_lines = 20;
   static constexpr std::chrono::seconds interval{10};
 
@@ -45,6 +45,11 @@ class RefusalNotices {
   std::optional<Notice> on_dropped(const std::string& topic, std::size_t bytes,
                                    const Refusal& refusal, TimePoint now);
 
+  std::optional<TimePoint> deadline() const {
+    return left_out_ > 0 ? std::optional(begin_ + interval) : std::nullopt;
+  }
+  std::optional<Notice> on_deadline(TimePoint now);
+
  private:
   std::optional<Notice> within_budget(Severity severity, std::string text, TimePoint now);
 
@@ -58,13 +63,19 @@ class RefusalNotices {
 class StoreTrouble {
  public:
   /// Empty while the store can be written and read.
-  const std::string& why() const { return write_.empty() ? read_ : write_; }
+  const std::string& why() const {
+    return !write_.empty() ? write_ : !revive_.empty() ? revive_ : read_;
+  }
   std::uint64_t failures() const { return failures_; }
 
   std::optional<Notice> on_write_failed(const std::string& why, TimePoint now);
   std::optional<Notice> on_load_failed(const std::string& why, TimePoint now);
   std::optional<Notice> on_written() { return end(write_); }
   std::optional<Notice> on_loaded() { return end(read_); }
+  /// Dead letters were to become messages again; `why` that has failed, if it has.
+  std::optional<Notice> on_revived(const std::string& why, TimePoint now) {
+    return why.empty() ? end(revive_) : fail(revive_, "written: " + why, now);
+  }
   /// Another store, or none for the reason `why`.
   void reset(std::string why = {});
 
@@ -76,6 +87,7 @@ class StoreTrouble {
 
   std::string write_;
   std::string read_;
+  std::string revive_;
   std::uint64_t failures_ = 0;
   LogThrottle throttle_{interval};
 };

@@ -210,7 +210,7 @@ struct DeadLettersRevived {
   std::vector<RevivedMessage> messages;
   /// Of RetryDeadLetters: its topic; then `messages` is empty when there is none.
   std::string retried_topic = {};
-  bool has_failed = false;  ///< the disk does not take it; they are dead letters still
+  std::string why_failed = {};  ///< the disk does not take it; they are dead letters still
 };
 using StoreEvent =
     std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,

@@ -97,7 +97,7 @@ void Outbox::refuse(Item& item, TimePoint now) {
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   window_.on_link_up(receive_maximum, now);
-  refused_.on_link_up();
+  refused_.on_link_up(now);
   overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
   proceed(now);
@@ -332,6 +332,7 @@ void Outbox::on_deadline(TimePoint now) {
   }
   if (overdue_check_ && now >= *overdue_check_) check_overdue(now);
   if (trial_ && now >= trial_->until) trial_.reset();
+  notify(refusal_notices_.on_deadline(now));
   const bool has_waited_to_be_alone = trial_waits_until_ && now >= *trial_waits_until_;
   if (stop_check_ && now >= *stop_check_) {
     stop_check_.reset();
@@ -345,7 +346,8 @@ std::optional<TimePoint> Outbox::deadline() const {
   const auto trial = trial_ ? std::optional(trial_->until) : trial_waits_until_;
   const auto retry = is_up_ && !is_stopping_ ? refused_.deadline() : std::nullopt;
   return earlier(earlier(earlier(expiry_check_, overdue_check_), retry),
-                 earlier(earlier(stop_check_, trial), backlog_.deadline()));
+                 earlier(earlier(stop_check_, trial),
+                         earlier(refusal_notices_.deadline(), backlog_.deadline())));
 }
 
 void Outbox::expire_unacknowledged(TimePoint now) {
@@ -413,7 +415,6 @@ void Outbox::start_over(std::uint64_t last_row, TimePoint now) {
 void Outbox::handle(StoreWritten&, TimePoint) {
   for (const std::uint64_t row : backlog_.on_written())
     if (Item* const item = queue_.find(row)) on_durable(*item);
-  refused_.on_store_works();
   notify(store_trouble_.on_written());
 }
 
@@ -475,7 +476,9 @@ void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
 
 void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   backlog_.on_revived(revived);
-  if (!revived.retried_topic.empty()) refused_.on_revived(revived, now);
+  notify(store_trouble_.on_revived(revived.why_failed, now));
+  if (!revived.retried_topic.empty()) return refused_.on_revived(revived, now);
+  for (const RevivedMessage& message : revived.messages) refused_.on_resent(message.topic, now);
 }
 
 void Outbox::trace(DeliveryStep::Kind kind, const Item& item, std::string why) {

@@ -94,7 +94,8 @@ void RefusedTopics::drop_oldest_written() {
   written_.pop_front();
 }
 
-void RefusedTopics::on_link_up() {
+void RefusedTopics::on_link_up(TimePoint now) {
+  up_since_ = now;
   written_.clear();
   last_refusal_.reset();
 }
@@ -157,7 +158,7 @@ bool RefusedTopics::on_lost_alone(const std::string& topic, TimePoint now) {
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
   known->refusal = {0, "the connection is lost when they are sent"};
-  if (++known->losses == 1) known->answers_at_loss = answers_;
+  if (now - up_since_ >= stable_after && ++known->losses == 1) known->answers_at_loss = answers_;
   grow_pause(*known, longest_closing_pause, now);
   const bool is_convicted =
       known->losses >= losses_that_convict && answers_ > known->answers_at_loss;
@@ -218,9 +219,13 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
   if (const std::string* const topic = next_try(can_ask, now))
     return RetryDeadLetters{backlog.generation(), *topic, 1};
   if (!can_ask) return std::nullopt;
-  std::erase_if(accepted_, [&](const Accepted& one) { return has(one.topic); });
+  std::erase_if(accepted_, [&](const Accepted& one) {
+    const Topic* const known = find(one.topic);
+    return known && !known->is_accused();
+  });
   const auto next = std::ranges::find_if(accepted_, [&](const Accepted& one) {
-    return !one.is_asked && !backlog.has_unread(one.topic);  // the last page was read
+    return !one.is_asked && now >= one.due && !has(one.topic) &&
+           !backlog.has_unread(one.topic);  // the last page was read
   });
   if (next == accepted_.end()) return std::nullopt;
   next->is_asked = true;
@@ -245,9 +250,12 @@ const std::string* RefusedTopics::next_try(bool can_ask, TimePoint now) {
       next = &known;
     }
   }
+  for (const Accepted& one : accepted_)
+    if (one.due > now) wake_ = earlier(wake_, one.due);
   if (next && !can_ask) wake_ = earlier(wake_, now + first_pause);
   if (!next || !can_ask || !may_try(now)) return nullptr;
   next->second.phase = Phase::asked;
+  next->second.asked_of = next->second.waiting;
   ++busy_;
   wake_ = now;
   return &next->first;
@@ -257,15 +265,17 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
   const std::string& topic = revived.retried_topic;
   const auto accepted = std::ranges::find(accepted_, topic, &Accepted::topic);
   const bool is_page = accepted != accepted_.end();
-  if (revived.has_failed) {
+  if (is_page) accepted->is_asked = false;
+  if (!revived.why_failed.empty()) {
     on_not_tried(topic, first_pause, now);
-    if (is_page) accepted->has_failed = true;
+    if (!is_page) return;
+    accepted->due = now + store_pause;
+    wake_ = earlier(wake_, accepted->due);
     return;
   }
   const bool is_none = revived.messages.empty();
   if (Topic* const known = find(topic); known && known->phase == Phase::asked)
     on_letter(*known, is_none ? 0 : revived.messages.front().row, now);
-  if (is_page) accepted->is_asked = false;
   if (is_page && is_none) accepted_.erase(accepted);
 }
 
@@ -276,14 +286,17 @@ void RefusedTopics::on_letter(Topic& topic, std::uint64_t row, TimePoint now) {
     topic.row = row;
     return;
   }
-  topic.waiting = 0;
+  topic.waiting -= std::min(topic.waiting, topic.asked_of);
   rest(topic, now);
   wake_ = now;
 }
 
-void RefusedTopics::on_store_works() {
-  for (Accepted& one : accepted_)
-    if (std::exchange(one.has_failed, false)) one.is_asked = false;
+void RefusedTopics::on_resent(std::string_view topic, TimePoint now) {
+  Topic* const known = find(topic);
+  if (!known) return;
+  if (known->waiting > 0) --known->waiting;
+  if (known->phase == Phase::resting) rest(*known, now);
+  tries_put_off_.reset();
 }
 
 void RefusedTopics::on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now) {

@@ -11,7 +11,7 @@
 // answered can be the cause, and what was unanswered at two losses in a row is accused. An accused
 // topic goes alone, so that a connection which is lost meanwhile is the fault of no other.
 //
-// Debian 12's Mosquitto closes the connection after each refusal, which costs all robots. So a
+// Some brokers close the connection after each refusal, which costs all robots. So a
 // robot's other topics, but for those that the broker took last time, count as refused there and
 // are tried one by one. Else a robot with a hundred forbidden topics would cost as many
 // connections.
@@ -63,6 +63,10 @@ class RefusedTopics {
   static constexpr std::size_t most_written = 64;
   /// Two losses that lie further apart have nothing to do with each other.
   static constexpr std::chrono::hours longest_between{1};
+  /// A connection that ends earlier says little about the message that was under way.
+  static constexpr std::chrono::seconds stable_after{1};
+  /// Between requests to a store that fails.
+  static constexpr std::chrono::seconds store_pause{10};
   /// A loss so soon after a refusal is its consequence.
   static constexpr std::chrono::seconds refusal_to_loss{1};
   /// Further topics are not remembered: their messages are refused by the broker one by one.
@@ -112,14 +116,15 @@ class RefusedTopics {
   /// Records that a message of `topic` became a dead letter.
   void on_dead_letter(std::string_view topic);
 
-  void on_link_up();
+  void on_link_up(TimePoint now);
   /// The connection is lost: was it for a refusal? Refusals have to be rare then, so nothing is
   /// tried for a while, which grows until a message is accepted.
   bool on_loss_after_refusal(TimePoint now);
   /// It is lost for another reason, with these messages unanswered.
   void on_loss(const PublishWindow::Items& unanswered, TimePoint now);
   /// It is lost while a message of `topic` was under way alone. Returns true when the message is at
-  /// fault: it is the second loss, and the broker has answered other messages in between.
+  /// fault: it is the second loss, the broker has answered other messages in between, and the
+  /// connection was no short one, as those on a bad line are.
   bool on_lost_alone(const std::string& topic, TimePoint now);
   /// After one of these: tries under way will not be answered.
   void on_link_down(TimePoint now);
@@ -128,8 +133,8 @@ class RefusedTopics {
   /// given all dead letters, for it answers in order.
   std::optional<RetryDeadLetters> next_to_ask(const Backlog& backlog, TimePoint now);
   void on_revived(const DeadLettersRevived& revived, TimePoint now);
-  /// What was asked for while the store failed is asked for again.
-  void on_store_works();
+  /// An operator has made a message of a dead letter of `topic`: it is tried at once.
+  void on_resent(std::string_view topic, TimePoint now);
   /// Takes over the dead topics of a newly opened store.
   void on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now);
   /// The store has lost messages, perhaps a requested dead letter.
@@ -150,6 +155,7 @@ class RefusedTopics {
     Refusal refusal;
     std::uint32_t tries = 0;  // 0: it is accused
     std::size_t waiting = 0;
+    std::size_t asked_of = 0;  // `waiting` at the last request
     TimePoint since{};
     Duration pause{};
     TimePoint due{};  // of the next try; since when it is accused
@@ -173,7 +179,7 @@ class RefusedTopics {
   struct Accepted {
     std::string topic;
     bool is_asked = false;
-    bool has_failed = false;  // asked for in vain
+    TimePoint due{};  // of the next request, when the store has failed
   };
 
   Topic* find(std::string_view topic);
@@ -201,6 +207,7 @@ class RefusedTopics {
   std::deque<Written, RecyclingAllocator<Written>> written_;  // after the last answer, in order
   std::set<std::string> last_unanswered_;
   TimePoint last_loss_{};
+  TimePoint up_since_{};
   std::optional<LastRefusal> last_refusal_;         // of this connection
   std::unordered_map<std::size_t, Refusal> flows_;  // by slot, so there are few
   std::bitset<TopicCounts::slots> taken_;           // the broker's last answer for these topics

@@ -171,7 +171,9 @@ void Upstream::on_connected(const BrokerLimits& limits) {
   place().attempt = 0;
   up_since_ = std::chrono::steady_clock::now();
   rivals_.on_up(up_since_);
-  unanswered_ = 0;
+  unanswered_.clear();
+  last_answered_ = 0;
+  answered_at_ = up_since_;
   trial_.reset();
   come_up();
 }
@@ -263,31 +265,50 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     if (at_ == 0) return_backoff_.reset();
     tried_ = 0;
   }
-  // Debian 12's Mosquitto closes after a refusal. The outbox sees to it that this is seldom.
+  // Some brokers close after a refusal. The outbox sees to it that this is seldom.
   const bool is_for_a_message = now - refused_at_ < refusal_to_loss || trial_;
   if (is_for_a_message) backoff_.reset();
-  if (rivals_.on_lost(is_taken_over, is_for_a_message || unanswered_ > 0, now) && !is_taken_over)
+  if (rivals_.on_lost(is_taken_over, is_for_a_message || !unanswered_.empty(), now) &&
+      !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
                        explain_rival(broker().client_id));
   go_on(why, rivals_.pause());
 }
 
 void Upstream::on_published(std::uint64_t sequence) {
-  if (unanswered_ > 0) --unanswered_;
-  if (trial_ == sequence) trial_.reset();
+  on_answered(sequence);
   listener_.on_published(sequence);
 }
 
-void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
-  if (unanswered_ > 0) --unanswered_;
+void Upstream::on_answered(std::uint64_t sequence) {
   if (trial_ == sequence) trial_.reset();
+  if (unanswered_.erase(sequence) == 0) return;  // QoS 0
+  last_answered_ = std::max(last_answered_, sequence);
+  answered_at_ = std::chrono::steady_clock::now();
+}
+
+/// Brokers answer in order (MQTT 5 section 4.6), so one that is only slow passes over none.
+bool Upstream::has_forgotten_a_message(TimePoint now) const {
+  if (unanswered_.empty()) return false;
+  const auto& [sequence, handed_over_at] = *unanswered_.begin();
+  return now - handed_over_at >= traits_.longest_answer &&
+         (last_answered_ > sequence || now - answered_at_ >= traits_.longest_answer);
+}
+
+void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
+  on_answered(sequence);
   refused_at_ = std::chrono::steady_clock::now();
   listener_.on_publish_refused(sequence, refusal);
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
   if (filter == question) {
-    const bool was_silent = stall_watch_.on_answer(std::chrono::steady_clock::now());
+    const TimePoint now = std::chrono::steady_clock::now();
+    const bool was_silent = stall_watch_.on_answer(now);
+    if (has_forgotten_a_message(now))
+      return on_lost(fmt::format("the broker has not answered a message for {} s, but others",
+                                 traits_.longest_answer.count()),
+                     false);
     watch_for_stall();  // perhaps earlier now
     if (was_silent) listener_.on_silence(false);
     return;
@@ -305,7 +326,8 @@ void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message, boo
   }
   const BrokerMessage& accepted = lowered ? *lowered : message;
   if (!fits_packet(sequence, accepted)) return;
-  ++unanswered_;
+  if (accepted.qos != Qos::at_most_once)
+    unanswered_.emplace_hint(unanswered_.end(), sequence, std::chrono::steady_clock::now());
   if (is_trial) trial_ = sequence;
   link_->publish(sequence, accepted);
   if (stall_watch_.on_sent()) watch_for_stall();

@@ -9,12 +9,14 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <random>
 #include <string>
 #include <vector>
 
+#include "daemon/core/recycling_allocator.hpp"
 #include "daemon/mqtt/backoff.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
 #include "daemon/mqtt/stall_watch.hpp"
@@ -27,6 +29,9 @@ struct ConnectionTraits {
   MakeLink make_link;
   LastWill will{};
   std::uint32_t max_inbound_octets = max_inbound_packet_octets;
+  /// A message that is unanswered for so long, while the broker answers others, is forgotten: the
+  /// connection is made anew, and the message published again.
+  std::chrono::seconds longest_answer{60};
   /// Of the packaged service, to be corrected when the broker refuses its user. Empty: the user was
   /// typed.
   std::string credentials_file = "/etc/slam-gateway/credentials.json";
@@ -93,6 +98,8 @@ class Upstream final : private MqttLinkListener {
   double random_jitter();
   void watch_for_stall();
   void on_stall_deadline(TimePoint now);
+  bool has_forgotten_a_message(TimePoint now) const;
+  void on_answered(std::uint64_t sequence);
   bool fits_packet(std::uint64_t sequence, const BrokerMessage& message);
   bool adapt_will(int code);
 
@@ -125,7 +132,12 @@ class Upstream final : private MqttLinkListener {
   bool is_up_ = false;
   bool is_waiting_ = false;  ///< for reconnect_timer_
   TimePoint up_since_{};
-  std::size_t unanswered_ = 0;          ///< publishes, on the connection that is up
+  /// QoS 1 and 2 on the connection that is up, and when each was handed over.
+  std::map<std::uint64_t, TimePoint, std::less<>,
+           RecyclingAllocator<std::pair<const std::uint64_t, TimePoint>>>
+      unanswered_;
+  std::uint64_t last_answered_ = 0;     ///< the highest that the broker has answered
+  TimePoint answered_at_{};             ///< when it last answered one
   std::optional<std::uint64_t> trial_;  ///< a publish that is not answered yet
   TimePoint refused_at_{};              ///< when the broker last refused a publish
   RivalWatch rivals_;

@@ -131,8 +131,8 @@ void DiskStore::perform(const LoadFromStore& load) {
 void DiskStore::perform(const RetryDeadLetters& retry) {
   try {
     revive(log_->retried(retry.topic, retry.max_letters), retry.topic);
-  } catch (const LogError&) {
-    post(DeadLettersRevived{{}, retry.topic, true});
+  } catch (const LogError& error) {
+    post(DeadLettersRevived{{}, retry.topic, error.what()});
   }
 }
 

@@ -135,7 +135,7 @@ class FakeStore {
 
   std::optional<StoreEvent> serve(const RetryDeadLetters& retry, TimePoint now) {
     if (retry.generation != generation_) return std::nullopt;
-    if (is_failing) return DeadLettersRevived{{}, retry.topic, true};
+    if (is_failing) return DeadLettersRevived{{}, retry.topic, "no space left on device"};
     std::vector<std::uint64_t> ids;
     const auto take = [&](bool has_lost_connection) {
       for (const auto& [id, letter] : dead_letters) {

@@ -81,7 +81,6 @@ TEST_P(BrokerDelivery, LosesNothingWhenItMovesToTheNextBroker) {
   EXPECT_EQ(gateway.outbox.statistics().refused, 0u);
 }
 
-/// Debian 12's Mosquitto closes the connection after each PUBACK that refuses.
 TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   test::TempDir directory;
   const std::string access = directory / "access";

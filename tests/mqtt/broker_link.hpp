@@ -107,10 +107,11 @@ class WithEachClientAndVersion
 };
 
 struct Link {
-  explicit Link(const BrokerSettings& settings, Upstream::ReadCredentials read = {}) {
-    upstream = std::make_unique<Upstream>(
-        io, settings,
-        ConnectionTraits{make_configured_link, {"gw/state", R"({"state":"offline"})"}}, listener);
+  explicit Link(const BrokerSettings& settings, Upstream::ReadCredentials read = {},
+                std::chrono::seconds longest_answer = std::chrono::minutes{1}) {
+    ConnectionTraits traits{make_configured_link, {"gw/state", R"({"state":"offline"})"}};
+    traits.longest_answer = longest_answer;
+    upstream = std::make_unique<Upstream>(io, settings, std::move(traits), listener);
     upstream->read_credentials_with(std::move(read));
     upstream->start();
   }

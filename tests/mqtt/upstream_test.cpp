@@ -9,6 +9,7 @@
 #include <map>
 #include <mutex>
 #include <set>
+#include <thread>
 
 #include "tests/mqtt/broker_link.hpp"
 #include "tests/support/certificates.hpp"
@@ -188,7 +189,6 @@ TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   }
 }
 
-/// As Debian 12's Mosquitto does it.
 TEST_P(Upstreams, TakesABrokerThatClosesAfterARefusalForNoRival) {
   FakeBroker broker;
   broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
@@ -209,6 +209,45 @@ TEST_P(Upstreams, TakesABrokerThatClosesAfterARefusalForNoRival) {
     EXPECT_EQ(link.listener.reasons.back().find("another client"), std::string::npos)
         << link.listener.reasons.back();
   }
+}
+
+/// The broker answers everything but one message; with others after it, and without.
+TEST_P(Upstreams, DoesNotWaitForEverForTheAnswerToOneMessage) {
+  for (const bool is_alone : {false, true}) {
+    FakeBroker broker;
+    broker.misbehave([](FakeBroker::Connection&, const FakeBroker::Packet& packet) {
+      return packet.type() == FakeBroker::publish && packet.contains("lost");
+    });
+    BrokerSettings settings = settings_for(broker.port());
+    settings.keep_alive = 5s;  // it is asked for a sign of life so often
+    Link link(settings, {}, 2s);
+    ASSERT_TRUE(link.comes_up());
+    std::uint64_t number = 1;
+    link.upstream->publish(number, {"t", to_bytes("lost"), Qos::at_least_once, false});
+    ASSERT_TRUE(link.sees([&] {
+      if (!is_alone && link.listener.published.size() + 1 == number)
+        link.upstream->publish(++number, {"t", to_bytes("x"), Qos::at_least_once, false});
+      return !link.listener.reasons.empty();
+    }));
+    EXPECT_EQ(link.listener.reasons[0],
+              "the broker has not answered a message for 2 s, but others");
+    EXPECT_FALSE(link.listener.published.contains(1));
+    EXPECT_EQ(link.listener.published.empty(), is_alone);
+  }
+}
+
+TEST_P(Upstreams, WaitsForABrokerThatAnswersSlowlyButInOrder) {
+  FakeBroker broker;
+  broker.misbehave([](FakeBroker::Connection&, const FakeBroker::Packet& packet) {
+    if (packet.type() == FakeBroker::publish) std::this_thread::sleep_for(500ms);
+    return false;
+  });
+  Link link(settings_for(broker.port()), {}, 1s);
+  ASSERT_TRUE(link.comes_up());
+  for (std::uint64_t i = 1; i <= 6; ++i)
+    link.upstream->publish(i, {"t", to_bytes("x"), Qos::at_least_once, false});
+  ASSERT_TRUE(link.sees([&] { return link.listener.published.size() == 6; }));
+  EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
 TEST_P(Upstreams, WaitsForABrokerThatIsNotThereYet) {

@@ -177,7 +177,7 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   user->store().ask(RetryDeadLetters{1, "unknown", 10});
   const auto none = user->await<DeadLettersRevived>();
   EXPECT_TRUE(none->messages.empty());
-  EXPECT_FALSE(none->has_failed);
+  EXPECT_EQ(none->why_failed, "");
 }
 
 TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {

@@ -335,7 +335,7 @@ TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
   FaultyDisk::fails_writes = true;
   EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":2,"resent":0})");
   user.store().ask(RetryDeadLetters{1, "ntnu-slam/robot/r1/update", 1});
-  EXPECT_TRUE(user.await<DeadLettersRevived>()->has_failed);
+  EXPECT_FALSE(user.await<DeadLettersRevived>()->why_failed.empty());
   FaultyDisk::fails_writes = false;
   EXPECT_EQ(rows_of(*user.load(0)), std::vector<std::uint64_t>{3});
   EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":0,"resent":2})");
