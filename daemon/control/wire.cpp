@@ -8,13 +8,13 @@
 #include <algorithm>
 #include <iterator>
 
-#include "daemon/control/trace_json.hpp"
 #include "daemon/core/utf8.hpp"
 
 namespace slamgw::control {
 namespace {
 
 using nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 std::optional<std::string> text_of(const json& request, const char* key) {
   const auto found = request.find(key);
@@ -204,10 +204,38 @@ Result<Request, std::string> parse_store_order(const std::string& command, const
   return Request(DiscardOrder{*choice});
 }
 
-std::string ordered_line(const nlohmann::ordered_json& document) {
-  return escape_unprintable(
-             document.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace)) +
-         "\n";
+void add_text(Json& out, const char* name, const std::string& text) {
+  if (!text.empty()) out[name] = text;
+}
+
+template <class T>
+void add(Json& out, const char* name, const std::optional<T>& value) {
+  if (value) out[name] = *value;
+}
+
+void add_radio(Json& out, const std::optional<RadioFacts>& radio) {
+  if (!radio) return;
+  add(out, "rssi_dbm", radio->rssi_dbm);
+  add(out, "ttl", radio->ttl);
+  add(out, "hops", radio->hops);
+}
+
+/// As hex, and as far as it can be read: the thesis's command (two int16), text.
+void add_payload(Json& out, const TraceEvent& event) {
+  if (event.update) out["update"] = Json::parse(encode_json(*event.update));
+  if (!event.payload) return;
+  out["payload"] = to_hex(*event.payload);
+  if (event.type == "cmd" && event.payload->size() == 4) {
+    ByteReader reader(*event.payload);
+    out["cmd"]["x"] = reader.read_i16_le();
+    out["cmd"]["y"] = reader.read_i16_le();
+  }
+  const std::string_view text = as_text(*event.payload);
+  if (is_printable(text)) out["text"] = text;
+}
+
+std::string ordered_line(const Json& document) {
+  return escape_unprintable(document.dump(-1, ' ', false, Json::error_handler_t::replace)) + "\n";
 }
 
 }  // namespace
@@ -235,6 +263,29 @@ Result<Request, std::string> parse_request(std::string_view line) {
   return unknown(*command);
 }
 
+Json to_json(const TraceEvent& event) {
+  Json out{{"at", to_iso8601_us(event.at)}, {"event", to_string(event.kind)}};
+  add_text(out, "robot", event.robot);
+  if (event.mesh) out["mesh"] = to_string(*event.mesh);
+  add_text(out, "address", event.address);
+  add_text(out, "topic", event.topic);
+  add_text(out, "type", event.type);
+  out["direction"] = event.direction == Direction::up ? "up" : "down";
+  if (event.qos) out["qos"] = static_cast<int>(*event.qos);
+  add(out, "message_id", event.wire.message_id);
+  add(out, "dup", event.wire.is_dup);
+  add(out, "bytes", event.bytes);
+  add_radio(out, event.radio);
+  if (event.latency) out["latency_us"] = event.latency->count();
+  if (event.command != CommandId::none)
+    out["command_id"] = static_cast<std::uint64_t>(event.command);
+  if (event.outcome) out["outcome"] = to_string(*event.outcome);
+  add_text(out, "why", event.why);
+  if (event.had_stray_octet) out["stray_octet"] = true;
+  add_payload(out, event);
+  return out;
+}
+
 std::string result_line(const json& result) { return to_line({{"result", result}}); }
 std::string order_line(const OrderAnswer& answer) {
   if (!answer.error.empty()) return error_line(answer.error);
@@ -245,7 +296,7 @@ std::string event_line(const TraceEvent& event) {
   return ordered_line({{"event", to_json(event)}});
 }
 std::string lost_line(std::uint64_t count, WallTime at) {
-  return ordered_line({{"event", lost_json(count, at)}});
+  return ordered_line({{"event", {{"at", to_iso8601_us(at)}, {"event", "lost"}, {"lost", count}}}});
 }
 
 std::string to_line(const json& json) {

@@ -26,7 +26,7 @@
 //             {"command": "store resend" | "store discard", "ids": [...] or "topic": "..." or
 //              "all": true}
 //   answer    {"result": ...} or {"error": "text"}
-//   watch     after its answer, {"event": {...}} for each event (trace_json.hpp) until the
+//   watch     after its answer, {"event": {...}} for each event (to_json) until the
 //             connection ends; an event "lost" counts those for which the client was too slow
 #pragma once
 
@@ -83,8 +83,14 @@ std::string result_line(const nlohmann::json& result);
 /// Of an order: its JSON document, or its error.
 std::string order_line(const OrderAnswer& answer);
 std::string error_line(std::string_view text);
+/// A line of `slam-gatewayctl --json watch`: people script against the names. Members that do not
+/// apply are left out: `at` (UTC, microseconds), `event`, `robot`, `mesh`, `address`, `topic`,
+/// `type`, `direction`, `qos`, `message_id`, `dup`, `bytes`, `rssi_dbm`, `ttl`, `hops`,
+/// `latency_us`, `command_id`, `outcome`, `why`, `update`, `payload` (hex), and for people `cmd`
+/// (x and y) or `text`, where the payload reads as such.
+nlohmann::ordered_json to_json(const TraceEvent& event);
 std::string event_line(const TraceEvent& event);
-/// In place of `count` events that a watcher was too slow for.
+/// In place of `count` events that a watcher was too slow for: `at`, `event` "lost", `lost`.
 std::string lost_line(std::uint64_t count, WallTime at);
 std::string to_line(const nlohmann::json& json);
 

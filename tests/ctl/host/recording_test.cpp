@@ -3,11 +3,12 @@
 #include "ctl/host/recording.hpp"
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include <sstream>
 
 #include "ctl/connection.hpp"
-#include "daemon/control/trace_json.hpp"
+#include "daemon/control/wire.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -37,7 +38,7 @@ TEST(Recording, HoldsRobotsMessagesWithTheirTiming) {
     EXPECT_TRUE(ctl::is_recorded(control::to_json(event)));
     text += control::to_json(event).dump() + "\n";
   }
-  text += control::lost_json(3, WallTime{}).dump() + "\n";
+  text += nlohmann::json::parse(control::lost_line(3, WallTime{}))["event"].dump() + "\n";
   const auto messages = read(text);
   ASSERT_EQ(messages.size(), 2u);
   EXPECT_EQ(messages[0].after, 0us);
