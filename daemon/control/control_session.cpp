@@ -10,6 +10,7 @@
 #include <boost/asio/write.hpp>
 #include <utility>
 
+#include "daemon/core/result.hpp"
 #include "daemon/observability/audit_notice.hpp"
 
 namespace slamgw {
@@ -114,49 +115,40 @@ void ControlSession::handle(const std::string& line) {
     ++counters_.bad_requests;
     return answer(control::error_line(request.error()));
   }
-  std::visit([this](auto& known) { perform(known); }, *request);
+  perform(*request);
 }
 
-void ControlSession::perform(const control::StatusRequest&) {
-  answer(control::result_line(handler_.status()));
-}
-
-void ControlSession::perform(const control::RobotsRequest& request) {
-  answer(control::result_line(handler_.robots(request.robot)));
-}
-
-void ControlSession::perform(const control::ReloadRequest&) {
-  answer(control::order_line(handler_.reload(who_)));
-}
-
-void ControlSession::perform(const control::FleetRequest&) {
-  answer(control::result_line(handler_.fleet()));
-}
-
-void ControlSession::perform(const control::MqttsnClientsRequest& request) {
-  answer(control::order_line(handler_.mqttsn_clients(request.robot)));
-}
-
-void ControlSession::perform(const control::ForgetRequest& request) {
-  answer(control::order_line(handler_.forget(who_, request.robot)));
-}
-
-void ControlSession::perform(const control::WatchRequest& request) {
-  answer(control::result_line("watching"));
-  watch_ = request;
-  on_watch_();
-}
-
-void ControlSession::perform(const control::PingRequest& request) {
-  handler_.ping(request.robot, answer_order());
-}
-
-void ControlSession::perform(BleOrder& order) {
-  handler_.manage_ble(who_, std::move(order), answer_order());
-}
-
-void ControlSession::perform(StoreOrder& order) {
-  handler_.manage_store(who_, std::move(order), answer_order());
+void ControlSession::perform(control::Request& request) {
+  using namespace control;
+  std::visit(
+      overloaded{
+          [this](StatusRequest&) { answer(result_line(handler_.status())); },
+          [this](RobotsRequest& asked) { answer(result_line(handler_.robots(asked.robot))); },
+          [this](ReloadRequest&) { answer(order_line(handler_.reload(who_))); },
+          [this](FleetRequest&) { answer(result_line(handler_.fleet())); },
+          [this](MqttsnClientsRequest& asked) {
+            answer(order_line(handler_.mqttsn_clients(asked.robot)));
+          },
+          [this](ForgetRequest& order) { answer(order_line(handler_.forget(who_, order.robot))); },
+          [this](WatchRequest& asked) {
+            answer(result_line("watching"));
+            watch_ = std::move(asked);
+            on_watch_();
+          },
+          [this](SendRequest& order) {
+            handler_.send(who_, order.robot, order.type, std::move(order.payload),
+                          [self = weak_from_this()](const nlohmann::json& outcome) {
+                            const auto session = self.lock();
+                            if (session && !session->is_closed_)
+                              session->answer(result_line(outcome));
+                          });
+          },
+          [this](PingRequest& asked) { handler_.ping(asked.robot, answer_order()); },
+          [this](BleOrder& order) { handler_.manage_ble(who_, std::move(order), answer_order()); },
+          [this](StoreOrder& order) {
+            handler_.manage_store(who_, std::move(order), answer_order());
+          }},
+      request);
 }
 
 /// The client may wait as long as the order takes.
@@ -166,15 +158,6 @@ OrderDone ControlSession::answer_order() {
     const auto session = self.lock();
     if (session && !session->is_closed_) session->answer(control::order_line(done));
   };
-}
-
-void ControlSession::perform(control::SendRequest& request) {
-  handler_.send(who_, request.robot, request.type, std::move(request.payload),
-                [self = weak_from_this()](const nlohmann::json& outcome) {
-                  const auto session = self.lock();
-                  if (session && !session->is_closed_)
-                    session->answer(control::result_line(outcome));
-                });
 }
 
 void ControlSession::answer(const std::string& line) {

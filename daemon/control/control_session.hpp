@@ -59,17 +59,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void read_line();
   void on_line(boost::system::error_code error, std::size_t size);
   void handle(const std::string& line);
-  void perform(const control::StatusRequest& request);
-  void perform(const control::RobotsRequest& request);
-  void perform(const control::ReloadRequest& request);
-  void perform(const control::FleetRequest& request);
-  void perform(const control::MqttsnClientsRequest& request);
-  void perform(const control::ForgetRequest& request);
-  void perform(const control::WatchRequest& request);
-  void perform(control::SendRequest& request);
-  void perform(const control::PingRequest& request);
-  void perform(BleOrder& order);
-  void perform(StoreOrder& order);
+  void perform(control::Request& request);
   OrderDone answer_order();
   void answer(const std::string& line);
   /// Queues an answer for a watcher, or ends it when too much waits already.
