@@ -420,7 +420,7 @@ nlohmann::json App::status() {
 }
 
 nlohmann::json App::robots(const std::optional<std::string>& robot) {
-  return to_json(status_.robots(robot, read_clocks().mono));
+  return status_.robots(robot, read_clocks().mono);
 }
 
 nlohmann::json App::fleet() { return fleet_.status(); }

@@ -9,14 +9,7 @@
 
 namespace slamgw {
 
-// Their names in the JSON are those of the members.
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked, deaf,
-                                   contested)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Messages, up, down, published, dropped, refused,
-                                   set_aside, rejected, not_retained, stored, inbound_dropped)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Commands, open, late)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Queue, depth, bytes, max_bytes)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)  // names as in the JSON
 
 namespace {
 
@@ -134,38 +127,9 @@ json to_json(const PerMesh<MeshPresence>& on_mesh) {
   return out;
 }
 
-json to_json(const RobotStatus& robot) {
-  json row{{"id", robot.id},
-           {"mesh", to_string(robot.mesh)},
-           {"meshes", to_json(robot.on_mesh)},
-           {"address", robot.address},
-           {"state", to_string(robot.state)},
-           {"since", to_iso8601(robot.since)},
-           {"last_seen", to_iso8601(robot.last_seen)},
-           {"last_type", robot.last_type},
-           {"deaf", robot.is_deaf},
-           {"contested", robot.is_contested},
-           {"why", robot.why},
-           {"messages", robot.messages},
-           {"commands", robot.commands},
-           {"bytes_up", robot.bytes_up},
-           {"bytes_down", robot.bytes_down},
-           {"repeats", robot.repeats},
-           {"gaps", robot.gaps},
-           {"rate_hz", robot.rate_hz},
-           {"latency_p50_us", nullptr},
-           {"latency_p99_us", nullptr},
-           {"rssi_dbm", nullptr},
-           {"ttl", nullptr},
-           {"hops", nullptr},
-           {"queue", robot.queue}};
-  if (robot.latency) row["latency_p50_us"] = robot.latency->p50.count();
-  if (robot.latency) row["latency_p99_us"] = robot.latency->p99.count();
-  const RadioFacts radio = robot.radio.value_or(RadioFacts{});
-  if (radio.rssi_dbm) row["rssi_dbm"] = *radio.rssi_dbm;
-  if (radio.ttl) row["ttl"] = *radio.ttl;
-  if (radio.hops) row["hops"] = *radio.hops;
-  return row;
+template <class Number>
+json or_null(const std::optional<Number>& number) {
+  return number ? json(*number) : json();
 }
 
 }  // namespace
@@ -177,34 +141,37 @@ json to_json(const Status& status) {
           {"configuration", status.configuration},
           {"broker", to_json(status.broker)},
           {"meshes", to_json(status.meshes)},
-          {"robots", status.robots},
-          {"messages", status.messages},
-          {"commands", status.commands},
+          {"robots", to_json(status.robots)},
+          {"messages", to_json(status.messages)},
+          {"commands", to_json(status.commands)},
           {"store", to_json(status.store)},
           {"retained", to_json(status.retained)},
-          {"queue", status.queue},
+          {"queue", to_json(status.queue)},
           {"control", to_json(status.control)},
           {"fleet", to_json(status.fleet)},
           {"memory_rss_bytes", status.memory_rss_bytes}};
 }
 
-std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
-  if (robot.is_contested) return "another client uses its name: are there two robots of that name?";
-  if (robot.is_deaf) return "it does not hear the gateway: it repeats what was acknowledged";
-  if (robot.state != Presence::offline) return {};
-  if (robot.is_banned) return "it is banned (slam-gatewayctl unban)";
-  const std::string mesh(to_string(robot.mesh));
+std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings) {
+  const MeshPresence& there = robot.presence();
+  const Status::MeshLink& link = surroundings.link;
+  if (robot.is_contested())
+    return "another client uses its name: are there two robots of that name?";
+  if (there.is_deaf) return "it does not hear the gateway: it repeats what was acknowledged";
+  if (there.presence != Presence::offline) return {};
+  if (surroundings.is_banned) return "it is banned (slam-gatewayctl unban)";
+  const std::string mesh(to_string(robot.mesh()));
   if (link.is_enabled && !link.is_up)
     return fmt::format("the {} link is down: {}", mesh, link.detail);
   if (robot.last_seen == WallTime{}) return "nothing was heard of it since the daemon started";
   const auto silence =
-      std::chrono::duration_cast<std::chrono::seconds>(robot.since - robot.last_seen);
-  if (robot.mesh == Mesh::ble && silence < std::chrono::seconds{1})  // the least that is allowed
+      std::chrono::duration_cast<std::chrono::seconds>(there.since - robot.last_seen);
+  if (robot.mesh() == Mesh::ble && silence < std::chrono::seconds{1})  // the least that is allowed
     return "it was removed from the mesh, or renamed";
-  if (robot.mesh == Mesh::ble)
+  if (robot.mesh() == Mesh::ble)
     return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",
                        silence.count());
-  if (robot.mesh != Mesh::thread)
+  if (robot.mesh() != Mesh::thread)
     return fmt::format("nothing had been heard of it for {} s", silence.count());
   // A client that disconnects is heard at that moment.
   if (silence <= std::chrono::seconds{1})
@@ -213,10 +180,46 @@ std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
                      silence.count());
 }
 
-json to_json(const std::vector<RobotStatus>& robots) {
-  json rows = json::array();
-  for (const RobotStatus& robot : robots) rows.push_back(to_json(robot));
-  return rows;
+json robot_row(const std::string& id, const Robot& robot, const RobotSurroundings& surroundings,
+               TimePoint now) {
+  const MeshPresence& there = robot.presence();
+  const RobotNumbers& numbers = robot.numbers;
+  const auto latency = numbers.latency(now);
+  const RadioFacts radio = robot.radio.value_or(RadioFacts{});
+  return {{"id", id},
+          {"mesh", to_string(robot.mesh())},
+          {"meshes", to_json(robot.on_mesh)},
+          {"address", there.address},
+          {"state", to_string(there.presence)},
+          {"since", to_iso8601(there.since)},
+          {"last_seen", to_iso8601(robot.last_seen)},
+          {"last_type", robot.last_type},
+          {"deaf", there.is_deaf},
+          {"contested", robot.is_contested()},
+          {"why", why_absent(robot, surroundings)},
+          {"messages", numbers.up()},
+          {"commands", numbers.down()},
+          {"bytes_up", numbers.bytes_up()},
+          {"bytes_down", numbers.bytes_down()},
+          {"repeats", numbers.repeats()},
+          {"gaps", numbers.gaps()},
+          {"rate_hz", numbers.rate_hz(now)},
+          {"latency_p50_us", latency ? json(latency->p50.count()) : json()},
+          {"latency_p99_us", latency ? json(latency->p99.count()) : json()},
+          {"rssi_dbm", or_null(radio.rssi_dbm)},
+          {"ttl", or_null(radio.ttl)},
+          {"hops", or_null(radio.hops)},
+          {"queue", surroundings.queue}};
+}
+
+Counters counts_of(const RobotRegistry& robots) {
+  return {{"online", robots.count(Presence::online)},
+          {"asleep", robots.count(Presence::asleep)},
+          {"offline", robots.count(Presence::offline)},
+          {"known", robots.robots().size()},
+          {"untracked", robots.untracked()},
+          {"deaf", robots.deaf()},
+          {"contested", robots.contested()}};
 }
 
 }  // namespace slamgw

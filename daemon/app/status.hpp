@@ -45,31 +45,6 @@ struct Status {
     LatencyHistogram latency{};  ///< of acknowledged messages
     std::string role{};          ///< of this host in it, where that is known: BorderRouterWatch
   };
-  struct Robots {
-    std::uint64_t online = 0;
-    std::uint64_t asleep = 0;
-    std::uint64_t offline = 0;
-    std::uint64_t known = 0;
-    std::uint64_t untracked = 0;
-    std::uint64_t deaf = 0;       ///< online, and do not hear the gateway
-    std::uint64_t contested = 0;  ///< another client uses their ids
-  };
-  struct Messages {
-    std::uint64_t up = 0;
-    std::uint64_t down = 0;
-    std::uint64_t published = 0;
-    std::uint64_t dropped = 0;
-    std::uint64_t refused = 0;
-    std::uint64_t set_aside = 0;
-    std::uint64_t rejected = 0;
-    std::uint64_t not_retained = 0;  ///< the robot has too many retained topics
-    std::uint64_t stored = 0;
-    std::uint64_t inbound_dropped = 0;  ///< the broker's, lost for want of room in the Handover
-  };
-  struct Commands {
-    std::uint64_t open = 0;  ///< without an outcome yet
-    std::uint64_t late = 0;  ///< outcomes that came when the command had ended
-  };
   struct Store {
     std::string_view state;
     std::string why;
@@ -89,11 +64,6 @@ struct Status {
     std::string most_by;
     std::uint64_t most = 0;
   };
-  struct Queue {
-    std::uint64_t depth = 0;
-    std::uint64_t bytes = 0;
-    std::uint64_t max_bytes = 0;
-  };
 
   std::string version;
   std::chrono::seconds uptime{0};
@@ -101,46 +71,34 @@ struct Status {
   std::string configuration;  ///< the file that the daemon reads
   Broker broker;
   PerMesh<MeshLink> meshes;
-  Robots robots;
-  Messages messages;
-  Commands commands;
+  Counters robots;    ///< counts_of(RobotRegistry)
+  Counters messages;  ///< `inbound_dropped`: the broker's, lost for want of room in the Handover
+  Counters commands;  ///< `open`: without an outcome yet; `late`: outcomes after the end
   Store store;
   Retained retained;
-  Queue queue;
+  Counters queue;
   Counters control;
   Counters fleet;
   std::uint64_t memory_rss_bytes = 0;
 };
 
-struct RobotStatus {
-  std::string id;
-  RequiredMesh mesh;
-  std::string address{};
-  Presence state = Presence::offline;
-  WallTime since{};
-  WallTime last_seen{};     ///< any sign of life; the epoch: none since the daemon started
-  std::string last_type{};  ///< of its last message
-  bool is_deaf = false;
-  bool is_contested = false;
+nlohmann::json to_json(const Status& status);
+
+/// By state, and how many are in trouble.
+Counters counts_of(const RobotRegistry& robots);
+
+/// What a robot's row says beside what the registry knows of it.
+struct RobotSurroundings {
   bool is_banned = false;
-  std::string why{};  ///< why it is offline, deaf or contested, as far as known; else empty
-  std::uint64_t messages = 0;
-  std::uint64_t commands = 0;
-  std::uint64_t bytes_up = 0;  ///< of payloads
-  std::uint64_t bytes_down = 0;
-  std::uint64_t repeats = 0;
-  std::uint64_t gaps = 0;  ///< RobotNumbers::gaps
-  double rate_hz = 0;
-  std::optional<LatencyWindow::Percentiles> latency{};
-  std::optional<RadioFacts> radio{};
-  std::uint64_t queue = 0;
-  PerMesh<MeshPresence> on_mesh{};
+  std::uint64_t queue = 0;  ///< commands that wait for it
+  Status::MeshLink link{};  ///< of the mesh that speaks for it
 };
 
-nlohmann::json to_json(const Status& status);
-nlohmann::json to_json(const std::vector<RobotStatus>& robots);
+/// A row of `slam-gatewayctl --json robots`. `now`: for rates and latencies.
+nlohmann::json robot_row(const std::string& id, const Robot& robot,
+                         const RobotSurroundings& surroundings, TimePoint now);
 
 /// Why a robot is offline, or what is wrong with it, in words for operators; else empty.
-std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link);
+std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings);
 
 }  // namespace slamgw

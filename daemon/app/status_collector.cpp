@@ -2,6 +2,7 @@
 #include "daemon/app/status_collector.hpp"
 
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace slamgw {
@@ -29,29 +30,19 @@ std::string_view to_string(Backlog::State state) {
   return {};
 }
 
-Status::Robots count(const RobotRegistry& registry) {
-  return {registry.count(Presence::online),
-          registry.count(Presence::asleep),
-          registry.count(Presence::offline),
-          registry.robots().size(),
-          registry.untracked(),
-          registry.deaf(),
-          registry.contested()};
-}
-
-Status::Messages count(const Gateway& gateway, const Outbox& outbox, const Upstream& upstream) {
+Counters counts_of(const Gateway& gateway, const Outbox& outbox, const Upstream& upstream) {
   const Gateway::Traffic& passed = gateway.traffic();
   const Outbox::Statistics& sent = outbox.statistics();
-  return {passed.up,
-          gateway.commands().counts().down,
-          sent.published,
-          sent.dropped,
-          sent.refused,
-          sent.dead_letters,
-          passed.rejected,
-          passed.not_retained,
-          outbox.backlog().stored_total(),
-          upstream.inbound_dropped()};
+  return {{"up", passed.up},
+          {"down", gateway.commands().counts().down},
+          {"published", sent.published},
+          {"dropped", sent.dropped},
+          {"refused", sent.refused},
+          {"set_aside", sent.dead_letters},
+          {"rejected", passed.rejected},
+          {"not_retained", passed.not_retained},
+          {"stored", outbox.backlog().stored_total()},
+          {"inbound_dropped", upstream.inbound_dropped()}};
 }
 
 }  // namespace
@@ -65,13 +56,16 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.gateway = config_.gateway_id;
   status.broker = broker(now);
   status.meshes = mesh_links();
-  status.robots = count(gateway_.registry());
-  status.messages = count(gateway_, outbox_, upstream_);
-  status.commands = {gateway_.commands().open(), gateway_.commands().counts().late_outcomes};
+  status.robots = slamgw::counts_of(gateway_.registry());
+  status.messages = counts_of(gateway_, outbox_, upstream_);
+  status.commands = {{"open", gateway_.commands().open()},
+                     {"late", gateway_.commands().counts().late_outcomes}};
   status.store = store(now);
   auto [most, robot] = gateway_.retained().largest();
   status.retained = {gateway_.retained().count(), std::move(robot), most};
-  status.queue = {outbox_.unsaved(), outbox_.queued_bytes(), Outbox::max_queued_bytes};
+  status.queue = {{"depth", outbox_.unsaved()},
+                  {"bytes", outbox_.queued_bytes()},
+                  {"max_bytes", Outbox::max_queued_bytes}};
   status.control = std::move(control);
   status.fleet = fleet_.counters();
   status.memory_rss_bytes = resident_bytes();
@@ -121,44 +115,25 @@ Status::Store StatusCollector::store(TimePoint now) const {
           outbox_.store_failures()};
 }
 
-std::vector<RobotStatus> StatusCollector::robots(const std::optional<std::string>& only,
-                                                 TimePoint now) const {
+nlohmann::json StatusCollector::robots(const std::optional<std::string>& only,
+                                       TimePoint now) const {
+  auto rows = nlohmann::json::array();
+  const auto add = [&](const std::string& id, const Robot& robot) {
+    const MeshAdapter* adapter = meshes_.find(robot.mesh());
+    const Gateway::LinkState& link = gateway_.mesh_link(robot.mesh());
+    rows.push_back(robot_row(id, robot,
+                             {gateway_.is_banned(id),
+                              adapter ? adapter->queued_for(id) : 0,
+                              {adapter != nullptr, link.is_up, link.detail, {}}},
+                             now));
+  };
   const RobotRegistry& registry = gateway_.registry();
-  std::vector<RobotStatus> rows;
-  if (only) {
-    if (const Robot* known = registry.find(*only)) rows.push_back(robot(*only, *known, now));
-    return rows;
+  if (!only) {
+    for (const auto& [id, known] : registry.robots()) add(id, known);
+  } else if (const Robot* known = registry.find(*only)) {
+    add(*only, *known);
   }
-  for (const auto& [id, known] : registry.robots()) rows.push_back(robot(id, known, now));
   return rows;
-}
-
-RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, TimePoint now) const {
-  const MeshPresence& presence = robot.presence();
-  const MeshAdapter* adapter = meshes_.find(robot.mesh());
-  RobotStatus status{.id = id, .mesh = robot.mesh()};
-  status.address = presence.address;
-  status.state = presence.presence;
-  status.since = presence.since;
-  status.is_deaf = presence.is_deaf;
-  status.is_contested = robot.is_contested();
-  status.is_banned = gateway_.is_banned(id);
-  status.on_mesh = robot.on_mesh;
-  status.last_seen = robot.last_seen;
-  status.last_type = robot.last_type;
-  status.messages = robot.numbers.up();
-  status.commands = robot.numbers.down();
-  status.bytes_up = robot.numbers.bytes_up();
-  status.bytes_down = robot.numbers.bytes_down();
-  status.repeats = robot.numbers.repeats();
-  status.gaps = robot.numbers.gaps();
-  status.rate_hz = robot.numbers.rate_hz(now);
-  status.latency = robot.numbers.latency(now);
-  status.radio = robot.radio;
-  status.queue = adapter ? adapter->queued_for(id) : 0;
-  const Gateway::LinkState& link = gateway_.mesh_link(robot.mesh());
-  status.why = why_absent(status, {adapter != nullptr, link.is_up, link.detail, {}});
-  return status;
 }
 
 ServiceState StatusCollector::service_state() const {

@@ -2,9 +2,9 @@
 // Collects the status from the parts of the daemon. Reads only.
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "daemon/app/fleet_member.hpp"
 #include "daemon/app/meshes.hpp"
@@ -37,13 +37,12 @@ class StatusCollector {
 
   /// `control`: counters of the control socket.
   Status status(Counters control, TimePoint now) const;
-  /// Of all, or of the one with this id.
-  std::vector<RobotStatus> robots(const std::optional<std::string>& only, TimePoint now) const;
+  /// An array with a row for each, or for the one with this id.
+  nlohmann::json robots(const std::optional<std::string>& only, TimePoint now) const;
   ServiceState service_state() const;
 
  private:
   Status::Broker broker(TimePoint now) const;
-  RobotStatus robot(const std::string& id, const Robot& robot, TimePoint now) const;
   PerMesh<Status::MeshLink> mesh_links() const;
   Status::Store store(TimePoint now) const;
 

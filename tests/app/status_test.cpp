@@ -29,8 +29,11 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
   EXPECT_EQ(names(status["broker"]),
             (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
-  EXPECT_EQ(names(status["robots"]), (std::set<std::string>{"asleep", "contested", "deaf", "known",
-                                                            "offline", "online", "untracked"}));
+  std::set<std::string> states;
+  for (const Counter& count : counts_of(RobotRegistry{})) states.emplace(count.name);
+  EXPECT_EQ(states, (std::set<std::string>{"asleep", "contested", "deaf", "known", "offline",
+                                           "online", "untracked"}));
+  EXPECT_TRUE(status["robots"].is_object());
   EXPECT_TRUE(status["control"].is_object());
   EXPECT_TRUE(status["fleet"].is_object());
 }
@@ -110,65 +113,71 @@ TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
       "why": "not authorised", "waiting": 3, "tries": 1, "for_s": 9}]})"));
 }
 
-TEST(RobotsJson, IsAnArrayWithARowForEach) {
-  EXPECT_EQ(to_json(std::vector<RobotStatus>{}), json::array());
-  RobotStatus robot{.id = "r", .mesh = Mesh::ble};
-  robot.state = Presence::online;
-  json row = to_json(std::vector{robot})[0];
+TEST(RobotRow, HasWhatIsKnownAndNullForTheRest) {
+  Robot robot;
+  robot.last_mesh = Mesh::ble;
+  robot.on_mesh[Mesh::ble].presence = Presence::online;
+  json row = robot_row("r", robot, {}, {});
+  EXPECT_EQ(row["id"], "r");
   EXPECT_EQ(row["mesh"], "ble");
   EXPECT_EQ(row["state"], "online");
   EXPECT_TRUE(row["rssi_dbm"].is_null());
+  EXPECT_TRUE(row["latency_p99_us"].is_null());
   EXPECT_EQ(row["deaf"], false);
   EXPECT_EQ(row["contested"], false);
   robot.radio = RadioFacts{-61, 2, 3};
-  row = to_json(std::vector{robot})[0];
+  row = robot_row("r", robot, {.queue = 5}, {});
   EXPECT_EQ(row["rssi_dbm"], -61);
   EXPECT_EQ(row["hops"], 2);
   EXPECT_EQ(row["ttl"], 3);
-  robot.is_contested = true;
-  EXPECT_EQ(to_json(std::vector{robot})[0]["contested"], true);
+  EXPECT_EQ(row["queue"], 5);
+  robot.is_session_contested = true;
+  EXPECT_EQ(robot_row("r", robot, {}, {})["contested"], true);
 }
 
-TEST(RobotsJson, HasEachMeshThatARobotWasOn) {
-  RobotStatus robot{.id = "r", .mesh = Mesh::ble};
-  EXPECT_EQ(to_json(std::vector{robot})[0]["meshes"], json::object());
+TEST(RobotRow, HasEachMeshThatARobotWasOn) {
+  Robot robot;
+  robot.last_mesh = Mesh::ble;
+  EXPECT_EQ(robot_row("r", robot, {}, {})["meshes"], json::object());
   robot.on_mesh[Mesh::ble].is_known = true;
   robot.on_mesh[Mesh::ble].address = "0x0100";
   robot.on_mesh[Mesh::thread].presence = Presence::online;
   robot.on_mesh[Mesh::thread].address = "[fd00::1]:47193";
   robot.on_mesh[Mesh::thread].up = 7;
-  EXPECT_EQ(to_json(std::vector{robot})[0]["meshes"], json::parse(R"({
+  EXPECT_EQ(robot_row("r", robot, {}, {})["meshes"], json::parse(R"({
       "ble": {"address": "0x0100", "state": "offline", "messages": 0, "commands": 0, "repeats": 0},
       "thread": {"address": "[fd00::1]:47193", "state": "online", "messages": 7, "commands": 0,
                  "repeats": 0}})"));
 }
 
 TEST(WhyAbsent, NamesWhatIsKnown) {
-  RobotStatus robot{.id = "r", .mesh = Mesh::thread};
-  robot.state = Presence::online;
-  Status::MeshLink link{true, true, "UDP", {}};
-  EXPECT_EQ(why_absent(robot, link), "");
-  robot.is_deaf = true;
-  EXPECT_NE(why_absent(robot, link).find("does not hear the gateway"), std::string::npos);
-  robot.is_contested = true;
-  EXPECT_NE(why_absent(robot, link).find("another client uses its name"), std::string::npos);
-  robot.is_contested = robot.is_deaf = false;
-  robot.state = Presence::offline;
-  robot.since = WallTime{1'700'000'000s};
-  EXPECT_EQ(why_absent(robot, link), "nothing was heard of it since the daemon started");
-  robot.last_seen = robot.since - 300ms;
-  EXPECT_NE(why_absent(robot, link).find("said goodbye"), std::string::npos);
-  robot.last_seen = robot.since - 90s;
-  EXPECT_NE(why_absent(robot, link).find("ran out after 90 s"), std::string::npos);
-  robot.mesh = Mesh::ble;
-  EXPECT_NE(why_absent(robot, link).find("not heard it for 90 s"), std::string::npos);
-  robot.last_seen = robot.since - 300ms;
-  EXPECT_EQ(why_absent(robot, link), "it was removed from the mesh, or renamed");
-  robot.is_banned = true;
-  EXPECT_EQ(why_absent(robot, link), "it is banned (slam-gatewayctl unban)");
-  robot.is_banned = false;
-  link = {true, false, "no board", {}};
-  EXPECT_EQ(why_absent(robot, link), "the ble link is down: no board");
+  Robot robot;
+  robot.last_mesh = Mesh::thread;
+  MeshPresence& thread = robot.on_mesh[Mesh::thread];
+  thread.presence = Presence::online;
+  RobotSurroundings around{.link = {true, true, "UDP", {}}};
+  EXPECT_EQ(why_absent(robot, around), "");
+  thread.is_deaf = true;
+  EXPECT_NE(why_absent(robot, around).find("does not hear the gateway"), std::string::npos);
+  thread.is_contested = true;
+  EXPECT_NE(why_absent(robot, around).find("another client uses its name"), std::string::npos);
+  thread.is_contested = thread.is_deaf = false;
+  thread.presence = Presence::offline;
+  thread.since = WallTime{1'700'000'000s};
+  EXPECT_EQ(why_absent(robot, around), "nothing was heard of it since the daemon started");
+  robot.last_seen = thread.since - 300ms;
+  EXPECT_NE(why_absent(robot, around).find("said goodbye"), std::string::npos);
+  robot.last_seen = thread.since - 90s;
+  EXPECT_NE(why_absent(robot, around).find("ran out after 90 s"), std::string::npos);
+  robot.last_mesh = Mesh::ble;
+  robot.on_mesh[Mesh::ble].since = thread.since;
+  EXPECT_NE(why_absent(robot, around).find("not heard it for 90 s"), std::string::npos);
+  robot.last_seen = thread.since - 300ms;
+  EXPECT_EQ(why_absent(robot, around), "it was removed from the mesh, or renamed");
+  around.is_banned = true;
+  EXPECT_EQ(why_absent(robot, around), "it is banned (slam-gatewayctl unban)");
+  around = {.link = {true, false, "no board", {}}};
+  EXPECT_EQ(why_absent(robot, around), "the ble link is down: no board");
 }
 
 }  // namespace

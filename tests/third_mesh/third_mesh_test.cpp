@@ -201,10 +201,12 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
   status.meshes[Mesh::zigbee] = {true, true, "channel 15", {}};
   EXPECT_EQ(to_json(status)["meshes"]["zigbee"]["state"], "up");
 
-  RobotStatus robot{.id = "r", .mesh = Mesh::zigbee};
+  Robot robot;
+  robot.last_mesh = Mesh::zigbee;
   robot.last_seen = WallTime{10s};
-  robot.since = WallTime{50s};
-  EXPECT_EQ(why_absent(robot, {true, true, "", {}}), "nothing had been heard of it for 40 s");
+  robot.on_mesh[Mesh::zigbee].since = WallTime{50s};
+  EXPECT_EQ(why_absent(robot, {.link = {true, true, "", {}}}),
+            "nothing had been heard of it for 40 s");
 
   for (const Mesh mesh : all_meshes) {
     const BrokerMessage before{"t", {}, Qos::at_least_once, false, Provenance{mesh, WallTime{7s}}};
