@@ -7,7 +7,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
 #include <cstdlib>
 #include <functional>
 #include <iostream>
@@ -30,10 +29,7 @@ namespace {
 
 std::optional<std::int16_t> parse_coordinate(std::string_view text) {
   if (text.starts_with('+')) text.remove_prefix(1);
-  std::int16_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
+  return parse_number<std::int16_t>(text);
 }
 
 constexpr int exit_arguments = 2;
@@ -173,23 +169,12 @@ void add_wish(CLI::App& config, Arguments& a, const char* option, const char* ke
       what);
 }
 
-std::optional<std::uint64_t> parse_count(std::string_view text) {
-  std::uint64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
 /// Unicast, or a group.
 std::optional<std::uint16_t> parse_mesh_address(std::string_view text) {
-  constexpr int hexadecimal = 16;
   if (!text.starts_with("0x")) return std::nullopt;
-  std::uint16_t address = 0;
-  const char* const end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data() + 2, end, address, hexadecimal);
-  const bool is_read = error == std::errc{} && stop == end;
-  const bool is_valid = is_read && NodeConfigOrder::Publication::is_valid(address);
-  return is_valid ? std::optional(address) : std::nullopt;
+  const auto address = parse_number<std::uint16_t>(text.substr(2), 16);
+  const bool is_valid = address && NodeConfigOrder::Publication::is_valid(*address);
+  return is_valid ? address : std::nullopt;
 }
 
 void add_ble_config(CLI::App& ble, Arguments& a) {
@@ -198,7 +183,7 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
   config->add_option("ROBOT", a.robot, "The robot's id")->required();
   add_wish(*config, a, "--ttl", "ttl", "TTL of what it sends: 0, 2 to 127, or default",
            [none](const std::string& word) {
-             const auto ttl = parse_count(word);
+             const auto ttl = parse_number<std::uint64_t>(word);
              return ttl && *ttl != 1 && *ttl <= 127 ? nlohmann::json(*ttl) : none;
            });
   add_wish(*config, a, "--relay", "relay", "Whether it relays: on, off, or default",
@@ -209,8 +194,9 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
            "How it sends each packet, TIMESxMS: 1-8 times, 10, 20 ... 320 ms, as 3x20, or default",
            [none](const std::string& word) {
              const std::size_t by = word.find('x');
-             const auto sends = parse_count(std::string_view(word).substr(0, by));
-             const auto ms = by == word.npos ? std::nullopt : parse_count(word.substr(by + 1));
+             const auto sends = parse_number<std::uint64_t>(std::string_view(word).substr(0, by));
+             const auto ms =
+                 by == word.npos ? std::nullopt : parse_number<std::uint64_t>(word.substr(by + 1));
              if (!sends || !ms || !Transmissions::is_valid(*sends, *ms)) return none;
              return nlohmann::json{{"sends", *sends}, {"interval_ms", *ms}};
            });

@@ -6,14 +6,13 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <charconv>
 #include <cstdlib>
 #include <vector>
 
 #include "ctl/connection.hpp"
 #include "ctl/host/installation.hpp"
 #include "ctl/show.hpp"
-#include "daemon/core/time.hpp"
+#include "daemon/config/rules.hpp"
 #include "daemon/core/utf8.hpp"
 #include "daemon/observability/journal_sink.hpp"
 #include "daemon/observability/notice_fields.hpp"
@@ -29,13 +28,6 @@ constexpr const char* without_journal =
     "without the journal the audit trail goes to the gateway's standard error, as the lines with "
     "\"asked by\" and those about commands: look where that goes (the terminal, docker logs "
     "CONTAINER)";
-
-std::string time_of(const nlohmann::json& entry) {
-  const std::string digits = string_at(entry, "__REALTIME_TIMESTAMP");
-  std::int64_t microseconds = 0;
-  std::from_chars(digits.data(), digits.data() + digits.size(), microseconds);
-  return to_iso8601_ms(WallTime(std::chrono::microseconds(microseconds)));
-}
 
 /// Any user can write to the journal: what counts is the service's, and root's.
 std::vector<std::string> journal_command(const std::string& robot) {
@@ -82,6 +74,11 @@ void record(const AuditedOrder& order, const std::string& error) {
 
 }  // namespace
 
+WallTime time_of_entry(const nlohmann::json& entry) {
+  const auto since_1970 = parse_number<std::int64_t>(string_at(entry, "__REALTIME_TIMESTAMP"));
+  return WallTime(std::chrono::microseconds(since_1970.value_or(0)));
+}
+
 nlohmann::json audit_entries(std::string_view journal) {
   auto entries = nlohmann::json::array();
   while (!journal.empty()) {
@@ -89,7 +86,7 @@ nlohmann::json audit_entries(std::string_view journal) {
     journal.remove_prefix(std::min(line.size() + 1, journal.size()));
     const auto found = nlohmann::json::parse(line, nullptr, false);
     if (!found.is_object() || string_at(found, "SLAM_AUDIT_WHO").empty()) continue;
-    nlohmann::json entry{{"at", time_of(found)},
+    nlohmann::json entry{{"at", to_iso8601_ms(time_of_entry(found))},
                          {"who", string_at(found, "SLAM_AUDIT_WHO")},
                          {"what", string_at(found, "SLAM_AUDIT_WHAT")},
                          {"outcome", string_at(found, "SLAM_AUDIT_OUTCOME")},

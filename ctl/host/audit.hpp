@@ -8,9 +8,13 @@
 #include <string>
 #include <string_view>
 
+#include "daemon/core/time.hpp"
 #include "daemon/observability/audit_notice.hpp"
 
 namespace slamgw::ctl {
+
+/// When an entry of `journalctl -o json` was written; the epoch when it does not say so.
+WallTime time_of_entry(const nlohmann::json& entry);
 
 /// What `journalctl -o json` prints, as an array of `{"at", "who", "what", "robot", "outcome",
 /// "text"}`, oldest first. Other lines are left out.

@@ -13,13 +13,13 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/udp.hpp>
 #include <cerrno>
-#include <charconv>
 #include <chrono>
 #include <fstream>
 #include <map>
 #include <span>
 #include <sstream>
 
+#include "ctl/host/audit.hpp"
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/core/robot_names.hpp"
@@ -448,9 +448,8 @@ class Examination {
     if (facts_.status.is_null()) return;
     const json& store = group_at(facts_.status, "store");
     const std::string state = text_at(store, "state");
-    const auto full = store.find("full");
     const json& most = group_at(store, "largest");
-    if (full != store.end() && *full == true)
+    if (is_true(store, "full"))
       add("store", Health::problem,
           "is full: robots are not acknowledged" +
               (most.empty() ? "" : "; most of it by " + text_at(most, "robot")),
@@ -681,30 +680,21 @@ std::optional<std::uint16_t> taken_port(std::span<const std::string> entries) {
 /// Between two starts of the service, systemd keeps so many of its UDP sockets open
 /// (FileDescriptorStoreMax=): those of the first entries of `mqttsn.listen`.
 std::size_t count_kept_sockets() {
-  const ProgramResult shown =
-      run_program({"systemctl", "show", "-P", "NFileDescriptorStore", service_unit});
-  std::size_t count = 0;
-  if (shown.status == 0)
-    std::from_chars(shown.output.data(), shown.output.data() + shown.output.size(), count);
-  return count;
+  return parse_number<std::size_t>(
+             first_line({"systemctl", "show", "-P", "NFileDescriptorStore", service_unit}))
+      .value_or(0);
 }
 
 /// The first of the journal's entries as JSON, as `time: text`; empty when there is none.
 std::string dated_line(const std::string& text) {
   const auto entry = nlohmann::json::parse(text.substr(0, text.find('\n')), nullptr, false);
-  const std::string digits = text_at(entry, "__REALTIME_TIMESTAMP");  // microseconds
-  std::int64_t microseconds = 0;
-  std::from_chars(digits.data(), digits.data() + digits.size(), microseconds);
   const std::string message = text_at(entry, "MESSAGE");
-  if (message.empty()) return {};
-  return to_iso8601(WallTime(std::chrono::microseconds(microseconds))) + ": " + message;
+  return message.empty() ? "" : to_iso8601(time_of_entry(entry)) + ": " + message;
 }
 
 std::optional<bool> clock_state() {
-  const ProgramResult shown =
-      run_program({"timedatectl", "show", "-p", "NTPSynchronized", "--value"});
-  if (shown.status != 0) return std::nullopt;
-  return shown.output.starts_with("yes");
+  const std::string line = first_line({"timedatectl", "show", "-p", "NTPSynchronized", "--value"});
+  return line.empty() ? std::nullopt : std::optional(line == "yes");
 }
 
 }  // namespace

@@ -13,7 +13,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -23,6 +22,7 @@
 
 #include "ctl/connection.hpp"
 #include "daemon/config/io/load.hpp"
+#include "daemon/config/rules.hpp"
 
 extern char** environ;
 
@@ -67,10 +67,8 @@ int wait_for(pid_t child) {
 /// sudo(8) sets SUDO_UID and SUDO_GID.
 void give_to_caller(int file) {
   const auto number_in = [](const char* variable) {
-    unsigned number = 0;
-    const std::string_view text = std::getenv(variable) ? std::getenv(variable) : "";
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-    return error == std::errc{} && end == text.data() + text.size() ? number : 0;
+    const char* const text = std::getenv(variable);
+    return parse_number<unsigned>(text ? text : "").value_or(0);
   };
   const unsigned user = number_in("SUDO_UID");
   if (geteuid() != 0 || user == 0) return;

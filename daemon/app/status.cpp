@@ -128,7 +128,7 @@ json to_json(const PerMesh<MeshPresence>& on_mesh) {
 }
 
 template <class Number>
-json or_null(const std::optional<Number>& number) {
+json number_or_null(const std::optional<Number>& number) {
   return number ? json(*number) : json();
 }
 
@@ -206,9 +206,9 @@ json robot_row(const std::string& id, const Robot& robot, const RobotSurrounding
           {"rate_hz", numbers.rate_hz(now)},
           {"latency_p50_us", latency ? json(latency->p50.count()) : json()},
           {"latency_p99_us", latency ? json(latency->p99.count()) : json()},
-          {"rssi_dbm", or_null(radio.rssi_dbm)},
-          {"ttl", or_null(radio.ttl)},
-          {"hops", or_null(radio.hops)},
+          {"rssi_dbm", number_or_null(radio.rssi_dbm)},
+          {"ttl", number_or_null(radio.ttl)},
+          {"hops", number_or_null(radio.hops)},
           {"queue", surroundings.queue}};
 }
 

@@ -56,7 +56,7 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.gateway = config_.gateway_id;
   status.broker = broker(now);
   status.meshes = mesh_links();
-  status.robots = slamgw::counts_of(gateway_.registry());
+  status.robots = counts_of(gateway_.registry());
   status.messages = counts_of(gateway_, outbox_, upstream_);
   status.commands = {{"open", gateway_.commands().open()},
                      {"late", gateway_.commands().counts().late_outcomes}};

@@ -5,7 +5,6 @@
 #include <netinet/in.h>
 
 #include <algorithm>
-#include <charconv>
 
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/utf8.hpp"
@@ -38,13 +37,6 @@ bool is_ipv4(const std::string& text, in_addr& address) {
 
 bool is_ipv6(const std::string& text, in6_addr& address) {
   return text.find('\0') == text.npos && inet_pton(AF_INET6, text.c_str(), &address) == 1;
-}
-
-std::optional<std::uint16_t> parse_port(std::string_view text) {
-  std::uint16_t port = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
-  if (text.empty() || error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return port;
 }
 
 /// `host:port`, `[host]:port`, the port possibly missing.
@@ -116,7 +108,7 @@ bool is_interface_name(std::string_view text) {
 
 bool is_listen_address(std::string_view text) {
   const auto parts = split_authority(text);
-  if (!parts || !parts->port || !parse_port(*parts->port)) return false;
+  if (!parts || !parts->port || !parse_number<std::uint16_t>(*parts->port)) return false;
   in_addr ipv4{};
   if (!parts->is_bracketed) return is_ipv4(parts->host, ipv4);
   const std::size_t percent = parts->host.find('%');
@@ -128,7 +120,7 @@ bool is_listen_address(std::string_view text) {
 
 std::pair<std::string, std::uint16_t> listen_parts(std::string_view listen) {
   const auto parts = split_authority(listen);
-  return {parts->host, parse_port(*parts->port).value_or(0)};
+  return {parts->host, parse_number<std::uint16_t>(*parts->port).value_or(0)};
 }
 
 bool is_relay_filter(std::string_view text) {
@@ -171,7 +163,9 @@ std::optional<BrokerUri> parse_broker_uri(std::string_view uri) {
   in6_addr ipv6{};
   if (parts->is_bracketed ? !is_ipv6(parts->host, ipv6) : !is_host(parts->host))
     return std::nullopt;
-  const auto port = parts->port ? parse_port(*parts->port) : result.tls ? 8883 : 1883;
+  const auto port = parts->port  ? parse_number<std::uint16_t>(*parts->port)
+                    : result.tls ? 8883
+                                 : 1883;
   if (!port || *port == 0) return std::nullopt;
   result.host = parts->host;
   result.port = *port;

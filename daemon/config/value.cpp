@@ -3,8 +3,9 @@
 
 #include <fmt/format.h>
 
-#include <charconv>
 #include <filesystem>
+
+#include "daemon/config/rules.hpp"
 
 namespace slamgw {
 namespace {
@@ -38,11 +39,7 @@ bool is_path(std::string_view text) {
 
 std::optional<unsigned> parse_hex(std::string_view text) {
   if (!text.starts_with("0x") && !text.starts_with("0X")) return std::nullopt;
-  text.remove_prefix(2);
-  unsigned number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number, 16);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return number;
+  return parse_number<unsigned>(text.substr(2), 16);
 }
 
 }  // namespace
