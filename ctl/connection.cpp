@@ -67,12 +67,6 @@ Connection::Connection(std::string path) : path_(std::move(path)) {
 
 Connection::~Connection() { close(socket_); }
 
-nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::seconds patience) {
-  set_patience(socket_, patience);
-  send(control::to_line(request));
-  return result_in(receive());
-}
-
 nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::seconds patience,
                                const OnWaiting& on_waiting) {
   constexpr std::chrono::milliseconds interval{250};
@@ -84,7 +78,7 @@ nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::secon
     } catch (const Silence&) {
       waited += interval;
       if (waited >= patience) throw;
-      on_waiting(waited);
+      if (on_waiting) on_waiting(waited);
     }
   }
 }
@@ -99,20 +93,16 @@ nlohmann::json Connection::result_in(nlohmann::json answer) const {
 
 std::optional<nlohmann::json> Connection::next_event_within(std::chrono::seconds patience) try {
   set_patience(socket_, patience);
-  return receive_event();
+  nlohmann::json line = receive();
+  if (!line.contains("event")) throw Failure(path_ + " does not answer like slam-gatewayd");
+  return std::move(line["event"]);
 } catch (const Silence&) {
   return std::nullopt;
 }
 
 nlohmann::json Connection::next_event() {
-  set_patience(socket_, std::chrono::seconds(0));  // for ever
-  return receive_event();
-}
-
-nlohmann::json Connection::receive_event() {
-  nlohmann::json line = receive();
-  if (!line.contains("event")) throw Failure(path_ + " does not answer like slam-gatewayd");
-  return std::move(line["event"]);
+  constexpr std::chrono::seconds for_ever{0};
+  return *next_event_within(for_ever);
 }
 
 void Connection::send(const std::string& text) {

@@ -40,12 +40,11 @@ class Connection {
 
   /// Sends a request and gives its `result`. An `error`, silence for so long, and anything that is
   /// not the daemon's language are Failures.
-  nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience);
-  /// The same, and tells several times a second how long the answer has been waited for.
-  /// `on_waiting` may throw, to ask no longer.
+  /// `on_waiting` is told several times a second how long the answer has been waited for; it may
+  /// throw, to ask no longer.
   using OnWaiting = std::function<void(std::chrono::milliseconds)>;
-  nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience,
-                     const OnWaiting& on_waiting);
+  nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience = answer_patience,
+                     const OnWaiting& on_waiting = {});
   /// The next event of a watch, however long it takes. A Failure when the daemon hangs up.
   nlohmann::json next_event();
   /// The same; nothing when none comes in time.
@@ -55,7 +54,6 @@ class Connection {
   void send(const std::string& text);
   nlohmann::json receive();
   nlohmann::json result_in(nlohmann::json answer) const;
-  nlohmann::json receive_event();
 
   std::string path_;
   int socket_ = -1;

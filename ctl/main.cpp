@@ -126,7 +126,7 @@ void print_dead_letters(Connection& connection, Order order) {
   const bool is_table = order.answer == Answer::dead_letters && !order.json;
   const bool is_document = order.answer == Answer::dead_letters && order.json;
   const char* separator = "";
-  auto page = connection.ask(order.request, answer_patience);
+  auto page = connection.ask(order.request);
   const std::string head = show::dead_letters_head(page);
   if (is_table) std::cout << head;
   if (order.answer == Answer::exported && page.at("letters").empty())
@@ -144,7 +144,7 @@ void print_dead_letters(Connection& connection, Order order) {
       if (order.answer == Answer::exported) std::cout << slamgw::control::to_line(letter);
     }
     order.request["after"] = letters.back().at("id");
-    page = connection.ask(order.request, answer_patience);
+    page = connection.ask(order.request);
   }
   if (is_document) std::cout << "]}\n";
 }
@@ -153,7 +153,7 @@ void print_dead_letters(Connection& connection, Order order) {
 void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
   const auto robot = request.find("robot");
   if (robot == request.end()) return;
-  const auto heard = connection.ask({{"command", "robots"}, {"robot", *robot}}, answer_patience);
+  const auto heard = connection.ask({{"command", "robots"}, {"robot", *robot}});
   if (heard.empty())
     std::cerr
         << "slam-gatewayctl: no robot called '" << text_at(request, "robot")
@@ -162,7 +162,7 @@ void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
 
 /// A command that was refused here may be for a robot of another gateway.
 void name_other_gateway(Connection& connection, const std::string& robot) {
-  const auto fleet = connection.ask({{"command", "fleet"}}, answer_patience);
+  const auto fleet = connection.ask({{"command", "fleet"}});
   const auto robots = fleet.find("robots");
   if (robots == fleet.end()) return;
   for (const auto& row : *robots) {
@@ -202,7 +202,7 @@ nlohmann::json ask_patiently(Connection& connection, const Order& order) {
 /// Robots that are heard, while `ble nodes` and `ble scan` say that there are none. `shown`: what
 /// they have answered.
 std::string foreign_robots(Connection& connection, Answer answer, const nlohmann::json& shown) {
-  const auto robots = connection.ask({{"command", "robots"}}, answer_patience);
+  const auto robots = connection.ask({{"command", "robots"}});
   const auto none = nlohmann::json::array();
   if (show::foreign_robots(robots, none).empty()) return {};
   if (answer == Answer::nodes) return show::foreign_robots(robots, shown);
@@ -212,7 +212,7 @@ std::string foreign_robots(Connection& connection, Answer answer, const nlohmann
 
 /// Shows who joins until joining ends. With --json an event a line.
 int show_joining(Connection& connection, const Order& order) {
-  auto news = connection.ask(order.request, answer_patience);
+  auto news = connection.ask(order.request);
   if (!order.json)
     std::cout << fit_to_terminal(show::joining_head(news), STDOUT_FILENO) << std::flush;
   bool has_joined = false;
@@ -220,8 +220,7 @@ int show_joining(Connection& connection, const Order& order) {
   while (news.value("seconds_left", 0) > 0 || news.value("under_way", 0) > 0) {
     line.show(show::joining_countdown(news));
     std::this_thread::sleep_for(joining_interval);
-    news =
-        connection.ask({{"command", "ble joining"}, {"after", news.at("last")}}, answer_patience);
+    news = connection.ask({{"command", "ble joining"}, {"after", news.at("last")}});
     line.clear();
     for (const auto& event : news.at("events")) {
       has_joined = has_joined || event.value("event", "") == "joined";
@@ -235,7 +234,7 @@ int show_joining(Connection& connection, const Order& order) {
 
 /// The nearest first; robots whose way is not known last.
 nlohmann::json topology(Connection& connection, const nlohmann::json& nodes) {
-  const auto robots = connection.ask({{"command", "robots"}}, answer_patience);
+  const auto robots = connection.ask({{"command", "robots"}});
   auto rows = nlohmann::json::array();
   for (const auto& node : nodes) {
     nlohmann::json row{{"robot", node.value("robot", "")}, {"address", node.value("address", "")}};
@@ -288,7 +287,7 @@ nlohmann::json hearing(Connection& connection, const nlohmann::json& begun) {
   nlohmann::json news = begun;
   while (text_at(news, "state") == "running") {
     std::this_thread::sleep_for(joining_interval);
-    news = connection.ask({{"command", "ble measure-hearing"}, {"status", true}}, answer_patience);
+    news = connection.ask({{"command", "ble measure-hearing"}, {"status", true}});
   }
   if (text_at(news, "state") != "done") throw Failure(text_at(news, "why"));
   return news;
@@ -319,7 +318,7 @@ int ping(Connection& connection, const Order& order) {
   warn_of_unheard(connection, order.request);
   std::ofstream file(order.file, std::ios::app | std::ios::binary);
   if (!file.is_open()) throw Failure(order.file + " can't be written: " + std::strerror(errno));
-  connection.ask(order.request, answer_patience);
+  connection.ask(order.request);
   std::cerr << "recording to " << order.file << " until Ctrl-C\n";
   while (true) {
     const auto event = connection.next_event();
@@ -411,8 +410,7 @@ int check(const HostTask& task) {
 /// that.
 std::string reload(const HostTask& task) {
   try {
-    const auto answer =
-        Connection(task.socket).ask({{"command", "reload"}}, slamgw::ctl::answer_patience);
+    const auto answer = Connection(task.socket).ask({{"command", "reload"}});
     const std::string left = text_at(answer, "needs_restart");
     return left.empty() ? "" : "Only a restart of the gateway changes: " + left + "\n";
   } catch (const NotRunning&) {
@@ -507,7 +505,7 @@ std::string configuration_of(const HostTask& task) {
   const bool needs_none = task.kind == HostTask::Kind::check || task.kind == HostTask::Kind::audit;
   if (!task.is_by_socket || needs_none) return task.configuration;
   try {
-    const auto status = Connection(task.socket).ask({{"command", "status"}}, answer_patience);
+    const auto status = Connection(task.socket).ask({{"command", "status"}});
     if (std::string named = string_at(status, "configuration"); !named.empty()) return named;
   } catch (const NotRunning&) {
   }

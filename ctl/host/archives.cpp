@@ -277,7 +277,7 @@ void write_configuration(const fs::path& directory, const Installation& installa
 std::string ask(const std::string& socket, const char* command) {
   try {
     Connection connection(socket);
-    return connection.ask({{"command", command}}, answer_patience).dump(2) + "\n";
+    return connection.ask({{"command", command}}).dump(2) + "\n";
   } catch (const Failure& failure) {
     return std::string(failure.what()) + "\n";
   }

@@ -785,8 +785,8 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
   facts.own_version = SLAMGW_VERSION;
   try {
     Connection connection(socket);
-    facts.status = connection.ask({{"command", "status"}}, answer_patience);
-    facts.fleet = connection.ask({{"command", "fleet"}}, answer_patience);
+    facts.status = connection.ask({{"command", "status"}});
+    facts.fleet = connection.ask({{"command", "fleet"}});
   } catch (const NotRunning& failure) {
     facts.is_running = false;
     facts.status_failure = failure.what();
@@ -817,11 +817,11 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
 
 RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon) {
   RobotFacts facts;
-  facts.robots = daemon.ask({{"command", "robots"}}, answer_patience);
-  const auto fleet = daemon.ask({{"command", "fleet"}}, answer_patience);
+  facts.robots = daemon.ask({{"command", "robots"}});
+  const auto fleet = daemon.ask({{"command", "fleet"}});
   if (const auto rows = fleet.find("robots"); rows != fleet.end()) facts.fleet_robots = *rows;
   try {
-    facts.nodes = daemon.ask({{"command", "ble nodes"}}, answer_patience);
+    facts.nodes = daemon.ask({{"command", "ble nodes"}});
   } catch (const Failure&) {  // without a BLE mesh there are none
   }
   const ProgramResult lines =

@@ -228,7 +228,8 @@ class Judge {
 };
 
 /// Null when the daemon refuses: the robot is not there.
-json asked(Connection& daemon, const json& request, std::chrono::seconds patience) {
+json asked(Connection& daemon, const json& request,
+           std::chrono::seconds patience = answer_patience) {
   try {
     return daemon.ask(request, patience);
   } catch (const NotRunning&) {
@@ -245,7 +246,7 @@ WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
   using Clock = std::chrono::steady_clock;
   WatchedRobot watched;
   Connection events(socket);
-  events.ask({{"command", "watch"}, {"robot", robot}}, answer_patience);
+  events.ask({{"command", "watch"}, {"robot", robot}});
   const auto start = Clock::now();
   while (watched.events.size() < WatchedRobot::max_events) {
     const auto left = time - (Clock::now() - start);
@@ -255,8 +256,7 @@ WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
   }
   watched.watched = std::chrono::round<std::chrono::seconds>(Clock::now() - start);
   Connection questions(socket);  // now: one that is idle for a minute is closed
-  const json clients =
-      asked(questions, {{"command", "mqttsn clients"}, {"robot", robot}}, answer_patience);
+  const json clients = asked(questions, {{"command", "mqttsn clients"}, {"robot", robot}});
   if (clients.is_array() && !clients.empty()) watched.client = clients.front();
   constexpr std::chrono::seconds config_patience{60};
   if (watched.client.is_null())
