@@ -76,10 +76,22 @@ App::App(Config config, std::string config_file)
       gateway_(
           scheme_, gateway_settings(config_, started_), broker_link_,
           [this](Mesh mesh, const std::string& robot) { return meshes_.presence_of(mesh, robot); }),
-      gateway_driver_(io_, gateway_,
-                      [this](GatewayAction& action) {
-                        std::visit([this](auto& what) { perform(what); }, action);
-                      }),
+      gateway_driver_(
+          io_, gateway_,
+          [this](GatewayAction& action) {
+            std::visit(
+                overloaded{
+                    [this](Upload& up) { submit(std::move(up.message), up.receipt); },
+                    [this](RobotForgotten& forgotten) { fleet_.perform(forgotten); },
+                    [this](WantSession& want) { fleet_.perform(want); },
+                    [this](SubscribeAtBroker& what) { upstream_.subscribe(what.filter); },
+                    [this](UnsubscribeAtBroker& what) { upstream_.unsubscribe(what.filter); },
+                    [this](DeliverToMesh& down) { meshes_.deliver(down); },
+                    [this](CommandHandedOn& given) { operator_commands_.on_handed_on(given.id); },
+                    [this](auto& what) { perform(what); },
+                },
+                action);
+          }),
       outbox_(config_.broker.max_inflight, config_.store.max_bytes),
       outbox_driver_(
           io_, outbox_,
@@ -341,24 +353,14 @@ void App::perform(PassUp& action) {
   submit(std::move(upload.message), upload.receipt);
 }
 
-void App::perform(Upload& action) { submit(std::move(action.message), action.receipt); }
-
 void App::submit(BrokerMessage message, const Receipt& receipt) {
   outbox_driver_->submit(std::move(message), receipt, read_clocks());
 }
-
-void App::perform(SubscribeAtBroker& action) { upstream_.subscribe(action.filter); }
-
-void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
-
-void App::perform(DeliverToMesh& action) { meshes_.deliver(action); }
 
 void App::perform(CommandOutcome& outcome) {
   operator_commands_.on_outcome(outcome);
   for (TrafficObserver* observer : traffic_observers_) observer->on_outcome(outcome, read_clocks());
 }
-
-void App::perform(CommandHandedOn& action) { operator_commands_.on_handed_on(action.id); }
 
 void App::perform(TrafficEvent& event) {
   for (TrafficObserver* observer : traffic_observers_) observer->on_traffic(event);

@@ -71,14 +71,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   // What the core leaves:
   void perform(PassUp& action);
-  void perform(Upload& action);
-  void perform(RobotForgotten& action) { fleet_.perform(action); }
-  void perform(WantSession& action) { fleet_.perform(action); }
-  void perform(SubscribeAtBroker& action);
-  void perform(UnsubscribeAtBroker& action);
-  void perform(DeliverToMesh& action);
   void perform(CommandOutcome& outcome);
-  void perform(CommandHandedOn& action);
   void perform(TrafficEvent& event);
   void perform(MeshStep& step);
   void perform(Notice& notice);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/app/fleet_member.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -33,9 +35,7 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
           io, names_,
           [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
           last_alive_.before_start(),
-          [this](sessions::SessionHost::Report report) {
-            std::visit([this](auto& what) { perform(what); }, report);
-          }),
+          [this](sessions::SessionHost::Report report) { perform(report); }),
       tick_(io),
       newcomer_timer_(io) {
   gateway_.ask_where_robots_are(places());
@@ -321,7 +321,35 @@ void FleetMember::on_tick() {
 
 // --- What the sessions say -----------------------------------------------------------------------
 
-void FleetMember::perform(sessions::SessionHeld& held) {
+void FleetMember::perform(sessions::SessionHost::Report& report) {
+  std::visit(
+      overloaded{
+          [this](sessions::SessionHeld& held) { on_held(held); },
+          [this](sessions::SessionLost& lost) { on_lost(lost); },
+          [this](sessions::FilterAnswered& it) {
+            meshes_.each(&MeshAdapter::on_subscribe_result, it.robot, it.filter, it.is_granted);
+          },
+          [this](sessions::TakeMessage& it) {
+            gateway_driver_->commands().on_robot_message(
+                RobotMessage{it.robot, std::move(it.message), CommandId::none, it.is_unasked},
+                read_clocks());
+          },
+          [this](sessions::RefuseStale& it) {
+            gateway_driver_->commands().on_stale_command(it.robot, std::move(it.message),
+                                                         it.has_begun_anew);
+          },
+          [this](sessions::NoteRead& it) {
+            meshes_.each(&MeshAdapter::on_note, it.robot, it.note);
+          },
+          [this](sessions::SessionContested& it) {
+            gateway_driver_->presence().on_contested(it.robot, it.is_contested, read_clocks());
+          },
+          [](Notice& notice) { log_notice(notice); },
+      },
+      report);
+}
+
+void FleetMember::on_held(const sessions::SessionHeld& held) {
   lost_.erase(held.robot);
   held_before_.erase(held.robot);
   if (neighbours_.is_served_elsewhere(held.robot)) taken_[held.robot] = read_clocks().mono;
@@ -349,7 +377,7 @@ std::string FleetMember::adopt(const std::string& robot) {
 }
 
 /// The broker may just have closed one connection: the robot's next word takes the session back.
-void FleetMember::perform(sessions::SessionLost& lost) {
+void FleetMember::on_lost(const sessions::SessionLost& lost) {
   switch (lost.why) {
     case sessions::LossReason::taken: break;
     case sessions::LossReason::broker_gone: held_before_.insert(lost.robot); return;
@@ -358,31 +386,6 @@ void FleetMember::perform(sessions::SessionLost& lost) {
   lost_.insert(lost.robot);
   if (neighbours_.is_served_elsewhere(lost.robot)) give_up(lost.robot);
 }
-
-void FleetMember::perform(sessions::FilterAnswered& answer) {
-  meshes_.each(&MeshAdapter::on_subscribe_result, answer.robot, answer.filter, answer.is_granted);
-}
-
-void FleetMember::perform(sessions::TakeMessage& take) {
-  gateway_driver_->commands().on_robot_message(
-      RobotMessage{take.robot, std::move(take.message), CommandId::none, take.is_unasked},
-      read_clocks());
-}
-
-void FleetMember::perform(sessions::RefuseStale& refuse) {
-  gateway_driver_->commands().on_stale_command(refuse.robot, std::move(refuse.message),
-                                               refuse.has_begun_anew);
-}
-
-void FleetMember::perform(sessions::NoteRead& note) {
-  meshes_.each(&MeshAdapter::on_note, note.robot, note.note);
-}
-
-void FleetMember::perform(sessions::SessionContested& contested) {
-  gateway_driver_->presence().on_contested(contested.robot, contested.is_contested, read_clocks());
-}
-
-void FleetMember::perform(Notice& notice) { log_notice(notice); }
 
 // --- For operators -------------------------------------------------------------------------------
 

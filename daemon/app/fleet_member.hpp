@@ -93,14 +93,9 @@ class FleetMember {
   void withdraw_from(const std::string& gateway, const std::string& robot);
   void await_tick();
   void on_tick();
-  void perform(sessions::SessionHeld& held);
-  void perform(sessions::SessionLost& lost);
-  void perform(sessions::FilterAnswered& answer);
-  void perform(sessions::TakeMessage& take);
-  void perform(sessions::RefuseStale& refuse);
-  void perform(sessions::NoteRead& note);
-  void perform(sessions::SessionContested& contested);
-  void perform(Notice& notice);
+  void perform(sessions::SessionHost::Report& report);
+  void on_held(const sessions::SessionHeld& held);
+  void on_lost(const sessions::SessionLost& lost);
   std::string adopt(const std::string& robot);
   const char* state() const;
   nlohmann::ordered_json gateways() const;
