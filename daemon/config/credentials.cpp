@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <set>
+
 #include "daemon/config/located_json.hpp"
 
 namespace slamgw {
@@ -10,50 +12,32 @@ namespace {
 
 constexpr std::string_view shape = R"({"username": "...", "password": "..."})";
 
-class CredentialsReader {
- public:
-  CredentialsReader(std::string file, Problems& problems)
-      : file_(std::move(file)), problems_(problems) {}
-
-  std::optional<Credentials> read(const std::string& text) {
-    LocatedJson document = read_located_json(text, file_);
-    for (Problem& problem : document.problems) problems_.push_back(std::move(problem));
-    if (!document.is_complete) return std::nullopt;
-    if (!document.root.value.is_object()) {
-      add(document.root.place.line, "syntax", "is not a group");
-      return std::nullopt;
-    }
-    Credentials credentials;
-    for (const JsonNode& member : document.root.children) take(member, credentials);
-    if (!has_username_) add(1, "username", "is missing");
-    if (!has_password_) add(1, "password", "is missing");
-    return credentials;
-  }
-
- private:
-  void take(const JsonNode& member, Credentials& out) {
+std::optional<Credentials> parse_credentials(const std::string& text, const std::string& file,
+                                             Problems& problems) {
+  const auto members = read_group(text, file, shape, problems);
+  if (!members) return std::nullopt;
+  const auto add = [&](int line, const std::string& key, std::string_view wrong) {
+    problems.push_back({file, line, key, fmt::format("{}; allowed: {}", wrong, shape)});
+  };
+  Credentials credentials;
+  std::set<std::string> missing{"username", "password"};
+  for (const JsonNode& member : *members) {
     const bool is_username = member.key == "username";
+    const auto* word = member.value.get_ptr<const std::string*>();
     if (!is_username && member.key != "password")
-      return add(member.place.line, member.key, "unknown key");
-    (is_username ? has_username_ : has_password_) = true;
-    const auto* text = member.value.get_ptr<const std::string*>();
-    if (text == nullptr || (is_username && text->empty()))
-      return add(member.place.line, member.key,
-                 is_username ? "is not a text of at least one character"
-                             : "is not a text (not shown: it is secret)");
-    (is_username ? out.username : out.password) = *text;
+      add(member.place.line, member.key, "unknown key");
+    else if (word == nullptr || (is_username && word->empty()))
+      add(member.place.line, member.key,
+          is_username ? "is not a text of at least one character"
+                      : "is not a text (not shown: it is secret)");
+    else
+      (is_username ? credentials.username : credentials.password) = *word;
+    missing.erase(member.key);
   }
-
-  void add(int line, std::string key, std::string_view wrong) {
-    problems_.push_back(
-        {file_, line, std::move(key), fmt::format("{}; allowed: {}", wrong, shape)});
-  }
-
-  std::string file_;
-  Problems& problems_;
-  bool has_username_ = false;
-  bool has_password_ = false;
-};
+  for (const char* const key : {"username", "password"})
+    if (missing.contains(key)) add(1, key, "is missing");
+  return credentials;
+}
 
 constexpr std::string_view key_of_file = "broker.credentials_file";
 
@@ -84,7 +68,7 @@ std::optional<Credentials> read_file(const Located& located, const std::string& 
     return std::nullopt;
   }
   if (!is_guarded(located, path, *file)) return std::nullopt;
-  return CredentialsReader(path, located.context.problems).read(file->text);
+  return parse_credentials(file->text, path, located.context.problems);
 }
 
 /// systemd's copy, which its directory guards; problems name the file that it was copied from. The
@@ -101,8 +85,7 @@ std::optional<Credentials> read_credential(const Located& located, const Surroun
   if (const auto original = source.empty() ? FileError{} : files.read(source);
       original && !is_guarded(located, source, *original))
     return std::nullopt;
-  return CredentialsReader(source.empty() ? copy : source, located.context.problems)
-      .read(file->text);
+  return parse_credentials(file->text, source.empty() ? copy : source, located.context.problems);
 }
 
 /// What the service will read, checked by another user.

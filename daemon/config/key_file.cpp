@@ -24,25 +24,19 @@ std::optional<Bytes> parse_key(std::string_view hex) {
 }  // namespace
 
 RobotKeys parse_key_file(const std::string& text, const std::string& file, Problems& problems) {
-  LocatedJson document = read_located_json(text, file);
-  for (Problem& problem : document.problems) problems.push_back(std::move(problem));
   RobotKeys keys;
-  if (!document.is_complete) return keys;
-  const auto add = [&](int line, const std::string& key, std::string wrong) {
-    problems.push_back({file, line, key, std::move(wrong)});
+  const auto members = read_group(text, file, R"({"CLIENT ID": "HEX DIGITS", ...})", problems);
+  if (!members) return keys;
+  const auto add = [&](const JsonNode& member, std::string wrong) {
+    problems.push_back({file, member.place.line, member.key, std::move(wrong)});
   };
-  if (!document.root.value.is_object()) {
-    add(document.root.place.line, "syntax",
-        R"(is not a group; allowed: {"CLIENT ID": "HEX DIGITS", ...})");
-    return keys;
-  }
-  for (const JsonNode& member : document.root.children) {
+  for (const JsonNode& member : *members) {
     const auto* hex = member.value.get_ptr<const std::string*>();
     const auto key = hex ? parse_key(*hex) : std::nullopt;
     if (!is_valid_level(member.key)) {
-      add(member.place.line, member.key, "is not an MQTT-SN client id; allowed: one topic level");
+      add(member, "is not an MQTT-SN client id; allowed: one topic level");
     } else if (!key) {
-      add(member.place.line, member.key,
+      add(member,
           fmt::format("is not a key (not shown: it is secret); allowed: {} to {} hex digits",
                       2 * min_key_octets, 2 * max_key_octets));
     } else {

@@ -222,6 +222,17 @@ LocatedJson read_located_json(std::string_view text, const std::string& file) {
   return result;
 }
 
+std::optional<std::vector<JsonNode>> read_group(std::string_view text, const std::string& file,
+                                                std::string_view shape, Problems& problems) {
+  LocatedJson document = read_located_json(text, file);
+  std::ranges::move(document.problems, std::back_inserter(problems));
+  if (!document.is_complete) return std::nullopt;
+  if (document.root.value.is_object()) return std::move(document.root.children);
+  problems.push_back(
+      {file, document.root.place.line, "syntax", "is not a group; allowed: " + std::string(shape)});
+  return std::nullopt;
+}
+
 void overlay(JsonNode& base, JsonNode over) {
   if (!base.value.is_object() || !over.value.is_object()) {
     base = std::move(over);

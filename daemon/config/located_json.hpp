@@ -4,6 +4,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,6 +30,11 @@ struct LocatedJson {
   Problems problems;
 };
 LocatedJson read_located_json(std::string_view text, const std::string& file);
+
+/// The members of a document that is one group; nothing, and a problem, when it is none. `shape`:
+/// what is allowed, for people.
+std::optional<std::vector<JsonNode>> read_group(std::string_view text, const std::string& file,
+                                                std::string_view shape, Problems& problems);
 
 /// A JSON syntax error in an operator's words. `message` is nlohmann-json's. What it echoes of the
 /// file is left out: it may be a secret.

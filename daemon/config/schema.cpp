@@ -44,9 +44,7 @@ void read_broker_uri(Value value, Config& config) {
   std::vector<BrokerAddress> brokers;
   const auto read = [&brokers](Value each) {
     const auto address = broker_address(each);
-    if (address && std::find(brokers.begin(), brokers.end(), *address) != brokers.end())
-      return each.problem("is in this list already; each entry once is allowed");
-    if (address) brokers.push_back(*address);
+    if (address) each.add_once(brokers, *address);
   };
   if (!value.node().value.is_array()) {
     read(value);
@@ -69,10 +67,7 @@ void read_groups(Value value, Config& config) {
       [&groups](Value item) {
         std::uint16_t group = 0;
         item.address(group, 0xc000, 0xfeff);
-        if (group == 0) return;
-        if (std::find(groups.begin(), groups.end(), group) != groups.end())
-          item.problem("is in this list already; each entry once is allowed");
-        groups.push_back(group);
+        if (group != 0) item.add_once(groups, group);
       },
       "group addresses");
 }

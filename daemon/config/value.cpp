@@ -132,9 +132,10 @@ void Value::texts(std::vector<std::string>& out, TextRule rule, std::string_view
       [&](Value item) {
         std::string read;
         item.text(read, rule, allowed);
-        if (!read.empty() && std::find(out.begin(), out.end(), read) != out.end())
-          item.problem("is in this list already; each entry once is allowed");
-        out.push_back(std::move(read));
+        if (read.empty())
+          out.push_back(read);  // its problem is told: the list itself is not empty
+        else
+          item.add_once(out, read);
       },
       allowed);
 }

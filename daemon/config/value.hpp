@@ -54,6 +54,13 @@ class Value {
   void address(std::uint16_t& out, std::uint16_t min, std::uint16_t max);
   void list(const std::function<void(Value)>& each, std::string_view allowed);
   void texts(std::vector<std::string>& out, TextRule rule, std::string_view allowed);
+  /// Of an element of a list: a second one like it is a problem.
+  template <class T>
+  void add_once(std::vector<T>& list, const T& element) {
+    if (std::find(list.begin(), list.end(), element) != list.end())
+      return problem("is in this list already; each entry once is allowed");
+    list.push_back(element);
+  }
 
   template <std::unsigned_integral T>
   void integer(T& out, std::uint64_t min, std::uint64_t max) {
