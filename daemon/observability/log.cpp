@@ -12,7 +12,7 @@
 
 #include "daemon/core/utf8.hpp"
 #include "daemon/observability/journal_sink.hpp"
-#include "daemon/observability/notice_fields.hpp"
+#include "daemon/observability/log_fields.hpp"
 
 namespace slamgw {
 namespace {

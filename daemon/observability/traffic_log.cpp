@@ -4,7 +4,7 @@
 #include <chrono>
 #include <iterator>
 
-#include "daemon/observability/traffic_text.hpp"
+#include "daemon/observability/log_fields.hpp"
 
 namespace slamgw {
 

@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "daemon/observability/journal_sink.hpp"
+#include "daemon/observability/log_fields.hpp"
 #include "daemon/observability/presence_lines.hpp"
 #include "daemon/observability/traffic_log.hpp"
 #include "daemon/observability/traffic_sampler.hpp"
-#include "daemon/observability/traffic_text.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw {

@@ -11,8 +11,8 @@
 #include "daemon/core/gateway.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/mqtt/paho/paho_message.hpp"
+#include "daemon/observability/log_fields.hpp"
 #include "daemon/observability/service_notifier.hpp"
-#include "daemon/observability/traffic_text.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
 #include "daemon/storage/message_log.hpp"
 

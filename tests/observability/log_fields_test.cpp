@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/observability/notice_fields.hpp"
+#include "daemon/observability/log_fields.hpp"
 
 #include <gtest/gtest.h>
 
