@@ -78,11 +78,24 @@ std::vector<std::string> with_payload_marked(int argc, const char* const* argv) 
   return words;
 }
 
+using Text = decltype(Order::text);
+
+/// Of an answer that looks the same on each screen.
+template <std::string (*text)(const nlohmann::json&)>
+std::string on_any_screen(const nlohmann::json& answer, const Screen&) {
+  return text(answer);
+}
+
+std::string one_node(const nlohmann::json& node, const Screen& screen) {
+  return show::nodes(nlohmann::json::array({node}), screen);
+}
+
 /// What a verb does that the daemon answers: the request gets what the user gave of its options.
-auto ask(Arguments& a, const std::string& command, Answer answer,
+auto ask(Arguments& a, const std::string& command, Text text, Course course = Course::once,
          std::chrono::seconds patience = answer_patience) {
-  return [&a, command, answer, patience] {
-    a.order.answer = answer;
+  return [&a, command, text, course, patience] {
+    a.order.text = text;
+    a.order.course = course;
     a.order.patience = patience;
     auto& request = a.order.request;
     request["command"] = command;
@@ -94,38 +107,38 @@ auto ask(Arguments& a, const std::string& command, Answer answer,
     if (!a.ids.empty()) request["ids"] = a.ids;
     if (!a.topic.empty()) request["topic"] = a.topic;
     if (a.is_all) request["all"] = true;
-    if (answer == Answer::exported) request["payloads"] = true;
+    if (course == Course::exported) request["payloads"] = true;
   };
 }
 
 void add_commands(CLI::App& app, Arguments& a) {
   app.add_subcommand("status", "Links, robots, messages, store and memory")
-      ->callback(ask(a, "status", Answer::status));
-  app.add_subcommand("robots", "A row for each robot")->callback(ask(a, "robots", Answer::robots));
+      ->callback(ask(a, "status", show::status));
+  app.add_subcommand("robots", "A row for each robot")->callback(ask(a, "robots", show::robots));
   app.add_subcommand("fleet", "The gateways of this broker, and which robot is where")
-      ->callback(ask(a, "fleet", Answer::fleet));
+      ->callback(ask(a, "fleet", show::fleet));
   CLI::App* mqttsn = app.add_subcommand("mqttsn", "The sessions of robots on Thread");
   mqttsn->require_subcommand(1);
   CLI::App* clients = mqttsn->add_subcommand(
       "clients", "State, address, topics, subscriptions, queue and timers of each session");
   clients->add_option("ROBOT", a.robot, "Only this robot, with all of its topics");
-  clients->callback(ask(a, "mqttsn clients", Answer::clients));
+  clients->callback(ask(a, "mqttsn clients", show::clients));
   app.add_subcommand("reload", "Read the configuration again; names what needs a restart")
-      ->callback(ask(a, "reload", Answer::done, order_patience));
+      ->callback(ask(a, "reload", on_any_screen<show::done>, Course::once, order_patience));
   CLI::App* forget =
       app.add_subcommand("forget", "Forget an offline robot, here and at the broker");
   forget->add_option("ROBOT", a.robot, "The robot's id")->required();
-  forget->callback(ask(a, "forget", Answer::done, order_patience));
+  forget->callback(ask(a, "forget", on_any_screen<show::done>, Course::once, order_patience));
   CLI::App* watch =
       app.add_subcommand("watch", "What happens to each message, as it happens, until Ctrl-C");
   watch->add_option("--robot", a.robot, "Only this robot");
   watch->add_option("--type", a.type, "Only messages of this type");
-  watch->callback(ask(a, "watch", Answer::watch));
+  watch->callback(ask(a, "watch", show::event, Course::watch));
   CLI::App* record =
       app.add_subcommand("record", "Robots' messages and commands into a file, until Ctrl-C");
   record->add_option("FILE", a.order.file, "New, or continued")->required();
   record->add_option("--robot", a.robot, "Only this robot");
-  record->callback(ask(a, "watch", Answer::record));
+  record->callback(ask(a, "watch", nullptr, Course::record));
 }
 
 void add_send(CLI::App& app, Arguments& a) {
@@ -137,7 +150,8 @@ void add_send(CLI::App& app, Arguments& a) {
   send->callback([&a] {
     const auto payload = parse_payload(a.type, a.payload, a.is_hex);
     if (!payload) throw CLI::ValidationError("PAYLOAD", payload.error());
-    a.order.answer = Answer::outcome;
+    a.order.text = show::outcome;
+    a.order.course = Course::send;
     a.order.patience = outcome_patience;
     a.order.request = {{"command", "send"},
                        {"robot", a.robot},
@@ -152,7 +166,7 @@ void add_ping(CLI::App& app, Arguments& a) {
   ping->add_option("-c,--count", a.order.count, "So many times, once a second")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  ping->callback(ask(a, "ping", Answer::ping, ping_patience));
+  ping->callback(ask(a, "ping", show::ping, Course::ping, ping_patience));
 }
 
 /// One of the robot's own values, or null for `default`.
@@ -225,7 +239,7 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
         if (address) a.order.request["publish"]["address"] = *address;
       },
       "MODEL=ADDRESS: where a model publishes to, as sensor_update=0xc00a; or MODEL=default");
-  config->callback(ask(a, "ble config", Answer::config, order_patience));
+  config->callback(ask(a, "ble config", show::config, Course::once, order_patience));
 }
 
 constexpr const char* reset_board_warning =
@@ -248,7 +262,8 @@ void add_refresh_keys(CLI::App& ble, Arguments& a) {
   auto* const status = refresh->add_flag("--status", a.is_status, "How far it has come");
   status->excludes(left)->excludes(silent);
   refresh->add_flag("--yes", a.is_confirmed, "Begin, or leave robots behind");
-  refresh->callback([&a, order = ask(a, "ble refresh-keys", Answer::refresh, order_patience)] {
+  refresh->callback([&a, order = ask(a, "ble refresh-keys", on_any_screen<show::refresh>,
+                                     Course::once, order_patience)] {
     if (!a.is_confirmed && !a.is_status)
       throw CLI::ValidationError("refresh-keys", refresh_keys_warning);
     order();
@@ -262,33 +277,36 @@ void add_ble_changes(CLI::App& ble, Arguments& a) {
   CLI::App* provision = ble.add_subcommand("provision", "Take a new robot into the mesh");
   provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
   provision->add_option("--id", a.robot, "The robot's name from then on")->required();
-  provision->callback(ask(a, "ble provision", Answer::node, order_patience));
+  provision->callback(ask(a, "ble provision", one_node, Course::once, order_patience));
   CLI::App* permit = ble.add_subcommand("permit-join", "Let new robots in, and show who joins");
   permit->add_option("--minutes", a.minutes, "For how long; 0 ends it")
       ->check(CLI::Range(0, 24 * 60))
       ->capture_default_str();
   permit->add_option("--id", a.robot, "One robot only, and its name from then on");
-  permit->callback([&a, order = ask(a, "ble permit-join", Answer::joining)] {
+  permit->callback([&a, order = ask(a, "ble permit-join", show::joining, Course::joining)] {
     order();
     a.order.request["minutes"] = a.minutes;
   });
   CLI::App* remove = ble.add_subcommand("remove", "Remove a robot from the mesh");
   remove->add_option("ROBOT", a.robot, "The robot's id")->required();
   remove->add_flag("--force", a.is_forced, "Forget it even when it does not answer");
-  remove->callback(ask(a, "ble remove", Answer::removed, order_patience));
+  remove->callback(
+      ask(a, "ble remove", on_any_screen<show::removed>, Course::once, order_patience));
   CLI::App* import = ble.add_subcommand("import", "Import an existing mesh");
   import->add_option("FILE", a.order.file, "Its database: of Nordic's Python tool, or a mesh.json")
       ->required();
-  import->callback(ask(a, "ble import", Answer::done, order_patience));
+  import->callback(ask(a, "ble import", on_any_screen<show::done>, Course::once, order_patience));
   CLI::App* exported = ble.add_subcommand("export", "Let another gateway join this mesh");
   exported->add_option("FILE", a.order.file, "A new file, for `ble import` there; holds the keys")
       ->required();
   exported->add_option("--address", a.address, "It has joined already: the address that it got")
       ->check(CLI::Range(1, 0x7fff));
-  exported->callback(ask(a, "ble export", Answer::mesh, order_patience));
+  exported->callback(
+      ask(a, "ble export", on_any_screen<show::exported_mesh>, Course::mesh, order_patience));
   CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up anew");
   reset->add_flag("--yes", a.is_confirmed, "Robots may ignore the gateway for a while: do it");
-  reset->callback([&a, order = ask(a, "ble reset-board", Answer::done, order_patience)] {
+  reset->callback([&a, order = ask(a, "ble reset-board", on_any_screen<show::done>, Course::once,
+                                   order_patience)] {
     if (!a.is_confirmed) throw CLI::ValidationError("reset-board", reset_board_warning);
     order();
   });
@@ -298,28 +316,28 @@ void add_ble(CLI::App& app, Arguments& a) {
   CLI::App* ble = app.add_subcommand("ble", "Robots of the BLE mesh");
   ble->require_subcommand(1);
   ble->add_subcommand("scan", "New robots in reach")
-      ->callback(ask(a, "ble scan", Answer::scan, order_patience));
-  ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask(a, "ble nodes", Answer::nodes));
+      ->callback(ask(a, "ble scan", on_any_screen<show::devices>, Course::scan, order_patience));
+  ble->add_subcommand("nodes", "Robots in the mesh")
+      ->callback(ask(a, "ble nodes", show::nodes, Course::nodes));
   CLI::App* topology =
       ble->add_subcommand("topology", "How each robot's messages come here: relays and signal");
   topology->add_flag("--measure", a.is_measured, "Measure which robots hear which; takes a while");
-  topology->callback([&a, shown = ask(a, "ble nodes", Answer::topology),
-                      measured = ask(a, "ble measure-hearing", Answer::hearing)] {
-    a.is_measured ? measured() : shown();
-  });
+  topology->callback([&a, shown = ask(a, "ble nodes", show::topology, Course::topology),
+                      measured = ask(a, "ble measure-hearing", on_any_screen<show::hearing>,
+                                     Course::hearing)] { a.is_measured ? measured() : shown(); });
   add_ble_config(*ble, a);
   add_ble_changes(*ble, a);
   add_refresh_keys(*ble, a);
 }
 
-void add_dead_letter_choice(CLI::App& command, Arguments& a, Answer answer) {
+void add_dead_letter_choice(CLI::App& command, Arguments& a, Text text, Course course) {
   auto* const ids = command.add_option("ID", a.ids, "Those with these ids (see `store list`)");
   auto* const topic = command.add_option("--topic", a.topic, "Those of this topic");
   auto* const all = command.add_flag("--all", a.is_all, "All of them");
   ids->excludes(topic)->excludes(all);
   topic->excludes(all);
   const std::string name = "store " + command.get_name();
-  command.callback([&a, name, order = ask(a, name, answer, order_patience)] {
+  command.callback([&a, name, order = ask(a, name, text, course, order_patience)] {
     if (a.ids.empty() && a.topic.empty() && !a.is_all)
       throw CLI::ValidationError(name, "say which: ids, --topic or --all");
     order();
@@ -330,18 +348,18 @@ void add_store(CLI::App& app, Arguments& a) {
   CLI::App* store =
       app.add_subcommand("store", "Dead letters: messages that the broker did not take");
   store->require_subcommand(1);
-  const auto add_listing = [&](const char* name, const char* what, Answer answer) {
+  const auto add_listing = [&](const char* name, const char* what, Course course) {
     CLI::App* listing = store->add_subcommand(name, what);
     listing->add_option("--topic", a.topic, "Only those of this topic");
-    listing->callback(ask(a, "store list", answer));
+    listing->callback(ask(a, "store list", nullptr, course));
   };
-  add_listing("list", "A row for each: topic, reason, tries, age", Answer::dead_letters);
-  add_listing("export", "All there is of each, one JSON document a line", Answer::exported);
+  add_listing("list", "A row for each: topic, reason, tries, age", Course::dead_letters);
+  add_listing("export", "All there is of each, one JSON document a line", Course::exported);
   add_dead_letter_choice(
       *store->add_subcommand("resend", "Send them again, behind what is undelivered"), a,
-      Answer::resent);
+      on_any_screen<show::resent>, Course::resent);
   add_dead_letter_choice(*store->add_subcommand("discard", "Forget them for good"), a,
-                         Answer::discarded);
+                         on_any_screen<show::discarded>, Course::discarded);
 }
 
 std::string complaint_about_broker(const std::string& uri) {

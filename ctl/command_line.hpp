@@ -8,31 +8,24 @@
 #include <variant>
 
 #include "ctl/connection.hpp"
+#include "ctl/show.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw::ctl {
 
-/// How the answer is shown.
-enum class Answer : std::uint8_t {
-  status,
-  robots,
-  fleet,
-  clients,  ///< of MQTT-SN
-  ping,     ///< `count` times, once a second
-  config,   ///< of a BLE node
+/// What is done beside asking once and showing the answer.
+enum class Course : std::uint8_t {
+  once,  ///< nothing
+  ping,  ///< `count` times, once a second
   watch,
   record,  ///< watch events into `file`
-  outcome,
+  send,    ///< its outcome is the exit status
   scan,
   joining,  ///< asked again and again until nobody joins any more
   nodes,
-  topology,  ///< of `ble nodes` and `robots` together
-  hearing,   ///< asked again and again until it is measured
-  node,
-  removed,  ///< from the mesh
-  refresh,  ///< of the mesh's keys
-  done,
+  topology,      ///< of `ble nodes` and `robots` together
+  hearing,       ///< asked again and again until it is measured
   dead_letters,  ///< page by page, as a table
   exported,      ///< page by page, a JSON document a line
   mesh,          ///< into a file
@@ -43,7 +36,9 @@ enum class Answer : std::uint8_t {
 struct Order {
   std::string socket = "/run/slam-gateway/control.sock";
   bool json = false;
-  Answer answer = Answer::status;
+  Course course = Course::once;
+  /// The answer for people; null where another function writes it (dead letters).
+  std::string (*text)(const nlohmann::json& answer, const Screen& screen) = nullptr;
   std::chrono::seconds patience = answer_patience;
   nlohmann::json request;
   std::uint64_t count = 1;

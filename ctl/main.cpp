@@ -54,38 +54,9 @@ Screen this_screen() {
   return {with_colour, std::chrono::system_clock::now()};
 }
 
-std::string text_for_people(const Order& order, const nlohmann::json& result) {
-  switch (order.answer) {
-    case Answer::status: return show::status(result, this_screen());
-    case Answer::robots: return show::robots(result, this_screen());
-    case Answer::fleet: return show::fleet(result, this_screen());
-    case Answer::clients: return show::clients(result, this_screen());
-    case Answer::ping: return show::ping(result, this_screen());
-    case Answer::config: return show::config(result, this_screen());
-    case Answer::watch: return show::event(result, this_screen());
-    case Answer::record: break;  // record()
-    case Answer::outcome: return show::outcome(result, this_screen());
-    case Answer::scan: return show::devices(result);
-    case Answer::nodes: return show::nodes(result, this_screen());
-    case Answer::topology: return show::topology(result, this_screen());
-    case Answer::hearing: return show::hearing(result);
-    case Answer::node: return show::nodes(nlohmann::json::array({result}), this_screen());
-    case Answer::removed: return show::removed(result);
-    case Answer::refresh: return show::refresh(result);
-    case Answer::done: return show::done(result);
-    case Answer::resent: return show::resent(result);
-    case Answer::discarded: return show::discarded(result);
-    case Answer::joining: return show::joining(result, this_screen());
-    case Answer::mesh: return show::exported_mesh(result);
-    case Answer::dead_letters:
-    case Answer::exported: break;  // print_dead_letters()
-  }
-  return {};
-}
-
 std::string text_of(const Order& order, const nlohmann::json& result) {
   if (order.json) return slamgw::control::to_line(result);
-  return fit_to_terminal(text_for_people(order, result), STDOUT_FILENO);
+  return fit_to_terminal(order.text(result, this_screen()), STDOUT_FILENO);
 }
 
 std::ifstream open_file(const std::string& path) {
@@ -123,13 +94,13 @@ int export_mesh(const Order& order) {
 
 /// Prints all dead letters, a page at a time; with --json as one JSON document.
 void print_dead_letters(Connection& connection, Order order) {
-  const bool is_table = order.answer == Answer::dead_letters && !order.json;
-  const bool is_document = order.answer == Answer::dead_letters && order.json;
+  const bool is_table = order.course == Course::dead_letters && !order.json;
+  const bool is_document = order.course == Course::dead_letters && order.json;
   const char* separator = "";
   auto page = connection.ask(order.request);
   const std::string head = show::dead_letters_head(page);
   if (is_table) std::cout << head;
-  if (order.answer == Answer::exported && page.at("letters").empty())
+  if (order.course == Course::exported && page.at("letters").empty())
     std::cerr << "slam-gatewayctl: " << head;
   if (is_document) {
     std::cout << "{\"count\":" << page.value("count", 0) << ",\"bytes\":" << page.value("bytes", 0)
@@ -141,7 +112,7 @@ void print_dead_letters(Connection& connection, Order order) {
     for (const auto& letter : letters) {
       if (is_document)
         std::cout << std::exchange(separator, ",\n") << slamgw::escape_unprintable(letter.dump());
-      if (order.answer == Answer::exported) std::cout << slamgw::control::to_line(letter);
+      if (order.course == Course::exported) std::cout << slamgw::control::to_line(letter);
     }
     order.request["after"] = letters.back().at("id");
     page = connection.ask(order.request);
@@ -191,7 +162,7 @@ int status_of_letters(const nlohmann::json& request, std::uint64_t found) {
 
 /// On a terminal, says how long the answer has been waited for.
 nlohmann::json ask_patiently(Connection& connection, const Order& order) {
-  const char* what = order.answer == Answer::scan ? "listening for new robots" : "waiting";
+  const char* what = order.course == Course::scan ? "listening for new robots" : "waiting";
   LastLine line;
   return connection.ask(order.request, order.patience, [&](std::chrono::milliseconds waited) {
     if (const auto seconds = std::chrono::floor<std::chrono::seconds>(waited); seconds.count() > 0)
@@ -201,12 +172,12 @@ nlohmann::json ask_patiently(Connection& connection, const Order& order) {
 
 /// Robots that are heard, while `ble nodes` and `ble scan` say that there are none. `shown`: what
 /// they have answered.
-std::string foreign_robots(Connection& connection, Answer answer, const nlohmann::json& shown) {
+std::string foreign_robots(Connection& connection, Course course, const nlohmann::json& shown) {
   const auto robots = connection.ask({{"command", "robots"}});
   const auto none = nlohmann::json::array();
   if (show::foreign_robots(robots, none).empty()) return {};
-  if (answer == Answer::nodes) return show::foreign_robots(robots, shown);
-  if (answer == Answer::topology) return show::foreign_robots(robots, shown.at("nodes"));
+  if (course == Course::nodes) return show::foreign_robots(robots, shown);
+  if (course == Course::topology) return show::foreign_robots(robots, shown.at("nodes"));
   return show::foreign_robots(robots, connection.ask({{"command", "ble nodes"}}, answer_patience));
 }
 
@@ -339,34 +310,34 @@ std::string printable_lines(const std::string& text) {
 }
 
 int run(Order order) {
-  if (order.answer == Answer::mesh) return export_mesh(order);
-  if (order.answer != Answer::record && !order.file.empty())
+  if (order.course == Course::mesh) return export_mesh(order);
+  if (order.course != Course::record && !order.file.empty())
     order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
-  if (order.answer == Answer::record) record(connection, order);
-  if (order.answer == Answer::watch) warn_of_unheard(connection, order.request);
-  if (order.answer == Answer::dead_letters || order.answer == Answer::exported) {
+  if (order.course == Course::record) record(connection, order);
+  if (order.course == Course::watch) warn_of_unheard(connection, order.request);
+  if (order.course == Course::dead_letters || order.course == Course::exported) {
     print_dead_letters(connection, std::move(order));
     return 0;
   }
-  if (order.answer == Answer::ping) return ping(connection, order);
-  if (order.answer == Answer::joining) return show_joining(connection, order);
-  const bool is_send = order.answer == Answer::outcome;
+  if (order.course == Course::ping) return ping(connection, order);
+  if (order.course == Course::joining) return show_joining(connection, order);
+  const bool is_send = order.course == Course::send;
   auto result = ask_patiently(connection, order);
-  if (order.answer == Answer::topology) result = topology(connection, result);
-  if (order.answer == Answer::hearing) result = hearing(connection, result);
-  if (order.answer == Answer::watch)
+  if (order.course == Course::topology) result = topology(connection, result);
+  if (order.course == Course::hearing) result = hearing(connection, result);
+  if (order.course == Course::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);
-  const bool is_of_mesh = order.answer == Answer::scan || order.answer == Answer::nodes ||
-                          order.answer == Answer::topology;
+  const bool is_of_mesh = order.course == Course::scan || order.course == Course::nodes ||
+                          order.course == Course::topology;
   if (is_of_mesh && !order.json)
-    std::cout << fit_to_terminal(foreign_robots(connection, order.answer, result), STDOUT_FILENO);
-  if (order.answer == Answer::done && result.contains("was_known"))
+    std::cout << fit_to_terminal(foreign_robots(connection, order.course, result), STDOUT_FILENO);
+  if (result.contains("was_known"))
     return result.value("was_known", true) ? 0 : exit_failed;  // the name may be mistyped
-  if (order.answer == Answer::discarded)
+  if (order.course == Course::discarded)
     return status_of_letters(order.request, count_at(result, "discarded"));
-  if (order.answer == Answer::resent) {
+  if (order.course == Course::resent) {
     const std::uint64_t left = count_at(result, "left");
     const int status = status_of_letters(order.request, count_at(result, "resent") + left);
     return left == 0 ? status : exit_failed;

@@ -21,13 +21,17 @@ json to_json(const Counters& counters) {
   return out;
 }
 
-json to_json(const Status::RefusedTopic& topic) {
-  return {{"topic", topic.topic},     {"why", topic.refusal.why}, {"code", topic.refusal.code},
-          {"waiting", topic.waiting}, {"tries", topic.tries},     {"for_s", topic.since.count()}};
+json to_json(const RefusedTopic& topic, TimePoint now) {
+  return {{"topic", topic.topic},
+          {"why", topic.refusal.why},
+          {"code", topic.refusal.code},
+          {"waiting", topic.waiting},
+          {"tries", topic.tries},
+          {"for_s", std::chrono::duration_cast<std::chrono::seconds>(now - topic.since).count()}};
 }
 
 std::string explain_refused(const Status::Broker& broker) {
-  const Status::RefusedTopic& first = broker.refused.front();
+  const RefusedTopic& first = broker.refused.front();
   std::string why =
       fmt::format("{} on {} ({} messages wait)", first.refusal.why, first.topic, first.waiting);
   if (broker.refused_topics > 1)
@@ -35,9 +39,9 @@ std::string explain_refused(const Status::Broker& broker) {
   return why;
 }
 
-json to_json(const Status::Broker& broker) {
+json to_json(const Status::Broker& broker, TimePoint now) {
   json refused = json::array();
-  for (const Status::RefusedTopic& topic : broker.refused) refused.push_back(to_json(topic));
+  for (const RefusedTopic& topic : broker.refused) refused.push_back(to_json(topic, now));
   const char* state = broker.link.is_up ? "up" : "down";
   return {{"state", broker.is_refusing() ? "refusing" : state},
           {"uri", broker.uri},
@@ -139,7 +143,7 @@ json to_json(const Status& status) {
           {"uptime_s", status.uptime.count()},
           {"gateway", status.gateway},
           {"configuration", status.configuration},
-          {"broker", to_json(status.broker)},
+          {"broker", to_json(status.broker, status.now)},
           {"meshes", to_json(status.meshes)},
           {"robots", to_json(status.robots)},
           {"messages", to_json(status.messages)},

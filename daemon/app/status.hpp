@@ -14,19 +14,11 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
-#include "daemon/delivery/message_store.hpp"
+#include "daemon/delivery/refused_topics.hpp"
 
 namespace slamgw {
 
 struct Status {
-  /// A topic that the broker does not take for now.
-  struct RefusedTopic {
-    std::string topic;
-    Refusal refusal;
-    std::uint64_t waiting = 0;
-    std::uint64_t tries = 0;
-    std::chrono::seconds since{0};
-  };
   struct Broker {
     std::string uri;
     BrokerLink link;
@@ -65,6 +57,7 @@ struct Status {
     std::uint64_t most = 0;
   };
 
+  TimePoint now{};  ///< when this is so
   std::string version;
   std::chrono::seconds uptime{0};
   std::string gateway;

@@ -51,10 +51,13 @@ std::string broker_uri(const BrokerSettings& broker) { return broker.addresses()
 
 Status StatusCollector::status(Counters control, TimePoint now) const {
   Status status;
+  status.now = now;
   status.version = SLAMGW_VERSION;
   status.uptime = duration_cast<seconds>(now - started_);
   status.gateway = config_.gateway_id;
-  status.broker = broker(now);
+  const RefusedTopics& refused = outbox_.refused_topics();
+  status.broker = {broker_.is_up ? broker_.uri : broker_uri(config_.broker), broker_,
+                   refused.count(), gateway_.missing_rights(), refused.list(most_refused_listed)};
   status.meshes = mesh_links();
   status.robots = counts_of(gateway_.registry());
   status.messages = counts_of(gateway_, outbox_, upstream_);
@@ -70,17 +73,6 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.fleet = fleet_.counters();
   status.memory_rss_bytes = resident_bytes();
   return status;
-}
-
-Status::Broker StatusCollector::broker(TimePoint now) const {
-  const RefusedTopics& refused = outbox_.refused_topics();
-  const std::string uri = broker_.is_up ? broker_.uri : broker_uri(config_.broker);
-  Status::Broker broker{uri, broker_, refused.count(), gateway_.missing_rights(), {}};
-  for (const RefusedTopic& topic : refused.list(most_refused_listed)) {
-    broker.refused.push_back({topic.topic, topic.refusal, topic.waiting, topic.tries,
-                              duration_cast<seconds>(now - topic.since)});
-  }
-  return broker;
 }
 
 PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {

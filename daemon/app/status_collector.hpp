@@ -42,7 +42,6 @@ class StatusCollector {
   ServiceState service_state() const;
 
  private:
-  Status::Broker broker(TimePoint now) const;
   PerMesh<Status::MeshLink> mesh_links() const;
   Status::Store store(TimePoint now) const;
 

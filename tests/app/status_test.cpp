@@ -101,7 +101,8 @@ TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
                    {false, {}, "gone"},
                    2,
                    {{"commands may not come", "topic read p/server/#"}},
-                   {{"t", {0x87, "not authorised"}, 3, 1, 9s}}};
+                   {{"t", {0x87, "not authorised"}, 3, 1, TimePoint{1s}}}};
+  status.now = TimePoint{10s};
   EXPECT_EQ(to_json(status)["broker"]["state"], "down");
   EXPECT_EQ(to_json(status)["broker"]["why"], "gone");
   status.broker.link = {true, {}, {}};
