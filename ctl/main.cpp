@@ -389,11 +389,6 @@ std::string reload(const HostTask& task) {
   }
 }
 
-std::string change_bans_and_reload(const Installation& installation, const HostTask& task) {
-  const std::string text = change_bans(installation, task.who, task.kind == HostTask::Kind::ban);
-  return text + reload(task);
-}
-
 /// A new key is shown whatever the daemon says.
 int manage_keys(const Installation& installation, const HostTask& task) {
   const auto answer = slamgw::ctl::change_keys(installation, task);
@@ -465,12 +460,6 @@ bool may_replace(const std::string& files) {
   return answer == "y" || answer == "Y" || answer == "yes";
 }
 
-int audit(const HostTask& task) {
-  const auto entries = read_audit(task.robot);
-  std::cout << (task.json ? slamgw::control::to_line(entries) : audit_text(entries));
-  return 0;
-}
-
 /// With --socket alone, the configuration of the daemon that listens there.
 std::string configuration_of(const HostTask& task) {
   const bool needs_none = task.kind == HostTask::Kind::check || task.kind == HostTask::Kind::audit;
@@ -491,7 +480,11 @@ int run(const HostTask& task) {
     case HostTask::Kind::doctor: return doctor(installation, task);
     case HostTask::Kind::check: return check(task);
     case HostTask::Kind::replay: return replay(installation, task);
-    case HostTask::Kind::audit: return audit(task);
+    case HostTask::Kind::audit: {
+      const auto entries = read_audit(task.robot);
+      std::cout << (task.json ? slamgw::control::to_line(entries) : audit_text(entries));
+      return 0;
+    }
     case HostTask::Kind::backup: text = backup(installation, task.file); break;
     case HostTask::Kind::restore:
       text = recorded({"restore", {}}, [&] {
@@ -502,8 +495,11 @@ int run(const HostTask& task) {
       break;
     case HostTask::Kind::ban:
     case HostTask::Kind::unban:
-      text = recorded({task.kind == HostTask::Kind::ban ? "ban" : "unban", task.who},
-                      [&] { return change_bans_and_reload(installation, task); });
+      text = recorded({task.kind == HostTask::Kind::ban ? "ban" : "unban", task.who}, [&] {
+        const bool is_ban = task.kind == HostTask::Kind::ban;
+        const std::string done = change_bans(installation, task.who, is_ban);
+        return done + reload(task);
+      });
       break;
     case HostTask::Kind::key_list: return manage_keys(installation, task);
     case HostTask::Kind::key_add:

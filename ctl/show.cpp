@@ -70,6 +70,12 @@ const nlohmann::json& group_at(const nlohmann::json& object, const char* key) {
   return found == object.end() || !found->is_object() ? empty : *found;
 }
 
+const nlohmann::json& list_at(const nlohmann::json& object, const char* key) {
+  static const nlohmann::json empty = nlohmann::json::array();
+  const auto found = object.find(key);
+  return found == object.end() || !found->is_array() ? empty : *found;
+}
+
 std::size_t columns(std::string_view text) {
   std::size_t count = 0;
   for (std::size_t at = 0; at < text.size();) {
@@ -417,10 +423,10 @@ std::string payload_text(const json& event) {
   if (const json& update = group_at(event, "update"); !update.empty()) {
     std::string text =
         fmt::format("x={} y={} obstacles=", number_at(update, "x"), number_at(update, "y"));
-    const auto obstacles = update.find("obstacles");
-    if (obstacles == update.end() || obstacles->empty()) return text + "none";
+    const json& obstacles = list_at(update, "obstacles");
+    if (obstacles.empty()) return text + "none";
     std::string separator;
-    for (const json& obstacle : *obstacles) {
+    for (const json& obstacle : obstacles) {
       text += fmt::format("{}{},{}", separator, number_at(obstacle, "x"), number_at(obstacle, "y"));
       separator = ";";
     }
@@ -438,8 +444,7 @@ std::string event_details(const json& event) {
   if (event.contains("payload")) parts.push_back(payload_text(event));
   if (event.contains("message_id"))
     parts.push_back(fmt::format("#{}", count_at(event, "message_id")));
-  const auto dup = event.find("dup");
-  if (dup != event.end() && *dup == true) parts.emplace_back("dup");
+  if (is_true(event, "dup")) parts.emplace_back("dup");
   if (event.contains("rssi_dbm"))
     parts.push_back(fmt::format("{} dBm", number_at(event, "rssi_dbm")));
   if (event.contains("hops")) parts.push_back(fmt::format("{} hops", count_at(event, "hops")));
@@ -455,12 +460,6 @@ std::string event_details(const json& event) {
 
 // ---- the table of gateways
 
-/// The member, or an empty array.
-json list_at(const json& object, const char* key) {
-  const auto found = object.find(key);
-  return found == object.end() || !found->is_array() ? json::array() : *found;
-}
-
 std::size_t widest(const json& rows, const char* key, std::size_t head) {
   constexpr std::size_t most = 24;
   std::size_t width = head;
@@ -471,7 +470,7 @@ std::size_t widest(const json& rows, const char* key, std::size_t head) {
 /// One line for each topic that the broker refuses.
 std::string refused_topics(const json& refused, const Screen& screen) {
   std::string out;
-  const json listed = list_at(refused, "list");
+  const json& listed = list_at(refused, "list");
   for (const json& topic : listed)
     out +=
         fmt::format("          {} {}: {} ({} messages wait)\n", screen.paint("refused", "refused:"),
@@ -501,10 +500,9 @@ std::string status(const json& status, const Screen& screen) {
   if (refused.empty() && !why.empty() && state != "up")
     out += fmt::format("                   {}\n", why);
   out += refused;
-  if (const auto rights = broker.find("missing_rights"); rights != broker.end())
-    for (const json& right : *rights)
-      out += fmt::format("          {} {}; grant: {}\n", screen.paint("refused", "no right:"),
-                         text_at(right, "what"), text_at(right, "grant"));
+  for (const json& right : list_at(broker, "missing_rights"))
+    out += fmt::format("          {} {}; grant: {}\n", screen.paint("refused", "no right:"),
+                       text_at(right, "what"), text_at(right, "grant"));
   for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh, screen);
   out += fmt::format("Robots    {} online{}, {} asleep, {} offline ({} known)\n",
                      count_at(robots, "online"), troubled(robots), count_at(robots, "asleep"),
@@ -585,8 +583,8 @@ std::string outcome(const json& outcome, const Screen& screen) {
 }
 
 std::string fleet(const json& fleet, const Screen& screen) {
-  const json gateways = list_at(fleet, "gateways");
-  const json robots = list_at(fleet, "robots");
+  const json& gateways = list_at(fleet, "gateways");
+  const json& robots = list_at(fleet, "robots");
   const std::size_t width = std::max(widest(gateways, "gateway", 7), widest(robots, "gateway", 7));
   std::string out = pad("GATEWAY", width) + " STATE   ROBOTS UP   VERSION\n";
   for (const json& gateway : gateways) {
@@ -785,7 +783,7 @@ std::string nodes(const json& nodes, const Screen& screen) {
 }
 
 std::string topology(const json& topology, const Screen& screen) {
-  const json rows = list_at(topology, "nodes");
+  const json& rows = list_at(topology, "nodes");
   if (rows.empty()) return "no robot is in the mesh yet\n";
   const std::size_t id = std::max<std::size_t>(widest(rows, "robot", 5), 5);
   std::string out = fmt::format("{} ADDRESS RELAYS  DBM SEEN STATE\n", pad("ROBOT", id));
@@ -806,7 +804,7 @@ std::string hearing(const json& hearing) {
   const auto range = [](std::uint64_t least, std::uint64_t most) {
     return least == most ? fmt::format("{}", least) : fmt::format("{}-{}", least, most);
   };
-  const json rows = list_at(hearing, "rows");
+  const json& rows = list_at(hearing, "rows");
   const std::size_t id = widest(rows, "listener", 1);
   std::string out;
   std::string source;
@@ -850,7 +848,7 @@ std::string refresh(const json& refresh) {
                                                         : "3 of 3, robots forget the old keys";
   std::string out = fmt::format("key refresh: step {}; {} of {} robots have done it\n", words,
                                 count_at(refresh, "refreshed"), count_at(refresh, "robots"));
-  for (const json& robot : refresh.value("missing", json::array())) {
+  for (const json& robot : list_at(refresh, "missing")) {
     const std::string problem = text_at(robot, "problem");
     out += fmt::format("waits for {}{}{}\n", text_at(robot, "robot"), problem.empty() ? "" : ": ",
                        problem);
@@ -897,9 +895,8 @@ std::string done(const json& done) {
     return "the radio was cleared and is set up anew; robots may ignore the gateway until "
            "they were restarted\n";
   if (done.contains("forgotten")) {
-    const auto was_known = done.find("was_known");
     const std::string robot = text_at(done, "forgotten");
-    if (was_known != done.end() && *was_known == true) return robot + " is forgotten\n";
+    if (is_true(done, "was_known")) return robot + " is forgotten\n";
     return "no robot called " + robot +
            " is known here (slam-gatewayctl robots lists them); what the broker retains under this "
            "name is removed\n";

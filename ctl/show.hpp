@@ -19,8 +19,9 @@ std::string text_at(const nlohmann::json& object, const char* key);
 double number_at(const nlohmann::json& object, const char* key);
 std::uint64_t count_at(const nlohmann::json& object, const char* key);
 bool is_true(const nlohmann::json& object, const char* key);
-/// The member, or an empty object.
+/// The member, or an empty object or array.
 const nlohmann::json& group_at(const nlohmann::json& object, const char* key);
+const nlohmann::json& list_at(const nlohmann::json& object, const char* key);
 
 /// Characters, taken as one column each.
 std::size_t columns(std::string_view text);

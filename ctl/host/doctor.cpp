@@ -376,10 +376,7 @@ class Examination {
   }
 
   void rights() {
-    const json& broker = group_at(facts_.status, "broker");
-    const auto missing = broker.find("missing_rights");
-    if (missing == broker.end() || !missing->is_array()) return;
-    for (const json& right : *missing)
+    for (const json& right : list_at(group_at(facts_.status, "broker"), "missing_rights"))
       add("broker: rights", Health::problem, text_at(right, "what"),
           "in the broker's access control list: " + text_at(right, "grant"));
   }
@@ -425,13 +422,12 @@ class Examination {
   /// This gateway is the first row (FleetMember::status). Without a broker all gateways are gone.
   void fleet() {
     if (text_at(group_at(facts_.status, "broker"), "state") == "down") return;
-    const auto rows = facts_.fleet.is_object() ? facts_.fleet.find("gateways") : facts_.fleet.end();
-    if (rows == facts_.fleet.end() || !rows->is_array() || rows->empty()) return;
+    const json& rows = list_at(facts_.fleet, "gateways");
     std::string members;
-    for (const json& row : *rows) {
+    for (const json& row : rows) {
       const std::string name = text_at(row, "gateway");
       const std::string state = text_at(row, "state");
-      if (&row == &rows->front()) continue;
+      if (&row == &rows.front()) continue;
       if (state == "member") members += (members.empty() ? "" : ", ") + name;
       if (state == "gone")
         add("fleet", Health::warning, name + " has gone: others answer for its robots",
@@ -440,7 +436,7 @@ class Examination {
     }
     if (!members.empty())
       add("fleet", Health::well, "shares the broker with " + members);
-    else if (rows->size() == 1)
+    else if (rows.size() == 1)
       add("fleet", Health::well, "no other gateway is on this broker");
   }
 
@@ -562,12 +558,12 @@ std::vector<InterfaceFacts> read_interfaces() {
   for (const json& row : ip_says("address")) {
     InterfaceFacts& facts = interfaces[text_at(row, "ifname")];
     facts.name = text_at(row, "ifname");
-    for (const json& flag : row.value("flags", json::array())) facts.is_up |= flag == "UP";
-    for (const json& address : row.value("addr_info", json::array()))
+    for (const json& flag : list_at(row, "flags")) facts.is_up |= flag == "UP";
+    for (const json& address : list_at(row, "addr_info"))
       facts.addresses.push_back(text_at(address, "local"));
   }
   for (const json& row : ip_says("maddress"))
-    for (const json& group : row.value("maddr", json::array()))
+    for (const json& group : list_at(row, "maddr"))
       interfaces[text_at(row, "ifname")].multicast_groups.push_back(text_at(group, "address"));
   std::vector<InterfaceFacts> result;
   for (auto& [name, facts] : interfaces) result.push_back(std::move(facts));

@@ -144,9 +144,7 @@ class Judge {
   }
 
   bool publishes_to_group() const {
-    const json models = robot_.config.is_object() ? robot_.config.value("models", json()) : json();
-    if (!models.is_array()) return false;
-    return std::ranges::any_of(models, [](const json& model) {
+    return std::ranges::any_of(list_at(robot_.config, "models"), [](const json& model) {
       return text_at(model, "publishes_to") >= "0xc000" &&
              !text_at(model, "name").starts_with("Health");
     });
@@ -185,9 +183,7 @@ class Judge {
   }
 
   bool is_untold_topic(const std::string& name) const {
-    const json topics = robot_.client.is_object() ? robot_.client.value("topics", json()) : json();
-    if (!topics.is_array()) return false;
-    return std::ranges::any_of(topics, [&](const json& topic) {
+    return std::ranges::any_of(list_at(robot_.client, "topics"), [&](const json& topic) {
       return text_at(topic, "name") == name && !is_true(topic, "told");
     });
   }

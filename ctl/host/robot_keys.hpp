@@ -14,6 +14,9 @@ namespace slamgw::ctl {
 /// whole at any time, and a change by another process is not lost. Throws Failure when there is no
 /// such file or key, or it can't be written.
 nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task);
+/// A QR code for a terminal, black on white whatever its colours are, two modules in each character
+/// cell. Empty when `text` is too long for one.
+std::string qr_code(const std::string& text);
 /// `shows_codes`: a new key is a QR code too, for a terminal.
 std::string text_of_keys(const nlohmann::ordered_json& answer, bool shows_codes = false);
 

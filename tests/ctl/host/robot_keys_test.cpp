@@ -2,8 +2,6 @@
 // The file of robots' keys is made, changed and read; no change is lost and no key shows twice.
 #include "ctl/host/robot_keys.hpp"
 
-#include "ctl/host/qr_code.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
