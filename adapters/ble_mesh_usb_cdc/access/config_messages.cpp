@@ -9,41 +9,7 @@
 namespace slamgw::ble {
 namespace {
 
-constexpr Opcode appkey_add = 0x00;
-constexpr Opcode appkey_update = 0x01;
-constexpr Opcode model_publication_set = 0x03;
-constexpr Opcode composition_data_get = 0x8008;
-constexpr Opcode default_ttl_get = 0x800c;
-constexpr Opcode default_ttl_set = 0x800d;
-constexpr Opcode key_refresh_phase_set = 0x8016;
-constexpr Opcode model_publication_get = 0x8018;
-constexpr Opcode network_transmit_get = 0x8023;
-constexpr Opcode network_transmit_set = 0x8024;
-constexpr Opcode relay_get = 0x8026;
-constexpr Opcode relay_set = 0x8027;
-constexpr Opcode model_subscription_add = 0x801b;
-constexpr Opcode model_subscription_delete = 0x801c;
-constexpr Opcode model_subscription_delete_all = 0x801d;
-constexpr Opcode sig_model_subscription_get = 0x8029;
-constexpr Opcode vendor_model_subscription_get = 0x802b;
-constexpr Opcode heartbeat_publication_set = 0x8039;
-constexpr Opcode heartbeat_subscription_get = 0x803a;
-constexpr Opcode heartbeat_subscription_set = 0x803b;
-constexpr Opcode model_app_bind = 0x803d;
-constexpr Opcode netkey_update = 0x8045;
-constexpr Opcode node_reset = 0x8049;
-constexpr std::uint16_t net_key_index = 0;
-constexpr std::uint16_t app_key_index = 0;
-/// Two of 12 bits each.
-constexpr std::array<std::uint8_t, 3> key_indexes{};
 constexpr std::size_t composition_head_bytes = 8;  // product, version, CRPL, features
-
-Bytes encode_subscription(Opcode opcode, std::uint16_t element, std::uint16_t group,
-                          const ModelId& model) {
-  return encode_access(
-      opcode,
-      ByteWriter{}.write_u16_le(element).write_u16_le(group).write(encode_model_id(model)).bytes());
-}
 
 }  // namespace
 
@@ -53,9 +19,7 @@ std::string to_string(const ModelId& model) {
 }
 
 Bytes encode_model_id(const ModelId& model) {
-  ByteWriter out;
-  if (model.company) out.write_u16_le(*model.company);
-  return out.write_u16_le(model.number).take();
+  return model.company ? octets_of(*model.company, model.number) : octets_of(model.number);
 }
 
 Result<Composition, DecodeError> decode_composition(ByteView params) {
@@ -81,67 +45,13 @@ Result<Composition, DecodeError> decode_composition(ByteView params) {
   return composition;
 }
 
-Bytes encode_composition_data_get() {
-  return encode_access(composition_data_get, std::array<std::uint8_t, 1>{0});
-}
-
-Bytes encode_appkey_add_message(const Key& app_key) {
-  return encode_access(appkey_add, ByteWriter{}.write(key_indexes).write(app_key).bytes());
-}
-
-Bytes encode_netkey_update(const Key& net_key) {
-  return encode_access(netkey_update,
-                       ByteWriter{}.write_u16_le(net_key_index).write(net_key).bytes());
-}
-
-Bytes encode_appkey_update(const Key& app_key) {
-  return encode_access(appkey_update, ByteWriter{}.write(key_indexes).write(app_key).bytes());
-}
-
-Bytes encode_key_refresh_phase_set(std::uint8_t transition) {
-  return encode_access(key_refresh_phase_set,
-                       ByteWriter{}.write_u16_le(net_key_index).write_u8(transition).bytes());
-}
-
-Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model) {
-  return encode_access(model_app_bind, ByteWriter{}
-                                           .write_u16_le(element)
-                                           .write_u16_le(app_key_index)
-                                           .write(encode_model_id(model))
-                                           .bytes());
-}
-
 Bytes encode_model_publication_set(const Publication& publication) {
-  return encode_access(model_publication_set,
-                       ByteWriter{}
-                           .write_u16_le(publication.element)
-                           .write_u16_le(publication.address)
-                           .write_u16_le(app_key_index)  // and no friendship credentials
-                           .write_u8(std::min(publication.ttl, max_publish_ttl))
-                           .write_u8(publication.period)
-                           .write_u8(publication.retransmit_count)  // and no interval steps
-                           .write(encode_model_id(publication.model))
-                           .bytes());
-}
-
-Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
-                                    const ModelId& model) {
-  return encode_subscription(model_subscription_add, element, group, model);
-}
-
-Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
-                                       const ModelId& model) {
-  return encode_subscription(model_subscription_delete, element, group, model);
-}
-
-Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model) {
-  return encode_access(model_subscription_delete_all,
-                       ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
-}
-
-Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model) {
-  return encode_access(model.company ? vendor_model_subscription_get : sig_model_subscription_get,
-                       ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
+  return encode_access(0x03,
+                       octets_of(publication.element, publication.address,
+                                 key_index_0,  // and no friendship credentials
+                                 std::min(publication.ttl, max_publish_ttl), publication.period,
+                                 publication.retransmit_count,  // and no interval steps
+                                 encode_model_id(publication.model)));
 }
 
 std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model) {
@@ -177,60 +87,24 @@ Transmissions decode_transmissions(std::uint8_t octet) {
           static_cast<std::uint16_t>(((octet >> count_bits) + 1) * step_ms)};
 }
 
-Bytes encode_model_publication_get(std::uint16_t element, const ModelId& model) {
-  return encode_access(model_publication_get,
-                       ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
-}
-
-Bytes encode_default_ttl_get() { return encode_access(default_ttl_get, {}); }
-
-Bytes encode_default_ttl_set(std::uint8_t ttl) {
-  return encode_access(default_ttl_set, std::array{ttl});
-}
-
-Bytes encode_relay_get() { return encode_access(relay_get, {}); }
-
-Bytes encode_relay_set(bool is_on) {
-  const std::uint8_t state = is_on ? 1 : 0;
-  return encode_access(relay_set, std::array{state, encode_transmissions(relay_transmissions)});
-}
-
-Bytes encode_network_transmit_get() { return encode_access(network_transmit_get, {}); }
-
-Bytes encode_network_transmit_set(const Transmissions& transmissions) {
-  return encode_access(network_transmit_set, std::array{encode_transmissions(transmissions)});
-}
-
-Bytes encode_node_reset() { return encode_access(node_reset, {}); }
-
 // Counts and periods of heartbeats are the power of two that is told by its exponent plus one (Mesh
 // Profile 1.0 table 4.1); 0: none.
 
 Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl) {
-  const bool is_on = destination != 0;
   constexpr std::uint8_t count_log = 4;  // eight
   static_assert(heartbeats == 1U << (count_log - 1));
-  return encode_access(heartbeat_publication_set, ByteWriter{}
-                                                      .write_u16_le(destination)
-                                                      .write_u8(is_on ? count_log : std::uint8_t{0})
-                                                      .write_u8(is_on ? 1 : 0)  // 1 s
-                                                      .write_u8(std::min(ttl, max_publish_ttl))
-                                                      .write_u16_le(0)
-                                                      .write_u16_le(net_key_index)
-                                                      .bytes());
+  const bool is_on = destination != 0;
+  const std::uint16_t features = 0;
+  return encode_access(0x8039, octets_of(destination, is_on ? count_log : std::uint8_t{0},
+                                         std::uint8_t{is_on},  // 1 s
+                                         std::min(ttl, max_publish_ttl), features, key_index_0));
 }
 
 Bytes encode_heartbeat_subscription_set(std::uint16_t source, std::uint16_t destination) {
   constexpr std::uint8_t period_log = 9;  // 256 s
-  return encode_access(heartbeat_subscription_set,
-                       ByteWriter{}
-                           .write_u16_le(source)
-                           .write_u16_le(destination)
-                           .write_u8(destination != 0 ? period_log : std::uint8_t{0})
-                           .bytes());
+  return encode_access(
+      0x803b, octets_of(source, destination, destination != 0 ? period_log : std::uint8_t{0}));
 }
-
-Bytes encode_heartbeat_subscription_get() { return encode_access(heartbeat_subscription_get, {}); }
 
 std::optional<HeartbeatCount> decode_heartbeat_count(ByteView params) {
   ByteReader reader(params);

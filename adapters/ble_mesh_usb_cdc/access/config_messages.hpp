@@ -4,11 +4,13 @@
 // company goes before its model number. Called by NodeConfiguration.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/octets.hpp"
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
 #include "daemon/core/operator_order.hpp"
 
@@ -79,32 +81,68 @@ struct Publication {
 /// Each 10 s (health_interval): ten steps of one second.
 inline constexpr std::uint8_t period_10_s = 0x4a;
 
-Bytes encode_composition_data_get();
-Bytes encode_appkey_add_message(const Key& app_key);
+// The messages to a node, with their opcodes (Mesh Profile 1.0 section 4.3.4).
+
+/// Key index 0 of the mesh's network and application key; both in one have 12 bits each.
+inline constexpr std::uint16_t key_index_0 = 0;
+inline constexpr std::array<std::uint8_t, 3> key_indexes_0{};
+
+/// Page 0.
+inline Bytes encode_composition_data_get() {
+  return encode_access(0x8008, octets_of(std::uint8_t{0}));
+}
+inline Bytes encode_appkey_add_message(const Key& app_key) {
+  return encode_access(0x00, octets_of(key_indexes_0, app_key));
+}
 /// The new keys of a key refresh (Mesh Profile 1.0 section 3.10.4).
-Bytes encode_netkey_update(const Key& net_key);
-Bytes encode_appkey_update(const Key& app_key);
+inline Bytes encode_netkey_update(const Key& net_key) {
+  return encode_access(0x8045, octets_of(key_index_0, net_key));
+}
+inline Bytes encode_appkey_update(const Key& app_key) {
+  return encode_access(0x01, octets_of(key_indexes_0, app_key));
+}
 /// `transition`: 2, to send under the new keys, or 3, to forget the old ones.
-Bytes encode_key_refresh_phase_set(std::uint8_t transition);
-Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model);
+inline Bytes encode_key_refresh_phase_set(std::uint8_t transition) {
+  return encode_access(0x8016, octets_of(key_index_0, transition));
+}
+inline Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model) {
+  return encode_access(0x803d, octets_of(element, key_index_0, encode_model_id(model)));
+}
 Bytes encode_model_publication_set(const Publication& publication);
-Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
-                                    const ModelId& model);
-Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
-                                       const ModelId& model);
-Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model);
+inline Bytes encode_model_publication_get(std::uint16_t element, const ModelId& model) {
+  return encode_access(0x8018, octets_of(element, encode_model_id(model)));
+}
+inline Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
+                                           const ModelId& model) {
+  return encode_access(0x801b, octets_of(element, group, encode_model_id(model)));
+}
+inline Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
+                                              const ModelId& model) {
+  return encode_access(0x801c, octets_of(element, group, encode_model_id(model)));
+}
+inline Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model) {
+  return encode_access(0x801d, octets_of(element, encode_model_id(model)));
+}
 /// SIG or Vendor Model Subscription Get.
-Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model);
-Bytes encode_model_publication_get(std::uint16_t element, const ModelId& model);
-Bytes encode_default_ttl_get();
-Bytes encode_default_ttl_set(std::uint8_t ttl);
-Bytes encode_relay_get();
+inline Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model) {
+  return encode_access(model.company ? 0x802b : 0x8029, octets_of(element, encode_model_id(model)));
+}
+inline Bytes encode_default_ttl_get() { return encode_access(0x800c, {}); }
+inline Bytes encode_default_ttl_set(std::uint8_t ttl) {
+  return encode_access(0x800d, octets_of(ttl));
+}
+inline Bytes encode_relay_get() { return encode_access(0x8026, {}); }
 /// With this, a node that relays sends each packet of others.
 inline constexpr Transmissions relay_transmissions{3, 20};
-Bytes encode_relay_set(bool is_on);
-Bytes encode_network_transmit_get();
-Bytes encode_network_transmit_set(const Transmissions& transmissions);
-Bytes encode_node_reset();
+inline Bytes encode_relay_set(bool is_on) {
+  return encode_access(0x8027,
+                       octets_of(std::uint8_t{is_on}, encode_transmissions(relay_transmissions)));
+}
+inline Bytes encode_network_transmit_get() { return encode_access(0x8023, {}); }
+inline Bytes encode_network_transmit_set(const Transmissions& transmissions) {
+  return encode_access(0x8024, octets_of(encode_transmissions(transmissions)));
+}
+inline Bytes encode_node_reset() { return encode_access(0x8049, {}); }
 
 /// How many a node is told to publish, the first at once and then one a second.
 inline constexpr std::uint32_t heartbeats = 8;
@@ -112,7 +150,8 @@ inline constexpr std::uint32_t heartbeats = 8;
 Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl);
 /// The node counts those of this source to this group, for 256 s; zeros: none any more.
 Bytes encode_heartbeat_subscription_set(std::uint16_t source, std::uint16_t destination);
-Bytes encode_heartbeat_subscription_get();
+inline Bytes encode_heartbeat_subscription_get() { return encode_access(0x803a, {}); }
+
 /// Heartbeat Subscription Status: nodes tell the count's highest bit only.
 struct HeartbeatCount {
   std::uint16_t source = 0;

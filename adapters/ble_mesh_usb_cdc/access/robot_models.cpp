@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 
-#include <array>
+#include "adapters/ble_mesh_usb_cdc/octets.hpp"
 
 namespace slamgw::ble {
 
@@ -82,14 +82,12 @@ Bytes encode_status(VendorModel model, std::optional<std::uint8_t> number) {
 }
 
 Bytes encode_relayed_update(std::uint16_t sender, ByteView update) {
-  return encode_access(sensor_update_relayed,
-                       ByteWriter{}.write_u16_le(sender).write(update).bytes());
+  return encode_access(sensor_update_relayed, octets_of(sender, update));
 }
 
 Bytes encode_on_off_set(OnOffModel model, bool is_on, std::uint8_t tid) {
-  const std::array<std::uint8_t, 2> params{is_on ? std::uint8_t{1} : std::uint8_t{0}, tid};
   return encode_access(model == OnOffModel::generic ? generic_on_off_set : simple_on_off_set,
-                       params);
+                       octets_of(std::uint8_t{is_on}, tid));
 }
 
 Opcode on_off_status(OnOffModel model) {

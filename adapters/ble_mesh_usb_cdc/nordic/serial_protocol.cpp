@@ -9,9 +9,7 @@ namespace slamgw::ble {
 
 Bytes encode_frame(std::uint8_t opcode, ByteView params) {
   assert(params.size() <= max_frame_params);
-  ByteWriter frame;
-  frame.write_u8(static_cast<std::uint8_t>(params.size() + 1)).write_u8(opcode).write(params);
-  return frame.take();
+  return octets_of(static_cast<std::uint8_t>(params.size() + 1), opcode, params);
 }
 
 std::vector<Bytes> FrameDecoder::on_bytes(ByteView bytes, TimePoint now) {
@@ -63,29 +61,20 @@ std::size_t send_limit(SerialVersion version) {
 }
 
 Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {
-  ByteWriter params;
-  params.write_u16_le(packet.appkey_handle)
-      .write_u16_le(packet.source)
-      .write_u16_le(packet.destination_handle)
-      .write_u8(packet.ttl)
-      .write_u8(0);  // segmented only when the size asks for it; in 1.0: "reliable", no
-  if (version >= SerialVersion::sdk_2_0) params.write_u8(0);  // 32-bit TransMIC
-  if (version >= SerialVersion::sdk_3_0) params.write_u8(0);  // master credentials, not friendship
-  return encode_command(CommandOpcode::packet_send, params.write(packet.payload).bytes());
+  Bytes options{0};  // segmented only when the size asks for it; in 1.0: "reliable", no
+  if (version >= SerialVersion::sdk_2_0) options.push_back(0);  // 32-bit TransMIC
+  if (version >= SerialVersion::sdk_3_0)
+    options.push_back(0);  // master credentials, not friendship
+  return encode_command(CommandOpcode::packet_send, packet.appkey_handle, packet.source,
+                        packet.destination_handle, packet.ttl, options, packet.payload);
 }
 
 Bytes encode_provision(std::uint8_t context, const ProvisionDevice& device, SerialVersion version) {
-  ByteWriter params;
-  params.write_u8(context)
-      .write(device.uuid)
-      .write(device.net_key)
-      .write_u16_le(0)  // network key index
-      .write_u32_le(device.iv_index)
-      .write_u16_le(device.address)
-      .write_u8(0)                                            // no IV update in progress
-      .write_u8(0);                                           // no key refresh in progress
-  if (version >= SerialVersion::sdk_3_0) params.write_u8(0);  // no attention signal
-  return encode_command(CommandOpcode::provision, params.bytes());
+  const std::uint16_t network_key_index = 0;
+  Bytes options{0, 0};  // no IV update and no key refresh in progress
+  if (version >= SerialVersion::sdk_3_0) options.push_back(0);  // no attention signal
+  return encode_command(CommandOpcode::provision, context, device.uuid, device.net_key,
+                        network_key_index, device.iv_index, device.address, options);
 }
 
 Bytes encode_capabilities_set() {

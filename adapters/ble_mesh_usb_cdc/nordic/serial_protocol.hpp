@@ -7,11 +7,11 @@
 #include <cstdint>
 #include <optional>
 #include <string_view>
-#include <type_traits>
 #include <variant>
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
+#include "adapters/ble_mesh_usb_cdc/octets.hpp"
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/result.hpp"
@@ -116,22 +116,10 @@ std::string_view sdk_releases(SerialVersion version);
 /// Longest access message that every firmware of this version sends: 244 octets, old ones less.
 std::size_t send_limit(SerialVersion version);
 
-/// A command with these parameters one after the other: numbers with their type's size, and octets.
+/// A command with these parameters, as octets_of() them.
 template <class... Params>
 Bytes encode_command(CommandOpcode opcode, const Params&... params) {
-  ByteWriter octets;
-  [[maybe_unused]] const auto write = [&octets](const auto& param) {
-    using Param = std::decay_t<decltype(param)>;
-    if constexpr (std::is_same_v<Param, std::uint8_t>) {
-      octets.write_u8(param);
-    } else if constexpr (std::is_same_v<Param, std::uint16_t>) {
-      octets.write_u16_le(param);
-    } else {
-      octets.write(ByteView(param));
-    }
-  };
-  (write(params), ...);
-  return encode_frame(static_cast<std::uint8_t>(opcode), octets.bytes());
+  return encode_frame(static_cast<std::uint8_t>(opcode), octets_of(params...));
 }
 
 Bytes encode_packet_send(const PacketSend& packet, SerialVersion version);

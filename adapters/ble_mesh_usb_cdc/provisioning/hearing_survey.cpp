@@ -19,7 +19,7 @@ ConfigurationStep subscription_step(std::uint16_t source, std::uint16_t destinat
   return {.what = "the heartbeat subscription",
           .request = encode_heartbeat_subscription_set(source, destination),
           .answer = heartbeat_subscription_status,
-          .echoed_head = ByteWriter{}.write_u16_le(source).write_u16_le(destination).take()};
+          .echoed_head = octets_of(source, destination)};
 }
 
 /// Nordic's robots up to release 3.0 stop on a failed assertion when they are told to publish again
@@ -28,7 +28,7 @@ ConfigurationStep publication_step(std::uint16_t destination, std::uint8_t ttl) 
   return {.what = "the heartbeat publication",
           .request = encode_heartbeat_publication_set(destination, ttl),
           .answer = heartbeat_publication_status,
-          .echoed_head = ByteWriter{}.write_u16_le(destination).take(),
+          .echoed_head = octets_of(destination),
           .is_sent_once = destination != 0};
 }
 

@@ -50,7 +50,7 @@ ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std
   return {.what = fmt::format("{} of model {}", what, to_string(model)),
           .request = std::move(request),
           .answer = answer,
-          .echoed_head = ByteWriter{}.write_u16_le(element).take(),
+          .echoed_head = octets_of(element),
           .echoed_tail = encode_model_id(model),
           .is_required = false};
 }
@@ -73,8 +73,7 @@ ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t
   auto step = model_step(
       "the list of subscriptions", encode_model_subscription_get(element, model),
       model.company ? vendor_model_subscription_list : sig_model_subscription_list, element, model);
-  step.echoed_head =
-      ByteWriter{}.write_u16_le(element).write(std::exchange(step.echoed_tail, {})).take();
+  step.echoed_head = octets_of(element, std::exchange(step.echoed_tail, {}));
   if (groups_of(settings, model).empty()) step.also_done = not_a_subscribe_model;
   step.lists_groups_of = ModelElement{element, model};
   return step;
@@ -84,7 +83,7 @@ ConfigurationStep group_step(std::string_view what, Bytes request, const ModelEl
                              std::uint16_t group) {
   auto step = model_step(fmt::format("{} 0x{:04x}", what, group), std::move(request),
                          model_subscription_status, of.element, of.model);
-  step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(of.model)).take();
+  step.echoed_tail = octets_of(group, encode_model_id(of.model));
   return step;
 }
 
