@@ -15,6 +15,7 @@ constexpr const char* network_path = "/org/bluez/mesh";
 constexpr const char* network = "org.bluez.mesh.Network1";
 constexpr const char* node = "org.bluez.mesh.Node1";
 constexpr const char* management = "org.bluez.mesh.Management1";
+constexpr const char* properties = "org.freedesktop.DBus.Properties";
 constexpr const char* abort_error = "org.bluez.mesh.Error.Abort";
 
 constexpr const char* root = "/org/slam_gateway";
@@ -23,13 +24,105 @@ constexpr const char* agent = "/org/slam_gateway/agent";
 constexpr const char* element = "/org/slam_gateway/element";
 
 constexpr std::uint16_t index_0 = 0;  // of both keys
-constexpr int is_remote = 1;          // as "b" of sd-bus
+constexpr bool is_remote = true;
 constexpr std::uint8_t one_element = 1;
 
+struct ObjectPath {
+  const char* text;
+};
+struct NoOptions {};
+
+// Arguments of calls.
+void append(sd_bus_message* message, ObjectPath path) {
+  sd_bus_message_append(message, "o", path.text);
+}
+void append(sd_bus_message* message, const char* text) {
+  sd_bus_message_append(message, "s", text);
+}
+void append(sd_bus_message* message, bool value) {
+  sd_bus_message_append(message, "b", int{value});
+}
+void append(sd_bus_message* message, std::uint8_t number) {
+  sd_bus_message_append(message, "y", number);
+}
+void append(sd_bus_message* message, std::uint16_t number) {
+  sd_bus_message_append(message, "q", number);
+}
+void append(sd_bus_message* message, std::uint32_t number) {
+  sd_bus_message_append(message, "u", number);
+}
+void append(sd_bus_message* message, std::uint64_t number) {
+  sd_bus_message_append(message, "t", number);
+}
 void append(sd_bus_message* message, ByteView bytes) {
   sd_bus_message_append_array(message, 'y', bytes.data(), bytes.size());
 }
-void append_no_options(sd_bus_message* message) { sd_bus_message_append(message, "a{sv}", 0); }
+void append(sd_bus_message* message, NoOptions) { sd_bus_message_append(message, "a{sv}", 0); }
+
+/// Makes the messages of calls at meshd.
+struct Composer {
+  const BusConnection& connection;
+  const char* node_path;
+
+  SdBusMessage operator()(const Attach& call) const {
+    return compose(network_path, network, "Attach", ObjectPath{root}, call.token);
+  }
+  SdBusMessage operator()(const Import& call) const {
+    return compose(network_path, network, "Import", ObjectPath{root}, call.uuid, call.device_key,
+                   call.net_key, index_0, NoOptions{}, call.iv_index, call.address);
+  }
+  SdBusMessage operator()(const Leave& call) const {
+    return compose(network_path, network, "Leave", call.token);
+  }
+  SdBusMessage operator()(const ImportSubnet& call) const {
+    return compose(node_path, management, "ImportSubnet", index_0, call.net_key);
+  }
+  SdBusMessage operator()(const ImportAppKey& call) const {
+    return compose(node_path, management, "ImportAppKey", index_0, index_0, call.app_key);
+  }
+  SdBusMessage operator()(const ImportRemoteNode& call) const {
+    return compose(node_path, management, "ImportRemoteNode", call.address, one_element,
+                   call.device_key);
+  }
+  SdBusMessage operator()(const DeleteRemoteNode& call) const {
+    return compose(node_path, management, "DeleteRemoteNode", call.address, one_element);
+  }
+  SdBusMessage operator()(const ExportKeys&) const {
+    return compose(node_path, management, "ExportKeys");
+  }
+  SdBusMessage operator()(const UnprovisionedScan&) const {
+    return compose(node_path, management, "UnprovisionedScan", NoOptions{});
+  }
+  SdBusMessage operator()(const UnprovisionedScanCancel&) const {
+    return compose(node_path, management, "UnprovisionedScanCancel");
+  }
+  SdBusMessage operator()(const AddNode& call) const {
+    return compose(node_path, management, "AddNode", call.uuid, NoOptions{});
+  }
+  SdBusMessage operator()(const Send& call) const {
+    return compose(node_path, node, "Send", ObjectPath{element}, call.destination, call.key,
+                   NoOptions{}, call.payload);
+  }
+  SdBusMessage operator()(const DevKeySend& call) const {
+    return compose(node_path, node, "DevKeySend", ObjectPath{element}, call.destination, is_remote,
+                   index_0, NoOptions{}, call.payload);
+  }
+  SdBusMessage operator()(const GetAddresses&) const {
+    return compose(node_path, properties, "Get", node, "Addresses");
+  }
+  SdBusMessage operator()(const GetIvIndex&) const {
+    return compose(node_path, properties, "Get", node, "IvIndex");
+  }
+
+ private:
+  template <class... Arguments>
+  SdBusMessage compose(const char* path, const char* interface, const char* member,
+                       const Arguments&... arguments) const {
+    SdBusMessage message = connection.call(path, interface, member);
+    (append(message.get(), arguments), ...);
+    return message;
+  }
+};
 
 Bytes read_bytes(sd_bus_message* message) {
   const void* data = nullptr;
@@ -91,21 +184,10 @@ std::uint16_t read_first_address(sd_bus_message* reply) {
 
 // Properties of the gateway's node. meshd compares its composition at each Attach.
 
-int get_u16(std::uint16_t value, sd_bus_message* reply) {
-  return sd_bus_message_append(reply, "q", value);
-}
-int get_company(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
-                sd_bus_error*) {
-  return get_u16(*gateway_model.company, reply);
-}
-int get_version(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
-                sd_bus_error*) {
-  return get_u16(1, reply);
-}
-/// Length of the replay list that meshd keeps for the node; without it, 100.
-int get_crpl(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
-             sd_bus_error*) {
-  return get_u16(last_unicast_address, reply);
+template <std::uint16_t value>
+int get_u16(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
+            sd_bus_error*) {
+  return sd_bus_message_append(reply, "q", int{value});
 }
 int get_element_index(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
                       sd_bus_error*) {
@@ -136,14 +218,13 @@ struct MeshdBus::Objects {
   static constexpr std::uint64_t constant = SD_BUS_VTABLE_PROPERTY_CONST;
   static constexpr std::uint64_t open = SD_BUS_VTABLE_UNPRIVILEGED;
   static constexpr sd_bus_vtable application[] = {
-      SD_BUS_VTABLE_START(0),
-      SD_BUS_METHOD("JoinComplete", "t", "", on_join_complete, open),
+      SD_BUS_VTABLE_START(0), SD_BUS_METHOD("JoinComplete", "t", "", on_join_complete, open),
       SD_BUS_METHOD("JoinFailed", "s", "", do_nothing, open),
-      SD_BUS_PROPERTY("CompanyID", "q", get_company, 0, constant),
-      SD_BUS_PROPERTY("ProductID", "q", get_version, 0, constant),
-      SD_BUS_PROPERTY("VersionID", "q", get_version, 0, constant),
-      SD_BUS_PROPERTY("CRPL", "q", get_crpl, 0, constant),
-      SD_BUS_VTABLE_END};
+      SD_BUS_PROPERTY("CompanyID", "q", get_u16<*gateway_model.company>, 0, constant),
+      SD_BUS_PROPERTY("ProductID", "q", get_u16<1>, 0, constant),
+      SD_BUS_PROPERTY("VersionID", "q", get_u16<1>, 0, constant),
+      // Length of the replay list that meshd keeps for the node; without it, 100.
+      SD_BUS_PROPERTY("CRPL", "q", get_u16<last_unicast_address>, 0, constant), SD_BUS_VTABLE_END};
   static constexpr sd_bus_vtable provisioner[] = {
       SD_BUS_VTABLE_START(0),
       SD_BUS_METHOD("ScanResult", "naya{sv}", "", on_scan_result, open),
@@ -218,102 +299,6 @@ int MeshdBus::on_filter(sd_bus_message* message, void* bus, sd_bus_error*) {
 
 // --- Calls at meshd ------------------------------------------------------------------------------
 
-SdBusMessage MeshdBus::compose(const Attach& call) const {
-  SdBusMessage message = to(network_path, network, "Attach");
-  sd_bus_message_append(message.get(), "ot", root, call.token);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const Import& call) const {
-  SdBusMessage message = to(network_path, network, "Import");
-  sd_bus_message_append(message.get(), "o", root);
-  append(message.get(), call.uuid);
-  append(message.get(), call.device_key);
-  append(message.get(), call.net_key);
-  sd_bus_message_append(message.get(), "q", index_0);
-  append_no_options(message.get());
-  sd_bus_message_append(message.get(), "uq", call.iv_index, call.address);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const Leave& call) const {
-  SdBusMessage message = to(network_path, network, "Leave");
-  sd_bus_message_append(message.get(), "t", call.token);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const ImportSubnet& call) const {
-  SdBusMessage message = to_node(management, "ImportSubnet");
-  sd_bus_message_append(message.get(), "q", index_0);
-  append(message.get(), call.net_key);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const ImportAppKey& call) const {
-  SdBusMessage message = to_node(management, "ImportAppKey");
-  sd_bus_message_append(message.get(), "qq", index_0, index_0);
-  append(message.get(), call.app_key);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const ImportRemoteNode& call) const {
-  SdBusMessage message = to_node(management, "ImportRemoteNode");
-  sd_bus_message_append(message.get(), "qy", call.address, one_element);
-  append(message.get(), call.device_key);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const DeleteRemoteNode& call) const {
-  SdBusMessage message = to_node(management, "DeleteRemoteNode");
-  sd_bus_message_append(message.get(), "qy", call.address, one_element);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const ExportKeys&) const {
-  return to_node(management, "ExportKeys");
-}
-
-SdBusMessage MeshdBus::compose(const UnprovisionedScan&) const {
-  SdBusMessage message = to_node(management, "UnprovisionedScan");
-  append_no_options(message.get());
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const UnprovisionedScanCancel&) const {
-  return to_node(management, "UnprovisionedScanCancel");
-}
-
-SdBusMessage MeshdBus::compose(const AddNode& call) const {
-  SdBusMessage message = to_node(management, "AddNode");
-  append(message.get(), call.uuid);
-  append_no_options(message.get());
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const Send& call) const {
-  SdBusMessage message = to_node(node, "Send");
-  sd_bus_message_append(message.get(), "oqq", element, call.destination, call.key);
-  append_no_options(message.get());
-  append(message.get(), call.payload);
-  return message;
-}
-
-SdBusMessage MeshdBus::compose(const DevKeySend& call) const {
-  SdBusMessage message = to_node(node, "DevKeySend");
-  sd_bus_message_append(message.get(), "oqbq", element, call.destination, is_remote, index_0);
-  append_no_options(message.get());
-  append(message.get(), call.payload);
-  return message;
-}
-
-SdBusMessage MeshdBus::get_property(const char* name) const {
-  SdBusMessage message = to_node("org.freedesktop.DBus.Properties", "Get");
-  sd_bus_message_append(message.get(), "ss", node, name);
-  return message;
-}
-SdBusMessage MeshdBus::compose(const GetAddresses&) const { return get_property("Addresses"); }
-SdBusMessage MeshdBus::compose(const GetIvIndex&) const { return get_property("IvIndex"); }
-
 void MeshdBus::perform(const MeshdRequest& request) {
   if (!connection_.bus()) return;
   std::visit(overloaded{
@@ -336,8 +321,7 @@ void MeshdBus::make_call(const CallMeshd& wanted) {
   const auto entry =
       pending_.emplace(wanted.number, Pending{*this, wanted.number, wanted.call}).first;
   Pending& pending = entry->second;
-  const SdBusMessage message =
-      std::visit([this](const auto& call) { return compose(call); }, wanted.call);
+  const SdBusMessage message = std::visit(Composer{connection_, node_path_.c_str()}, wanted.call);
   sd_bus_slot* slot = nullptr;
   const int error =
       sd_bus_call_async(connection_.bus(), &slot, message.get(), on_reply, &pending, 0);

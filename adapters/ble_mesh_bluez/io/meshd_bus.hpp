@@ -35,29 +35,6 @@ class MeshdBus {
   void on_meshd(const std::string& fault);
   void forget_calls();
 
-  SdBusMessage to(const char* path, const char* interface, const char* member) const {
-    return connection_.call(path, interface, member);
-  }
-  SdBusMessage to_node(const char* interface, const char* member) const {
-    return to(node_path_.c_str(), interface, member);
-  }
-  SdBusMessage compose(const Attach& call) const;
-  SdBusMessage compose(const Import& call) const;
-  SdBusMessage compose(const Leave& call) const;
-  SdBusMessage compose(const ImportSubnet& call) const;
-  SdBusMessage compose(const ImportAppKey& call) const;
-  SdBusMessage compose(const ImportRemoteNode& call) const;
-  SdBusMessage compose(const DeleteRemoteNode& call) const;
-  SdBusMessage compose(const ExportKeys& call) const;
-  SdBusMessage compose(const UnprovisionedScan& call) const;
-  SdBusMessage compose(const UnprovisionedScanCancel& call) const;
-  SdBusMessage compose(const AddNode& call) const;
-  SdBusMessage compose(const Send& call) const;
-  SdBusMessage compose(const DevKeySend& call) const;
-  SdBusMessage compose(const GetAddresses& call) const;
-  SdBusMessage compose(const GetIvIndex& call) const;
-  SdBusMessage get_property(const char* name) const;
-
   void make_call(const CallMeshd& wanted);
   void answer(SdBusMessage& waiting, const GiveAddress& given);
   void read_answer(sd_bus_message* reply, const MeshdCall& call, MeshdAnswer& answer);
