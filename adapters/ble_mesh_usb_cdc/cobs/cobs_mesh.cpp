@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <boost/crc.hpp>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
@@ -77,19 +78,14 @@ void CobsSplitter::reset() {
 
 namespace {
 
-constexpr std::uint8_t reflected_polynomial = 0x8c;
 constexpr std::size_t shortest_frame = 4;  // no data
 
 }  // namespace
 
 std::uint8_t crc8_maxim(ByteView bytes) {
-  unsigned crc = 0;
-  for (const std::uint8_t byte : bytes) {
-    crc ^= byte;
-    for (int bit = 0; bit < 8; ++bit)
-      crc = (crc & 1U) != 0 ? (crc >> 1) ^ reflected_polynomial : crc >> 1;
-  }
-  return static_cast<std::uint8_t>(crc);
+  boost::crc_optimal<8, 0x31, 0, 0, true, true> crc;
+  crc.process_bytes(bytes.data(), bytes.size());
+  return crc.checksum();
 }
 
 Bytes encode_lien_frame(const LienFrame& frame) {

@@ -2,6 +2,7 @@
 #include "adapters/ble_mesh_usb_cdc/robots/relay.hpp"
 
 #include <algorithm>
+#include <boost/crc.hpp>
 #include <utility>
 
 #include "daemon/core/normalizer.hpp"
@@ -17,14 +18,9 @@ bool is_in_segments(const Bytes& access) { return segments_of(access.size()) > 1
 }  // namespace
 
 std::uint16_t relayed_number_of(std::string_view robot) {
-  constexpr unsigned polynomial = 0x1021;
-  unsigned crc = 0xffff;
-  for (const char c : robot) {
-    crc ^= static_cast<unsigned>(static_cast<std::uint8_t>(c)) << 8U;
-    for (int bit = 0; bit < 8; ++bit)
-      crc = (crc & 0x8000U) != 0 ? crc << 1U ^ polynomial : crc << 1U;
-  }
-  return static_cast<std::uint16_t>(crc);
+  boost::crc_optimal<16, 0x1021, 0xffff, 0, false, false> crc;
+  crc.process_bytes(robot.data(), robot.size());
+  return crc.checksum();
 }
 
 void Relay::on_robot_message(const BrokerMessage& message, TimePoint now) {
