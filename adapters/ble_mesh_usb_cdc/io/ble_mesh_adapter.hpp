@@ -4,11 +4,8 @@
 #pragma once
 
 #include <functional>
-#include <optional>
-#include <string>
 
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
-#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 
 namespace slamgw::ble {
 
@@ -29,12 +26,5 @@ class BleMeshAdapter {
   /// `robots` of the configuration, read again. Robots stay in the mesh.
   virtual void reconfigure(RobotNames names) = 0;
 };
-
-/// What `mesh.json` in this directory holds.
-struct LoadedMesh {
-  std::optional<NodeDatabase> database;
-  std::string problem;  ///< why the mesh must stay off; else empty
-};
-LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings);
 
 }  // namespace slamgw::ble

@@ -6,6 +6,7 @@
 #include <openssl/rand.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -66,6 +67,24 @@ bool sync_directory(const std::string& path) {
   return is_synced;
 }
 
+/// No two in one mesh may send from the same address: robots would drop the messages of one.
+void check_address(const NodeDatabase& database, std::uint16_t address, std::string& problem) {
+  if (const Node* const taken = database.find_address(address))
+    problem = fmt::format(
+        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose one that none has",
+        address, to_hex(taken->uuid));
+  if (database.guest_address && *database.guest_address != address)
+    problem = fmt::format(
+        "ble_mesh.address must be 0x{:04x}, which the gateway that provisions this mesh has given "
+        "this one",
+        *database.guest_address);
+  if (std::ranges::find(database.gateways, address) != database.gateways.end())
+    problem = fmt::format(
+        "ble_mesh.address 0x{:04x} was given to another gateway of this mesh: choose one that none "
+        "has",
+        address);
+}
+
 }  // namespace
 
 Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
@@ -112,6 +131,17 @@ std::string MeshFile::write(const NodeDatabase& database,
   if (!sync_directory(directory))
     return fmt::format("{} can't be made safe on disk: {}", directory, last_error());
   return {};
+}
+
+LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings) {
+  LoadedMesh mesh;
+  if (const auto loaded = MeshFile(store_directory).load(); !loaded.has_value()) {
+    mesh.problem = loaded.error().why;
+  } else {
+    mesh.database = *loaded;
+  }
+  if (mesh.database) check_address(*mesh.database, settings.address, mesh.problem);
+  return mesh;
 }
 
 bool fill_random(std::span<std::uint8_t> octets) {

@@ -10,6 +10,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw::ble {
@@ -34,6 +35,13 @@ class MeshFile {
 
   std::string path_;
 };
+
+/// What `mesh.json` in this directory holds.
+struct LoadedMesh {
+  std::optional<NodeDatabase> database;
+  std::string problem;  ///< why the mesh must stay off; else empty
+};
+LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings);
 
 /// A RandomSource: the system's.
 bool fill_random(std::span<std::uint8_t> octets);
