@@ -112,9 +112,14 @@ namespace {
 
 EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, CommandResult result,
                  std::string why) {
-  return {command.id,     command.type,
-          result,         std::chrono::duration_cast<std::chrono::milliseconds>(now - arrived),
-          std::move(why), {}};
+  return {{Mesh::ble,
+           command.id,
+           {},
+           command.type,
+           result,
+           duration_cast<milliseconds>(now - arrived),
+           std::move(why)},
+          {}};
 }
 
 }  // namespace

@@ -97,14 +97,9 @@ OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const
 /// The outcome of a command that an earlier daemon had under way.
 CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
 
-/// How one command ended.
-struct EndedCommand {
-  CommandId id = CommandId::none;
-  std::string type;
-  CommandResult result = CommandResult::delivered;
-  std::chrono::milliseconds after{0};
-  std::string why;  ///< empty when delivered
-  Bytes access;     ///< was sent, and must not be sent again; empty when nothing was
+/// How one command ended, without the robot.
+struct EndedCommand : CommandOutcome {
+  Bytes access;  ///< was sent, and must not be sent again; empty when nothing was
 };
 using EndedCommands = std::vector<EndedCommand>;
 

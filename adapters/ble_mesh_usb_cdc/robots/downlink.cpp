@@ -7,8 +7,9 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
                           CommandId id, TimePoint now) {
   if (message.retain && !may_take_retained(robot, message)) return;
   const auto refuse = [&](std::string why) {
-    conclude(robot,
-             {{id, std::string(type), CommandResult::refused, message.waited, std::move(why), {}}});
+    conclude(robot, {{{Mesh::ble, id, robot.id, std::string(type), CommandResult::refused,
+                       message.waited, std::move(why)},
+                      {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
   if (!link_.is_up) return refuse("the BLE link is down (slam-gatewayctl status says why)");
@@ -84,10 +85,10 @@ void Downlink::conclude(const Robot& robot, EndedCommands ended) {
   for (EndedCommand& command : ended) {
     ++ended_[static_cast<std::size_t>(command.result)];
     if (!command.access.empty()) radio_.withdraw(robot.address, command.access);
+    command.robot = robot.id;
     if (robot.is_deaf && command.result == CommandResult::timeout)
       command.why += "; it does not hear the gateway";
-    emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,
-                        command.after, std::move(command.why)});
+    emit(static_cast<CommandOutcome&&>(command));
   }
 }
 
