@@ -15,7 +15,7 @@ Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState
       actions_(actions),
       nodes_(settings, std::move(names), std::move(database)),
       order_(actions),
-      shared_(settings, radio, link, nodes_, order_, actions_),
+      shared_{settings, radio, link, nodes_, order_, actions_},
       lives_(shared_),
       admission_(shared_),
       refresh_(shared_),

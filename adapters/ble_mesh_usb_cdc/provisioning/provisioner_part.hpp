@@ -64,23 +64,12 @@ class OpenOrder {
   std::optional<Order> order_;
 };
 
-class ProvisionerPart {
- public:
-  /// All of them outlive it.
-  ProvisionerPart(const Settings& settings, Radio& radio, const LinkState& link, NodeTable& nodes,
-                  OpenOrder& order, MeshActions& actions)
-      : settings_(settings),
-        radio_(radio),
-        link_(link),
-        nodes_(nodes),
-        order_(order),
-        actions_(actions) {}
-
+/// All of them outlive it.
+struct ProvisionerPart {
   void notify(Severity severity, std::string text, std::string robot = {}) {
     actions_.push(MeshEvent(Notice{severity, std::move(text), std::move(robot)}));
   }
 
- protected:
   const Settings& settings_;
   Radio& radio_;
   const LinkState& link_;

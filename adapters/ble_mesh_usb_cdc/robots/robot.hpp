@@ -122,20 +122,8 @@ class ServiceGate {
   MayServe may_serve_ = [](const std::string&) { return true; };
 };
 
-class MeshPart {
- public:
-  /// All of them outlive it. `is_traced`: each transmission and acknowledgement is a MeshStep.
-  MeshPart(const Settings& settings, const TopicScheme& topics, Radio& radio, const LinkState& link,
-           const ServiceGate& gate, MeshActions& actions, const bool& is_traced)
-      : settings_(settings),
-        topics_(topics),
-        radio_(radio),
-        link_(link),
-        gate_(gate),
-        actions_(actions),
-        is_traced_(is_traced) {}
-
- protected:
+/// All of them outlive it.
+struct MeshPart {
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
   const Settings& settings_;
@@ -144,7 +132,7 @@ class MeshPart {
   const LinkState& link_;
   const ServiceGate& gate_;
   MeshActions& actions_;
-  const bool& is_traced_;
+  const bool& is_traced_;  ///< each transmission and acknowledgement is a MeshStep
 };
 
 }  // namespace slamgw::ble
