@@ -52,9 +52,7 @@ void KeyRefresh::on_taken(const Uuid& uuid, RefreshStep step) {
   if (!is_on()) return;
   Node& node = *nodes_.change().find(uuid);
   node.refreshed = std::max(node.refreshed, step);
-  NodeHistory& history = nodes_.history(uuid);
-  history.failures = 0;
-  history.problem.clear();
+  nodes_.history(uuid).forget_failures();
 }
 
 // --- The steps -----------------------------------------------------------------------------------
@@ -94,8 +92,7 @@ void KeyRefresh::begin_step(RefreshStep step) {
   has_switched_ = false;
   for (const Node& node : database.nodes) {
     NodeHistory& history = nodes_.history(node.uuid);
-    history.failures = 0;
-    history.problem.clear();
+    history.forget_failures();
     history.retry_at = TimePoint::min();
   }
   notify(Severity::notice, step == RefreshStep::distributing

@@ -265,9 +265,7 @@ void NodeConversations::on_configured(const Node& known) {
   node.state = NodeState::configured;
   node.ttl = ttl_of(node);
   node.applied = AppliedSettings{destination(), groups_of(node), false, settings_.relayed_to()};
-  NodeHistory& history = nodes_.history(node.uuid);
-  history.failures = 0;
-  history.problem.clear();
+  nodes_.history(node.uuid).forget_failures();
   nodes_.announce_change();
   const std::string id = nodes_.id_of(node.address);
   if (is_outdated(before))

@@ -26,6 +26,11 @@ struct NodeHistory {
   int failures = 0;                       ///< of its configuration, in a row
   bool has_restarted_radio = false;       ///< because it was not heard after it had joined
   std::string problem = {};               ///< why it is not configured; empty when it is
+
+  void forget_failures() {
+    failures = 0;
+    problem.clear();
+  }
 };
 
 class NodeTable {
