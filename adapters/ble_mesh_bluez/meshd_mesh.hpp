@@ -22,10 +22,9 @@ class MeshdMesh final : public BleMesh {
   MeshdMesh(const Settings& settings, TopicScheme topics, RobotNames names,
             const std::optional<NodeDatabase>& database, MeshdRadio::RandomSource random)
       : BleMesh(settings, std::move(topics), std::move(names), database,
-                std::make_unique<MeshdRadio>(
-                    meshd_settings(settings, database),
-                    database ? std::optional(radio_keys(*database)) : std::nullopt,
-                    std::move(random))) {}
+                std::make_unique<MeshdRadio>(MeshdSettings{settings.heard_groups(), settings.ttl,
+                                                           database ? database->life.radio : ""},
+                                             radio_keys(database), std::move(random))) {}
 
   void on_meshd(MeshdEvent& event, TimePoint now) {
     meshd().on_event(event, now);
@@ -40,13 +39,6 @@ class MeshdMesh final : public BleMesh {
 
  private:
   MeshdRadio& meshd() { return static_cast<MeshdRadio&>(radio()); }
-
-  static MeshdSettings meshd_settings(const Settings& settings,
-                                      const std::optional<NodeDatabase>& database) {
-    MeshdSettings meshd{settings.groups, settings.ttl, database ? database->life.radio : ""};
-    if (settings.gateway_group) meshd.groups.push_back(*settings.gateway_group);
-    return meshd;
-  }
 };
 
 }  // namespace slamgw::ble

@@ -62,6 +62,12 @@ struct Settings {
   std::chrono::seconds offline_after{30};  ///< `presence.offline_after_s`
   bool operator==(const Settings&) const = default;
 
+  /// The groups that the radio hears.
+  std::vector<std::uint16_t> heard_groups() const {
+    std::vector<std::uint16_t> heard = groups;
+    if (gateway_group) heard.push_back(*gateway_group);
+    return heard;
+  }
   /// Where robots publish to.
   std::uint16_t destination() const { return gateway_group.value_or(address); }
   /// The group in which they hear relayed updates; nothing when there are none.

@@ -15,9 +15,8 @@ class BoardMesh final : public BleMesh {
             const std::optional<NodeDatabase>& database, RandomSource random, std::uint64_t seed)
       : BleMesh(settings, std::move(topics), std::move(names), database,
                 std::make_unique<BoardRadio>(
-                    board_settings(settings),
-                    database ? std::optional(radio_keys(*database)) : std::nullopt,
-                    std::move(random), seed)) {}
+                    BoardSettings{settings.address, settings.heard_groups(), settings.ttl},
+                    radio_keys(database), std::move(random), seed)) {}
 
   void on_port_open(TimePoint now) {
     board().on_port_open(now);
@@ -35,12 +34,6 @@ class BoardMesh final : public BleMesh {
 
  private:
   BoardRadio& board() { return static_cast<BoardRadio&>(radio()); }
-
-  static BoardSettings board_settings(const Settings& settings) {
-    BoardSettings board{settings.address, settings.groups, settings.ttl};
-    if (settings.gateway_group) board.groups.push_back(*settings.gateway_group);
-    return board;
-  }
 };
 
 }  // namespace slamgw::ble

@@ -244,7 +244,10 @@ std::optional<Node> read_node(const Json& json) {
   const auto new_address = read_unicast(json, "new_address");
   if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
   if (json.contains("new_address") && !new_address) return std::nullopt;
-  Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}, {}, 0};
+  Node node{.uuid = *uuid,
+            .address = *address,
+            .elements = static_cast<std::uint8_t>(*elements),
+            .state = *state};
   node.new_address = new_address.value_or(0);
   node.refreshed = read_step(json, "refreshed");
   node.name = read_text(json, "name").value_or("");
@@ -390,16 +393,9 @@ std::optional<Node> read_imported_node(const Json& json) {
   const auto* elements = read_array(json, "elements");
   const std::size_t count = elements == nullptr ? 1 : std::max<std::size_t>(elements->size(), 1);
   if (count > max_elements) return std::nullopt;
-  Node node{*uuid,
-            *address,
-            static_cast<std::uint8_t>(count),
-            NodeState::provisioned,
-            *device_key,
-            {},
-            {},
-            {},
-            0};
-  if (is_configured(json)) node.state = NodeState::configured;
+  Node node{.uuid = *uuid, .address = *address, .elements = static_cast<std::uint8_t>(count)};
+  node.device_key = device_key;
+  node.state = is_configured(json) ? NodeState::configured : NodeState::provisioned;
   const auto name = read_text(json, "name");
   if (name && is_valid_level(*name)) node.name = *name;
   return node;

@@ -79,11 +79,11 @@ struct Node {
   std::uint16_t address = 0;  ///< unicast, of the first element
   std::uint8_t elements = 1;  ///< their addresses follow each other
   NodeState state = NodeState::reserved;
-  std::optional<Key> device_key;    ///< nothing while `reserved`, or when the radio keeps it
-  std::string name;                 ///< given by an operator; may be empty
-  std::optional<std::uint8_t> ttl;  ///< that it was configured to publish with
+  std::optional<Key> device_key = {};    ///< nothing while `reserved`, or when the radio keeps it
+  std::string name = {};                 ///< given by an operator; may be empty
+  std::optional<std::uint8_t> ttl = {};  ///< that it was configured to publish with
   /// Nothing: configured by another tool, or by an old version.
-  std::optional<AppliedSettings> applied;
+  std::optional<AppliedSettings> applied = {};
   /// It was reset by hand and joins again at this address; 0: no. It has both until it has joined.
   std::uint16_t new_address = 0;
   NodeWishes wishes = {};
@@ -161,6 +161,10 @@ struct NodeDatabase {
 /// The keys for the radio. A radio that distributes hears the old ones only: no node sends under
 /// the new ones yet.
 RadioKeys radio_keys(const NodeDatabase& database);
+/// The same; nothing without a mesh.
+inline std::optional<RadioKeys> radio_keys(const std::optional<NodeDatabase>& database) {
+  return database ? std::optional(radio_keys(*database)) : std::nullopt;
+}
 
 // Which unicast address a new robot gets. In this order: the addresses that `robots` names, as they
 // stand there; the next free one from 0x0100; one that was passed over; at last the one whose robot
