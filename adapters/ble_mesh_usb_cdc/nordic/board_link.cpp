@@ -63,13 +63,12 @@ Bytes Resync::start(TimePoint now) {
   octets_seen_ = 0;
   last_octets_ = 0;
   has_seen_refusal_ = false;
-  state_ = State::waiting;
   return flush(now);
 }
 
 Bytes Resync::flush(TimePoint now) {
   ++attempts_;
-  phase_ = Phase::waiting_for_quiet;
+  state_ = State::awaiting_quiet;
   due_ = now + quiet_time;
   quiet_limit_ = now + max_wait_for_quiet;
   return Bytes(longest_frame_body, 0);
@@ -77,12 +76,12 @@ Bytes Resync::flush(TimePoint now) {
 
 ByteView Resync::on_bytes(ByteView bytes, TimePoint now) {
   octets_seen_ += bytes.size();
-  if (state_ != State::waiting) return {};
+  if (!is_waiting()) return {};
   for (const std::uint8_t octet : bytes) {
     last_octets_ = last_octets_ << 8 | octet;
     if (last_octets_ == refusal_of_zero) has_seen_refusal_ = true;
   }
-  if (phase_ == Phase::waiting_for_quiet) {
+  if (state_ == State::awaiting_quiet) {
     due_ = std::min(now + quiet_time, quiet_limit_);
     return {};
   }
@@ -100,13 +99,13 @@ ByteView Resync::on_bytes(ByteView bytes, TimePoint now) {
 }
 
 std::optional<TimePoint> Resync::deadline() const {
-  return state_ == State::waiting ? std::optional(due_) : std::nullopt;
+  return is_waiting() ? std::optional(due_) : std::nullopt;
 }
 
 std::optional<Bytes> Resync::on_deadline(TimePoint now) {
-  if (state_ != State::waiting || now < due_) return std::nullopt;
-  if (phase_ == Phase::waiting_for_quiet) {
-    phase_ = Phase::waiting_for_echo;
+  if (!is_waiting() || now < due_) return std::nullopt;
+  if (state_ == State::awaiting_quiet) {
+    state_ = State::awaiting_echo;
     due_ = now + echo_time_limits.at(attempts_ - 1);
     tail_.clear();
     const Bytes nonce = ByteWriter{}

@@ -75,7 +75,7 @@ class Resync {
       std::chrono::milliseconds{500}, std::chrono::seconds{2}, std::chrono::seconds{2},
       std::chrono::seconds{2}, std::chrono::seconds{2}};
 
-  enum class State : std::uint8_t { idle, waiting, in_step, failed };
+  enum class State : std::uint8_t { idle, awaiting_quiet, awaiting_echo, in_step, failed };
 
   explicit Resync(std::uint64_t seed) : random_(seed) {}
 
@@ -94,13 +94,13 @@ class Resync {
   bool has_seen_refusal() const { return has_seen_refusal_; }
 
  private:
-  enum class Phase : std::uint8_t { waiting_for_quiet, waiting_for_echo };
-
+  bool is_waiting() const {
+    return state_ == State::awaiting_quiet || state_ == State::awaiting_echo;
+  }
   Bytes flush(TimePoint now);
 
   std::mt19937_64 random_;
   State state_ = State::idle;
-  Phase phase_ = Phase::waiting_for_quiet;
   std::size_t attempts_ = 0;
   std::size_t octets_seen_ = 0;
   std::uint32_t last_octets_ = 0;  ///< the last four received
