@@ -64,10 +64,6 @@ std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
                      [&](CommandEnded& ended) { on_command_ended(ended); },
                      [&](ProvisioningEvent& event) { on_event(event, now); },
                      [&](MessageReceived& message) { on_message(message); },
-                     [&](LinkIsUp& up) {
-                       forget();
-                       actions_.push(std::move(up));
-                     },
                      [&](LinkIsDown& down) { on_link_down(down); },
                      [&](auto& as_it_is) { actions_.push(std::move(as_it_is)); },
                  },
