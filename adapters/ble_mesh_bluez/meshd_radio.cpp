@@ -63,30 +63,20 @@ std::optional<MeshdNode> decode_node(std::string_view text) {
 // --- meshd comes and goes ------------------------------------------------------------------------
 
 void MeshdRadio::on_event(MeshdEvent& event, TimePoint now) {
-  std::visit(overloaded{
-                 [&](const MeshdCame&) {
-                   if (stage_ != Stage::absent) go_down("another bluetooth-meshd has come");
-                   begin(now);
-                 },
-                 [&](const MeshdGone& gone) { on_gone(gone); },
-                 [&](const MeshdAnswer& answer) { on_answer(answer, now); },
-                 [&](const JoinComplete& complete) { on_join_complete(complete); },
-                 [&](const ScanResult& result) { on_scan_result(result); },
-                 [&](const RequestProvData& wanted) { on_prov_data_wanted(wanted); },
-                 [&](const AddNodeComplete& added) { on_node_added(added); },
-                 [&](const AddNodeFailed& failed) { on_node_failed(failed); },
-                 [&](AppMessage& message) { on_message(message); },
-                 [&](DevKeyMessage& message) { on_device_key_message(message, now); },
-             },
-             event);
+  std::visit([&](auto& what) { on(what, now); }, event);
 }
 
-void MeshdRadio::on_gone(const MeshdGone& gone) {
+void MeshdRadio::on(const MeshdCame&, TimePoint now) {
+  if (stage_ != Stage::absent) go_down("another bluetooth-meshd has come");
+  begin(now);
+}
+
+void MeshdRadio::on(const MeshdGone& gone, TimePoint) {
   go_down(gone.why);
   stage_ = Stage::absent;
 }
 
-void MeshdRadio::on_answer(const MeshdAnswer& answer, TimePoint now) {
+void MeshdRadio::on(const MeshdAnswer& answer, TimePoint now) {
   const auto found = calls_.find(answer.number);
   if (found == calls_.end()) return;  // of a meshd that has gone
   const Done done = std::move(found->second);
@@ -185,7 +175,7 @@ void MeshdRadio::make_node() {
        });
 }
 
-void MeshdRadio::on_join_complete(const JoinComplete& complete) {
+void MeshdRadio::on(const JoinComplete& complete, TimePoint) {
   if (stage_ != Stage::importing) return;
   node_->token = complete.token;
   was_cleared_ = false;
@@ -384,7 +374,7 @@ void MeshdRadio::send_next(TimePoint now) {
   call(Send{next.destination, next.key.value_or(0), std::move(next.payload)}, sent);
 }
 
-void MeshdRadio::on_message(AppMessage& message) {
+void MeshdRadio::on(AppMessage& message, TimePoint) {
   // meshd loops messages to a group back.
   if (stage_ != Stage::up || message.source == source_) return;
   const auto length = static_cast<std::uint16_t>(message.payload.size());
@@ -392,7 +382,7 @@ void MeshdRadio::on_message(AppMessage& message) {
       message.source, message.key, false, {}, {}, length, std::move(message.payload)});
 }
 
-void MeshdRadio::on_device_key_message(DevKeyMessage& message, TimePoint now) {
+void MeshdRadio::on(DevKeyMessage& message, TimePoint now) {
   if (message.source == source_) {
     const auto answer = decode_access(message.payload);
     if (answer.has_value()) on_configured(*answer, now);
@@ -432,7 +422,7 @@ void MeshdRadio::run_scan(TimePoint now) {
   call(UnprovisionedScan{}, [](const MeshdAnswer&, TimePoint) {});
 }
 
-void MeshdRadio::on_scan_result(const ScanResult& result) {
+void MeshdRadio::on(const ScanResult& result, TimePoint) {
   UnprovisionedBeacon beacon;
   if (!rescan_at_ || result.data.size() < beacon.uuid.size()) return;
   std::copy_n(result.data.begin(), beacon.uuid.size(), beacon.uuid.begin());
@@ -447,7 +437,7 @@ void MeshdRadio::begin_join(TimePoint now) {
   });
 }
 
-void MeshdRadio::on_prov_data_wanted(const RequestProvData& wanted) {
+void MeshdRadio::on(const RequestProvData& wanted, TimePoint) {
   if (join_ && join_->due) return actions_.push(DeviceAnswered{wanted.elements});
   requests_.push(GiveAddress{});
 }
@@ -461,7 +451,7 @@ void MeshdRadio::answer_device(const std::string& refusal, TimePoint) {
   requests_.push(answer);
 }
 
-void MeshdRadio::on_node_added(const AddNodeComplete& added) {
+void MeshdRadio::on(const AddNodeComplete& added, TimePoint) {
   if (!join_ || join_->device.uuid != added.uuid) return;
   call(ExportKeys{}, [this, address = added.address](const MeshdAnswer& answer, TimePoint) {
     const auto key = answer.device_keys.find(address);
@@ -472,7 +462,7 @@ void MeshdRadio::on_node_added(const AddNodeComplete& added) {
   });
 }
 
-void MeshdRadio::on_node_failed(const AddNodeFailed& failed) {
+void MeshdRadio::on(const AddNodeFailed& failed, TimePoint) {
   if (!join_ || join_->device.uuid != failed.uuid) return;
   if (!join_->refusal.empty()) return end_join({.failure = join_->refusal});
   end_join(

@@ -128,15 +128,16 @@ class MeshdRadio final : public Radio {
     std::string refusal = {};
   };
 
-  void on_gone(const MeshdGone& gone);
-  void on_answer(const MeshdAnswer& answer, TimePoint now);
-  void on_join_complete(const JoinComplete& complete);
-  void on_scan_result(const ScanResult& result);
-  void on_prov_data_wanted(const RequestProvData& wanted);
-  void on_node_added(const AddNodeComplete& added);
-  void on_node_failed(const AddNodeFailed& failed);
-  void on_message(AppMessage& message);
-  void on_device_key_message(DevKeyMessage& message, TimePoint now);
+  void on(const MeshdCame&, TimePoint now);
+  void on(const MeshdGone& gone, TimePoint);
+  void on(const MeshdAnswer& answer, TimePoint now);
+  void on(const JoinComplete& complete, TimePoint);
+  void on(const ScanResult& result, TimePoint);
+  void on(const RequestProvData& wanted, TimePoint);
+  void on(const AddNodeComplete& added, TimePoint);
+  void on(const AddNodeFailed& failed, TimePoint);
+  void on(AppMessage& message, TimePoint);
+  void on(DevKeyMessage& message, TimePoint now);
   void call(MeshdCall call, Done done);
   void begin(TimePoint now);
   void pause(const std::string& why, Duration time, TimePoint now);
