@@ -107,26 +107,22 @@ std::string OperatorOrders::problem_with_name(const std::string& robot,
 // --- New robots ----------------------------------------------------------------------------------
 
 void OperatorOrders::take(const ScanOrder&, TimePoint now) {
-  order_->kind = Kind::scan;
-  order_->due = now + scan_time;
+  order_.set(Kind::scan, now + scan_time);
   if (!link_.is_up) order_.refuse(link_is_down());
 }
 
 void OperatorOrders::take(const ProvisionOrder& wanted, TimePoint now) {
   const auto uuid = parse_uuid(wanted.uuid);
   if (!uuid) return order_.refuse("the UUID is not 32 hex digits; `ble scan` shows the devices");
-  if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
+  if (is_refused(problem_with_mesh())) return;
   if (!link_.is_up) return order_.refuse(link_is_down());
-  if (std::string problem = problem_with_name(wanted.robot, uuid); !problem.empty())
-    return order_.refuse(problem);
+  if (is_refused(problem_with_name(wanted.robot, uuid))) return;
   const Node* known = nodes_.find(*uuid);
   if (known != nullptr && known->state != NodeState::reserved &&
       !admission_.candidates().find(*uuid, now))
     return order_.refuse(
         fmt::format("it is in the mesh already, as {}", nodes_.id_of(known->address)));
-  order_->kind = Kind::provision;
-  order_->due = now + search_time_limit;
-  order_->uuid = *uuid;
+  order_.set(Kind::provision, now + search_time_limit, *uuid);
   order_->robot = wanted.robot;
 }
 
@@ -179,18 +175,16 @@ std::string OperatorOrders::scan_json(TimePoint now) const {
 
 /// Null when the order was refused.
 const Node* OperatorOrders::node_called(const std::string& robot) {
-  std::string problem = problem_with_mesh();
-  const Node* node = problem.empty() ? find_robot(robot) : nullptr;
-  if (node == nullptr) order_.refuse(problem.empty() ? unknown_robot(robot) : problem);
+  if (is_refused(problem_with_mesh())) return nullptr;
+  const Node* node = find_robot(robot);
+  if (node == nullptr) order_.refuse(unknown_robot(robot));
   return node;
 }
 
 void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
   const Node* node = node_called(wanted.robot);
   if (node == nullptr) return;
-  order_->kind = Kind::remove;
-  order_->due = now + Admission::order_time_limit;
-  order_->uuid = node->uuid;
+  order_.set(Kind::remove, now + Admission::order_time_limit, node->uuid);
   order_->is_forced = wanted.is_forced;
   if (admission_.is_chosen(node->uuid)) return order_.refuse("it is joining right now");
   if (node->state == NodeState::reserved || (!link_.is_up && wanted.is_forced))
@@ -210,9 +204,7 @@ const Node* OperatorOrders::node_to_ask(OpenOrder::Kind kind, const std::string&
                                         Duration limit, TimePoint now) {
   const Node* node = node_called(robot);
   if (node == nullptr) return nullptr;
-  order_->kind = kind;
-  order_->due = now + limit;
-  order_->uuid = node->uuid;
+  order_.set(kind, now + limit, node->uuid);
   if (node->state == NodeState::reserved || admission_.is_joining(node->uuid)) {
     order_.refuse(robot + " has not joined the mesh yet");
   } else if (!link_.is_up) {
@@ -279,15 +271,14 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   if (!merged.has_value())
     return order_.refuse("the file can't be imported: " + merged.error().why);
   if (!nodes_.is_saved()) return order_.refuse("the mesh is being changed right now; try again");
-  order_->kind = Kind::import_mesh;
-  order_->due = now + Admission::order_time_limit;
+  order_.set(Kind::import_mesh, now + Admission::order_time_limit);
   order_->before = std::move(own);
   nodes_.replace(std::move(*merged));
 }
 
 /// The address is on disk before the other gateway gets it: no robot and no third gateway will.
 void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
-  if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
+  if (is_refused(problem_with_mesh())) return;
   if (refresh_.is_on()) return order_.refuse(is_refreshing);
   const NodeDatabase& database = *nodes_.database();
   if (wanted.address != 0) {
@@ -298,8 +289,7 @@ void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   }
   const auto address = nodes_.address_for_gateway();
   if (!address) return order_.refuse("no unicast address below 0x0100 is left for another gateway");
-  order_->kind = Kind::export_mesh;
-  order_->due = now + short_order_time_limit;
+  order_.set(Kind::export_mesh, now + short_order_time_limit);
   order_->address = *address;
   nodes_.change().gateways.push_back(*address);
 }
@@ -341,8 +331,7 @@ void OperatorOrders::warn_of_unheard_robots() {
 }
 
 void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
-  order_->kind = Kind::reset_board;
-  order_->due = now + short_order_time_limit;
+  order_.set(Kind::reset_board, now + short_order_time_limit);
   notify(
       Severity::warning,
       "an operator has the radio cleared: its sequence numbers start anew, and it sends from the "
@@ -359,10 +348,8 @@ void OperatorOrders::on_radio_cleared(const std::string& problem) {
 // --- The mesh's keys -----------------------------------------------------------------------------
 
 void OperatorOrders::take(const RefreshKeysOrder& wanted, TimePoint now) {
-  if (std::string problem = problem_with_refresh(wanted); !problem.empty())
-    return order_.refuse(problem);
-  order_->kind = Kind::refresh_keys;
-  order_->due = now + short_order_time_limit;
+  if (is_refused(problem_with_refresh(wanted))) return;
+  order_.set(Kind::refresh_keys, now + short_order_time_limit);
   leave_behind(wanted);
   if (!refresh_.is_on()) return refresh_.begin();
   if (nodes_.is_saved()) order_.answer(refresh_.json());

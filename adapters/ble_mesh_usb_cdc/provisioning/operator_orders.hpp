@@ -54,6 +54,11 @@ class OperatorOrders : private ProvisionerPart {
   void take(const ResetBoardOrder&, TimePoint now);
   void take(const RefreshKeysOrder& wanted, TimePoint now);
   OrderAnswer measure(const MeasureHearingOrder& wanted, TimePoint now);
+  /// Refuses the order that is under way, if there is a problem with it.
+  bool is_refused(const std::string& problem) {
+    if (!problem.empty()) order_.refuse(problem);
+    return !problem.empty();
+  }
   std::string problem_with_refresh(const RefreshKeysOrder& wanted) const;
   void leave_behind(const RefreshKeysOrder& wanted);
   void on_refresh_stored(const std::string& problem);

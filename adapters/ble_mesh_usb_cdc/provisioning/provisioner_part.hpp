@@ -49,6 +49,11 @@ class OpenOrder {
   }
 
   void open(Order order) { order_ = std::move(order); }
+  void set(Kind kind, TimePoint due, const Uuid& uuid = {}) {
+    order_->kind = kind;
+    order_->due = due;
+    order_->uuid = uuid;
+  }
   /// Ends it with a JSON document.
   void answer(std::string json) { end({std::move(json), {}}); }
   /// Ends it with a sentence for the operator.
