@@ -61,7 +61,7 @@ Robot* Robots::at(std::uint16_t source, TimePoint now) {
                   {}});
     return nullptr;
   }
-  return &robots_.try_emplace(address, address, nodes_.id_of(address), settings_.ttl).first->second;
+  return &add(address, nodes_.id_of(address)).first->second;
 }
 
 Robot* Robots::find(std::uint16_t address) {
@@ -82,8 +82,7 @@ void Robots::on_start() {
 void Robots::add_configured() {
   for (const RobotName& name : nodes_.names().configured()) {
     if (!name.ble_address || nodes_.is_elsewhere(name.id, *name.ble_address)) continue;
-    const auto [entry, is_new] =
-        robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
+    const auto [entry, is_new] = add(*name.ble_address, name.id);
     if (is_new) subscribe_known(entry->second);
   }
 }
@@ -106,8 +105,7 @@ void Robots::on_nodes_changed(TimePoint now) {
   for (const Node& node : nodes_.database()->nodes) {
     const bool has_room = robots_.contains(node.address) || robots_.size() < max_robots;
     if (node.state == NodeState::reserved || !has_room) continue;
-    const auto [entry, is_new] =
-        robots_.try_emplace(node.address, node.address, nodes_.id_of(node.address), settings_.ttl);
+    const auto [entry, is_new] = add(node.address, nodes_.id_of(node.address));
     Robot& robot = entry->second;
     robot.is_node = true;
     robot.sent_ttl = node.sent_ttl();

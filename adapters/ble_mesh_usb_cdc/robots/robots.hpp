@@ -72,6 +72,9 @@ class Robots : private MeshPart {
   void on_broker_up();
 
  private:
+  auto add(std::uint16_t address, const std::string& id) {
+    return robots_.try_emplace(address, address, id, settings_.ttl);
+  }
   void add_configured();
   void shut_out(Robot& robot, TimePoint now);
   void leave_name(Robot& robot, const std::string& why, TimePoint now);
