@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The part of the BLE mesh's I/O shell that all radios share: the file with its nodes, the open
-// commands of its robots, and what operators order. `Link` is the way to the radio, a BleShell:
-// SerialShell<BoardMesh> for a serial board. Loop's thread only.
+// commands of its robots, and what operators order. Loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -16,21 +15,23 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/ble_shell.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
 #include "daemon/core/session_store.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 
 namespace slamgw::ble {
 
-template <class Link>
-class BleMeshShell : public Link, public BleMeshAdapter {
+/// `Machine` is a BleMesh.
+template <MeshProtocolMachine Machine>
+class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
  public:
   void start() override {
     end_interrupted_commands();
-    Link::start();
+    BleShell<Machine>::start();
   }
   void stop() override {
-    Link::stop();
+    BleShell<Machine>::stop();
     orders_.clear();
     disk_.join();
     // What changed while the last write was under way, such as the key of a robot that just joined.
@@ -55,24 +56,29 @@ class BleMeshShell : public Link, public BleMeshAdapter {
   void on_robot_message(const BrokerMessage& message) override {
     if (!this->is_stopped()) this->driver()->on_robot_message(message, read_clocks());
   }
-  void reconfigure(RobotNames names) override { Link::reconfigure(std::move(names)); }
+  void reconfigure(RobotNames names) override { BleShell<Machine>::reconfigure(std::move(names)); }
 
  protected:
-  /// `sessions` outlives the shell. Keeps `mesh.json` in `store_directory` and, at start, reads the
-  /// open commands of robots in `sessions`. `for_link`: of Link's constructor, `io` first.
-  template <class... ForLink>
-  BleMeshShell(const std::string& store_directory, SessionStore& sessions,
-               boost::asio::io_context& io, ForLink&&... for_link)
-      : Link(io, std::forward<ForLink>(for_link)...),
+  /// `sessions` and `listener` outlive the shell. Keeps `mesh.json` in `store_directory` and, at
+  /// start, reads the open commands of robots in `sessions`. `for_machine`: of Machine's
+  /// constructor, after the database.
+  template <class... ForMachine>
+  BleMeshShell(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
+               RobotNames names, const std::string& store_directory, SessionStore& sessions,
+               MeshListener& listener, ForMachine&&... for_machine)
+      : BleShell<Machine>(io,
+                          make(load_mesh(store_directory, settings), settings, std::move(topics),
+                               std::move(names), std::forward<ForMachine>(for_machine)...),
+                          listener),
         loop_(io),
         file_(store_directory),
         sessions_(sessions) {}
 
-  /// Does what every radio's mesh asks for.
-  void perform_shared(MeshAction& action) {
+  /// Does what every radio's mesh asks for, and has its port do the rest.
+  void perform_shared(MeshAction& action, const auto& perform_on_port) {
     std::visit(overloaded{
-                   [this](WriteSerial& serial) { this->perform_on_link(serial); },
-                   [this](ReopenPort& port) { this->perform_on_link(port); },
+                   [&](WriteSerial& serial) { perform_on_port(serial); },
+                   [&](ReopenPort& port) { perform_on_port(port); },
                    [this](GenerateKeys& wanted) { generate_keys(wanted); },
                    [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
                    [this](CommandsChanged&) { keep_commands(); },
@@ -84,6 +90,14 @@ class BleMeshShell : public Link, public BleMeshAdapter {
   }
 
  private:
+  template <class... ForMachine>
+  static typename BleShell<Machine>::Made make(LoadedMesh loaded, const Settings& settings,
+                                               TopicScheme topics, RobotNames names,
+                                               ForMachine&&... for_machine) {
+    return {std::make_unique<Machine>(settings, std::move(topics), std::move(names),
+                                      loaded.database, std::forward<ForMachine>(for_machine)...),
+            std::move(loaded.problem)};
+  }
   void generate_keys(const GenerateKeys& wanted) {
     const auto keys = generate_random_keys();
     write_file(

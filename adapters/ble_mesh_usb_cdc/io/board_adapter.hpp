@@ -11,29 +11,24 @@
 
 namespace slamgw::ble {
 
-class BoardAdapter final : public BleMeshShell<SerialShell<BoardMesh>> {
+class BoardAdapter final : public SerialShell<BleMeshShell<BoardMesh>> {
  public:
   /// As BleMeshShell; `open_port` as for SerialShell.
   BoardAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
                MeshListener& listener, OpenPort open_port = {})
-      : BleMeshShell(store_directory, sessions, io, settings,
-                     make(settings, std::move(topics), std::move(names), store_directory), listener,
-                     std::move(open_port)) {}
+      : SerialShell(std::move(open_port), settings, io, settings, std::move(topics),
+                    std::move(names), store_directory, sessions, listener, fill_random,
+                    random_seed()) {}
 
  private:
-  static Made make(const Settings& settings, TopicScheme topics, RobotNames names,
-                   const std::string& store_directory) {
-    LoadedMesh loaded = load_mesh(store_directory, settings);
-    return {std::make_unique<BoardMesh>(settings, std::move(topics), std::move(names),
-                                        loaded.database, fill_random, random_seed()),
-            std::move(loaded.problem)};
-  }
   static std::uint64_t random_seed() {
     std::random_device device;
     return std::uint64_t{device()} << 32 | device();
   }
-  void perform(MeshAction& action) override { perform_shared(action); }
+  void perform(MeshAction& action) override {
+    perform_shared(action, [this](const auto& on_port) { perform_on_port(on_port); });
+  }
 };
 
 }  // namespace slamgw::ble

@@ -7,22 +7,22 @@
 
 namespace slamgw::ble {
 
-class CobsAdapter final : public SerialShell<CobsMesh> {
+class CobsAdapter final : public SerialShell<BleShell<CobsMesh>> {
  public:
   /// As BoardAdapter, without files.
   CobsAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
               RobotNames names, MeshListener& listener, OpenPort open_port = {})
-      : SerialShell(io, settings,
-                    {std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names)),
-                     settings.cobs_content == CobsContent::positions && !settings.robot_id
-                         ? "ble_mesh.robot_id is not set: positions do not say whose they are"
-                         : ""},
-                    listener, std::move(open_port)) {}
+      : SerialShell(std::move(open_port), settings, io,
+                    Made{std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names)),
+                         settings.cobs_content == CobsContent::positions && !settings.robot_id
+                             ? "ble_mesh.robot_id is not set: positions do not say whose they are"
+                             : ""},
+                    listener) {}
 
  private:
   void perform(CobsAction& action) override {
     std::visit(overloaded{
-                   [this](WriteSerial& serial) { perform_on_link(serial); },
+                   [this](WriteSerial& serial) { perform_on_port(serial); },
                    [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
                },
                action);

@@ -19,20 +19,20 @@
 
 namespace slamgw::ble {
 
-template <MeshProtocolMachine Machine>
-class SerialShell : public BleShell<Machine> {
+/// `Shell` is a BleShell.
+template <class Shell>
+class SerialShell : public Shell {
  public:
   static constexpr Duration first_open_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_open_delay = std::chrono::seconds{5};
 
  protected:
-  using Made = typename BleShell<Machine>::Made;
-
-  /// `listener` outlives the shell. `open_port` opens the serial port in place of open_serial_port;
-  /// it is called on a thread of its own.
-  SerialShell(boost::asio::io_context& io, const Settings& settings, Made made,
-              MeshListener& listener, OpenPort open_port)
-      : BleShell<Machine>(io, std::move(made), listener),
+  /// `open_port` opens the serial port in place of open_serial_port; it is called on a thread of
+  /// its own. `for_shell`: of Shell's constructor, after `io`.
+  template <class... ForShell>
+  SerialShell(OpenPort open_port, const Settings& settings, boost::asio::io_context& io,
+              ForShell&&... for_shell)
+      : Shell(io, std::forward<ForShell>(for_shell)...),
         line_(
             io,
             open_port ? std::move(open_port) : [settings] { return open_serial_port(settings); },
@@ -44,8 +44,8 @@ class SerialShell : public BleShell<Machine> {
         timer_(io) {}
 
   /// The machine's actions for its port.
-  void perform_on_link(const WriteSerial& serial) { line_.write(serial.bytes); }
-  void perform_on_link(const ReopenPort& reopen) {
+  void perform_on_port(const WriteSerial& serial) { line_.write(serial.bytes); }
+  void perform_on_port(const ReopenPort& reopen) {
     line_.close();
     open_after(reopen.after);
   }
