@@ -108,10 +108,7 @@ CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now) 
                           : "slam-gatewayd was restarted before it was sent"};
 }
 
-namespace {
-
-EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, CommandResult result,
-                 std::string why) {
+EndedCommand CommandQueue::Entry::end(TimePoint now, CommandResult result, std::string why) const {
   return {{Mesh::ble,
            command.id,
            {},
@@ -122,23 +119,22 @@ EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, Comma
           {}};
 }
 
-}  // namespace
-
 EndedCommands CommandQueue::add(Command command, TimePoint now) {
   EndedCommands ended;
   const TimePoint arrived = now - command.message.waited;
+  Entry added{std::move(command), arrived};
   const auto older = std::ranges::find_if(waiting_, [&](const Entry& entry) {
-    return command.is_replaceable && entry.command.type == command.type;
+    return added.command.is_replaceable && entry.command.type == added.command.type;
   });
   if (older != waiting_.end()) {
-    ended.push_back(end(older->command, older->arrived, now, CommandResult::superseded,
-                        "a newer one came before it was sent"));
-    *older = {std::move(command), arrived};
+    ended.push_back(
+        older->end(now, CommandResult::superseded, "a newer one came before it was sent"));
+    *older = std::move(added);
   } else if (waiting_.size() >= max_waiting) {
-    ended.push_back(end(command, arrived, now, CommandResult::refused,
-                        "too many commands are waiting for this robot (at most 16)"));
+    ended.push_back(added.end(now, CommandResult::refused,
+                              "too many commands are waiting for this robot (at most 16)"));
   } else {
-    waiting_.push_back({std::move(command), arrived});
+    waiting_.push_back(std::move(added));
   }
   return ended;
 }
@@ -156,7 +152,7 @@ EndedCommands CommandQueue::on_status(Opcode status, TimePoint now) {
 
 EndedCommand CommandQueue::end_outstanding(CommandResult result, std::string why, TimePoint now) {
   Entry entry = std::move(std::exchange(outstanding_, std::nullopt)->entry);
-  EndedCommand ended = end(entry.command, entry.arrived, now, result, std::move(why));
+  EndedCommand ended = entry.end(now, result, std::move(why));
   ended.access = std::move(entry.command.access);
   return ended;
 }
@@ -183,8 +179,8 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
   }
   std::erase_if(waiting_, [&](const Entry& entry) {
     if (!is_over(entry)) return false;
-    ended.push_back(end(entry.command, entry.arrived, now, CommandResult::timeout,
-                        "not sent: the robot did not answer an earlier command"));
+    ended.push_back(entry.end(now, CommandResult::timeout,
+                              "not sent: the robot did not answer an earlier command"));
     return true;
   });
   return ended;
@@ -192,8 +188,7 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
 
 EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
   EndedCommands ended = end_sent(CommandResult::refused, why, now);
-  for (const Entry& entry : waiting_)
-    ended.push_back(end(entry.command, entry.arrived, now, CommandResult::refused, why));
+  for (const Entry& entry : waiting_) ended.push_back(entry.end(now, CommandResult::refused, why));
   waiting_.clear();
   return ended;
 }

@@ -144,6 +144,8 @@ class CommandQueue {
   struct Entry {
     Command command;
     TimePoint arrived{};  ///< at the gateway
+
+    EndedCommand end(TimePoint now, CommandResult result, std::string why) const;
   };
   struct Outstanding {
     Entry entry;
