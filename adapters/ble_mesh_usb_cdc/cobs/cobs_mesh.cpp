@@ -231,12 +231,8 @@ constexpr std::size_t lien_position_bytes = 4;
 
 CobsMesh::CobsMesh(Settings settings, TopicScheme topics, RobotNames names)
     : settings_(std::move(settings)), topics_(std::move(topics)), names_(std::move(names)) {
-  switch (settings_.cobs_content) {
-    case CobsContent::positions:
-      peers_[only_peer] = Peer{.id = settings_.robot_id.value_or(""), .address = "serial"};
-      break;
-    case CobsContent::lien: break;
-  }
+  if (settings_.cobs_content == CobsContent::positions)
+    peers_[only_peer] = Peer{.id = settings_.robot_id.value_or(""), .address = "serial"};
 }
 
 void CobsMesh::on_start() {

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <system_error>
 
 namespace slamgw::ble {
@@ -12,13 +11,10 @@ namespace slamgw::ble {
 std::optional<Uuid> parse_uuid(std::string_view text) {
   std::string digits(text);
   std::erase(digits, '-');
+  const auto octets = from_hex(digits);
   Uuid uuid{};
-  if (digits.size() != uuid.size() * 2) return std::nullopt;
-  for (std::size_t i = 0; i < uuid.size(); ++i) {
-    const char* const first = digits.data() + 2 * i;
-    const auto [end, error] = std::from_chars(first, first + 2, uuid[i], 16);
-    if (error != std::errc{} || end != first + 2) return std::nullopt;
-  }
+  if (!octets || octets->size() != uuid.size()) return std::nullopt;
+  std::ranges::copy(*octets, uuid.begin());
   return uuid;
 }
 

@@ -103,10 +103,7 @@ RepeatFilter::Verdict RepeatFilter::on_set(ByteView payload, Duration interval, 
     is_schedule_deceptive_ = true;
   }
   pattern_.on_new(!is_equal || fitting == 0, now);
-  state_ = State::open;
-  payload_.assign(payload.begin(), payload.end());
-  number_.reset();
-  first_heard_ = now;
+  open(payload, std::nullopt, now);
   last_gap_ = Duration::zero();
   last_copy_ = first_heard_copies;
   answered_again_ = 0;
@@ -120,12 +117,16 @@ RepeatFilter::Verdict RepeatFilter::on_numbered_set(std::uint8_t number, ByteVie
                        std::ranges::equal(payload, payload_);
   on_copy(is_same, is_same, now);
   if (is_same) return on_repeat(now);
+  open(payload, number, now);
+  missed_ = 0;
+  return Verdict::fresh;
+}
+
+void RepeatFilter::open(ByteView payload, std::optional<std::uint8_t> number, TimePoint now) {
   state_ = State::open;
   payload_.assign(payload.begin(), payload.end());
   number_ = number;
   first_heard_ = now;
-  missed_ = 0;
-  return Verdict::fresh;
 }
 
 /// A robot sends no other message of this model before the last one is acknowledged or given up:

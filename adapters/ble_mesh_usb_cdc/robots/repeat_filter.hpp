@@ -129,6 +129,7 @@ class RepeatFilter {
   using Copies = std::uint32_t;
 
   Copies fitting_copies(Copies last_copy, Duration interval, TimePoint now) const;
+  void open(ByteView payload, std::optional<std::uint8_t> number, TimePoint now);
   void on_copy(bool is_copy, bool is_equal, TimePoint now);
   bool is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const;
   Verdict on_repeat(TimePoint now) const;
