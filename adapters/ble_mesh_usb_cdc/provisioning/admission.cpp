@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <boost/algorithm/string/predicate.hpp>
 #include <tuple>
 #include <utility>
 
@@ -139,18 +140,6 @@ std::string JoinPermit::json(std::uint64_t after, TimePoint now) const {
   return out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-namespace {
-
-bool has_prefix(const Uuid& uuid, std::string_view prefix) {
-  const std::string digits = to_hex(uuid);
-  return digits.size() >= prefix.size() &&
-         std::equal(prefix.begin(), prefix.end(), digits.begin(), [](char wanted, char digit) {
-           return (wanted >= 'A' && wanted <= 'F' ? wanted - 'A' + 'a' : wanted) == digit;
-         });
-}
-
-}  // namespace
-
 Admission::Admission(const ProvisionerPart& shared) : ProvisionerPart(shared) {
   if (const auto& digits = settings_.provisioning.static_oob) static_oob_ = parse_uuid(*digits);
 }
@@ -198,7 +187,7 @@ bool Admission::is_wanted(const Candidate& candidate, const IsBusy& is_busy, Tim
     return was_silent(*node, now) && !is_busy(*node);
   const auto& prefixes = settings_.provisioning.uuid_prefixes;
   return prefixes.empty() || std::ranges::any_of(prefixes, [&](const std::string& prefix) {
-           return has_prefix(candidate.uuid, prefix);
+           return boost::istarts_with(to_hex(candidate.uuid), prefix);
          });
 }
 
