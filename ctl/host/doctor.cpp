@@ -458,6 +458,10 @@ class Examination {
     if (const std::string robot = text_at(group_at(store, "filled_by"), "robot"); !robot.empty())
       add("store: nearly full", Health::warning, robot + " fills it; others still find room",
           "bring the broker back, and look why the robot sends so much");
+    if (const auto lost = count_at(group_at(facts_.status, "messages"), "lost"); lost > 0)
+      add("store: lost messages", Health::problem,
+          fmt::format("{} stored messages were lost to damage since the start", lost),
+          "journalctl -u slam-gateway | grep lost; look at the disk: sudo dmesg | tail");
     if (const std::uint64_t dead = count_at(store, "dead_letters"); dead > 0)
       add("store: dead letters", Health::warning,
           fmt::format("{} messages that the broker would not take", dead),

@@ -39,6 +39,7 @@ Counters counts_of(const Gateway& gateway, const Outbox& outbox, const Upstream&
           {"dropped", sent.dropped},
           {"refused", sent.refused},
           {"set_aside", sent.dead_letters},
+          {"lost", sent.lost},
           {"rejected", passed.rejected},
           {"not_retained", passed.not_retained},
           {"stored", outbox.backlog().stored_total()},

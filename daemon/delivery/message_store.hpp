@@ -195,6 +195,11 @@ struct StoreLoaded {
 struct StoreLoadFailed {
   std::string why;
 };
+/// Damage has taken messages, or dead letters: `count` at most, as `text` says to people.
+struct MessagesLost {
+  std::size_t count = 0;
+  std::string text;
+};
 /// Comes after each change of them: there is another one, or one was discarded.
 struct DeadLettersChanged {
   DeadLetterCounts dead_letters;
@@ -214,7 +219,7 @@ struct DeadLettersRevived {
 };
 using StoreEvent =
     std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,
-                 StoreLoadFailed, DeadLettersChanged, DeadLettersRevived, Notice>;
+                 StoreLoadFailed, MessagesLost, DeadLettersChanged, DeadLettersRevived, Notice>;
 
 /// What a message takes on disk at most, as counted against `store.max_bytes`.
 inline std::uint64_t stored_cost(std::size_t topic_bytes, std::size_t payload_bytes) {

@@ -462,11 +462,10 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
   release_set_aside(now);
   if (missing > 0 || is_damaged) refused_.on_rows_lost(now);
   if (missing == 0) return;
-  actions_.push(Notice{Severity::error,
-                       fmt::format("{} messages that were stored are no longer in the store: "
-                                   "its file was damaged, or another program has changed it",
-                                   missing),
-                       {}});
+  MessagesLost lost{missing, fmt::format("{} messages that were stored are no longer in the store: "
+                                         "its file was damaged, or another program has changed it",
+                                         missing)};
+  handle(lost, now);
 }
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {

@@ -62,6 +62,7 @@ class Outbox {
     std::uint64_t dropped = 0;       ///< QoS 0: too old, refused, without room, lost with the link
     std::uint64_t refused = 0;       ///< not acknowledged: no room, or the broker refuses them
     std::uint64_t dead_letters = 0;  ///< how often a message became one
+    std::uint64_t lost = 0;          ///< stored ones that damage has taken, at most
   };
 
   /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
@@ -128,6 +129,10 @@ class Outbox {
   void handle(StoreWriteFailed& failed, TimePoint now);
   void handle(StoreLoaded& loaded, TimePoint now);
   void handle(StoreLoadFailed& failed, TimePoint now);
+  void handle(MessagesLost& lost, TimePoint) {
+    statistics_.lost += lost.count;
+    actions_.push(Notice{Severity::error, std::move(lost.text), {}});
+  }
   void handle(DeadLettersChanged& changed, TimePoint) {
     backlog_.on_dead_letters(changed.dead_letters);
   }

@@ -217,14 +217,16 @@ void DiskStore::report_losses() {
                        "messages are not delivered",
                        lost.strays, settings_.directory));
   if (lost.lost_at_most == 0) return;
-  notify(Severity::error, fmt::format("the store is damaged ({}): {} messages are lost", lost.where,
-                                      range_of(lost)));
+  post(MessagesLost{
+      lost.lost_at_most,
+      fmt::format("the store is damaged ({}): {} messages are lost", lost.where, range_of(lost))});
 }
 
 void DiskStore::report_damaged(std::size_t messages) {
   if (messages == 0) return;
-  notify(Severity::error, fmt::format("the store is damaged ({}/messages): {} messages are lost",
-                                      settings_.directory, messages));
+  post(
+      MessagesLost{messages, fmt::format("the store is damaged ({}/messages): {} messages are lost",
+                                         settings_.directory, messages)});
 }
 
 /// Reports to the outbox once that there is no store.

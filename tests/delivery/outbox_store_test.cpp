@@ -453,6 +453,7 @@ TEST_F(OutboxStoreTest, RowsThatVanishFromTheStoreDoNotBlockTheirTopic) {
   link_up();
   serve_all();
   EXPECT_TRUE(is_noticed("5 messages that were stored are no longer in the store"));
+  EXPECT_EQ(outbox->statistics().lost, 5u);
   submit("t", 6);
   EXPECT_EQ(under_way.size(), 1u);
 }

@@ -138,6 +138,7 @@ class StoreUser {
   void note(const StoreEvent& event) {
     was_absent_ = was_absent_ || std::holds_alternative<StoreAbsent>(event);
     if (const auto* notice = std::get_if<Notice>(&event)) notices_ += notice->text + "\n";
+    if (const auto* lost = std::get_if<MessagesLost>(&event)) notices_ += lost->text + "\n";
   }
 
   boost::asio::io_context io_;

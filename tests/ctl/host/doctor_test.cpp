@@ -197,6 +197,9 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["store"]["filled_by"] = {{"robot", "r1"}, {"bytes", 3}};
   EXPECT_EQ(problems_of(facts), "store: nearly full; ");
   facts.status["store"].erase("filled_by");
+  facts.status["messages"]["lost"] = 2;
+  EXPECT_EQ(problems_of(facts), "store: lost messages; ");
+  facts.status["messages"]["lost"] = 0;
   facts.status["store"]["dead_letters"] = 3;
   facts.status["robots"]["offline"] = 1;
   facts.is_clock_synchronised = false;
