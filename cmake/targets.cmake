@@ -14,6 +14,9 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_L
   # With -O2, g++ 12 takes members of a moved std::variant for uninitialized, in libstdc++'s own code.
   target_compile_options(slamgw_flags INTERFACE $<$<NOT:$<CONFIG:Debug>>:-Wno-maybe-uninitialized>)
 endif()
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "^arm") # g++ tells there of each value that it passed in another way before GCC 7
+  target_compile_options(slamgw_flags INTERFACE -Wno-psabi)
+endif()
 if(SLAMGW_WERROR)
   target_compile_options(slamgw_flags INTERFACE -Werror)
 endif()
