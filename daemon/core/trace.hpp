@@ -20,7 +20,7 @@
 namespace slamgw {
 
 /// One thing that happened to one message: what `slam-gatewayctl watch` shows. Values only; the
-/// JSON of it is written by daemon/control/trace_json.
+/// JSON of it is written by daemon/control/wire.
 struct TraceEvent {
   enum class Kind : std::uint8_t {
     arrived,       ///< a robot's message came

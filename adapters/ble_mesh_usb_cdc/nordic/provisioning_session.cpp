@@ -10,15 +10,15 @@
 #include <memory>
 #include <utility>
 
-#include "daemon/core/release.hpp"
+#include "daemon/core/freed_by.hpp"
 
 namespace slamgw::ble {
 
 namespace {
 
-using Number = std::unique_ptr<BIGNUM, Release<BN_clear_free>>;
-using Group = std::unique_ptr<EC_GROUP, Release<EC_GROUP_free>>;
-using Point = std::unique_ptr<EC_POINT, Release<EC_POINT_clear_free>>;
+using Number = std::unique_ptr<BIGNUM, FreedBy<BN_clear_free>>;
+using Group = std::unique_ptr<EC_GROUP, FreedBy<EC_GROUP_free>>;
+using Point = std::unique_ptr<EC_POINT, FreedBy<EC_POINT_clear_free>>;
 
 constexpr std::size_t coordinate_bytes = 32;
 /// A random number is out of range once in 2^32 times.

@@ -207,7 +207,7 @@ void DtlsPort::on_hello(const UdpSocket::Datagram& hello) {
   if (!listener_) listener_ = make_ssl();
   ERR_clear_error();
   feed(listener_.get(), hello.bytes);
-  const std::unique_ptr<BIO_ADDR, Release<BIO_ADDR_free>> unused(BIO_ADDR_new());
+  const std::unique_ptr<BIO_ADDR, FreedBy<BIO_ADDR_free>> unused(BIO_ADDR_new());
   helloing_ = &from;
   const int result = DTLSv1_listen(listener_.get(), unused.get());
   helloing_ = nullptr;

@@ -17,9 +17,9 @@
 
 #include "adapters/mqttsn_udp/clients/handshake_places.hpp"
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
+#include "daemon/core/freed_by.hpp"
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
-#include "daemon/core/release.hpp"
 #include "daemon/core/robot_keys.hpp"
 
 namespace slamgw::mqttsn {
@@ -51,7 +51,7 @@ class DtlsPort {
   Counters counters() const;
 
  private:
-  using Ssl = std::unique_ptr<SSL, Release<SSL_free>>;
+  using Ssl = std::unique_ptr<SSL, FreedBy<SSL_free>>;
   using ClientRandom = std::array<std::uint8_t, 32>;
 
   struct Connection {
@@ -89,7 +89,7 @@ class DtlsPort {
   const Receive receive_;
   const Tell tell_;
   RobotKeys keys_;
-  std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>> context_;
+  std::unique_ptr<SSL_CTX, FreedBy<SSL_CTX_free>> context_;
   std::array<std::uint8_t, 32> cookie_secret_{};
   std::vector<std::shared_ptr<UdpSocket>> sockets_;
   Ssl listener_;                        ///< answers ClientHellos until one has a good cookie

@@ -8,7 +8,7 @@
 #include <memory>
 
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
-#include "daemon/core/release.hpp"
+#include "daemon/core/freed_by.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -34,7 +34,7 @@ std::vector<NetworkInterface> read_network_interfaces() {
   std::vector<NetworkInterface> interfaces;
   ifaddrs* first = nullptr;
   if (getifaddrs(&first) != 0) return interfaces;
-  const std::unique_ptr<ifaddrs, slamgw::Release<freeifaddrs>> all(first);
+  const std::unique_ptr<ifaddrs, FreedBy<freeifaddrs>> all(first);
   for (const ifaddrs* i = first; i; i = i->ifa_next) {
     NetworkInterface& interface = entry(interfaces, *i);
     const int family = i->ifa_addr ? i->ifa_addr->sa_family : AF_UNSPEC;

@@ -15,7 +15,7 @@
 #include <cstring>
 #include <memory>
 
-#include "daemon/core/release.hpp"
+#include "daemon/core/freed_by.hpp"
 
 namespace slamgw {
 namespace {
@@ -29,9 +29,9 @@ struct CloseFile {
   }
 };
 
-using Bio = std::unique_ptr<BIO, Release<BIO_free>>;
-using Certificate = std::unique_ptr<X509, Release<X509_free>>;
-using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY_free>>;
+using Bio = std::unique_ptr<BIO, FreedBy<BIO_free>>;
+using Certificate = std::unique_ptr<X509, FreedBy<X509_free>>;
+using Key = std::unique_ptr<EVP_PKEY, FreedBy<EVP_PKEY_free>>;
 
 FileError error_now() { return {errno == ENOENT, errno == EACCES, std::strerror(errno)}; }
 
