@@ -95,7 +95,8 @@ Status::Store StatusCollector::store(TimePoint now) const {
   const Backlog& backlog = outbox_.backlog();
   StoreShares::Share largest = backlog.largest_share();
   const bool has_filled = backlog.is_nearly_full() && 2 * largest.bytes >= backlog.bytes();
-  return {to_string(backlog.state()),
+  const bool is_failing = backlog.can_keep() && !outbox_.store_trouble().empty();
+  return {to_string(is_failing ? Backlog::State::failing : backlog.state()),
           outbox_.store_trouble(),
           backlog.rows(),
           backlog.bytes(),
