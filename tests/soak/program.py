@@ -43,10 +43,16 @@ class Program:
         return f"status {self.process.poll()}, last lines:\n" + "\n".join(self.log.read_text().splitlines()[-8:])
 
 
+drawn_ports = set()
+
+
 def free_port(kind):
-    """Below the range of ephemeral ports, so that nobody takes it while its owner is away."""
+    """Below the range of ephemeral ports, so that nobody takes it while its owner is away; no port twice."""
     while True:
         port = random.SystemRandom().randrange(20000, 30000)
+        if port in drawn_ports:
+            continue
         with socket.socket(socket.AF_INET, kind) as probe, contextlib.suppress(OSError):
             probe.bind(("127.0.0.1", port))
+            drawn_ports.add(port)
             return port
