@@ -438,7 +438,7 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpOnceTheDiskIsNoLongerFull) {
 TEST_F(OutboxRefusalTest, DeadLettersGoUpThoughTheConnectionBreaksMeanwhile) {
   is_store_quick = true;
   link_up();
-  for (std::uint64_t i = 1; i <= 100; ++i) {
+  for (std::uint64_t i = 1; i <= 400; ++i) {
     submit("t", i);
     refuse_all();
   }
@@ -450,7 +450,7 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpThoughTheConnectionBreaksMeanwhile) {
     link_up();
   }
   settle();
-  EXPECT_EQ(all_of("t"), numbers(1, 100));
+  EXPECT_EQ(all_of("t"), numbers(1, 400));
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
