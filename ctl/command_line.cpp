@@ -23,6 +23,7 @@
 #include "daemon/core/bans.hpp"
 #include "daemon/core/edit_distance.hpp"
 #include "daemon/core/operator_order.hpp"
+#include "daemon/core/parse_number.hpp"
 
 namespace slamgw::ctl {
 namespace {

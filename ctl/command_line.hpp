@@ -14,9 +14,9 @@
 
 namespace slamgw::ctl {
 
-/// What is done beside asking once and showing the answer.
+/// How a command goes on: most ask once and show the answer.
 enum class Course : std::uint8_t {
-  once,  ///< nothing
+  once,
   ping,  ///< `count` times, once a second
   watch,
   record,  ///< watch events into `file`

@@ -40,8 +40,8 @@ class Connection {
 
   /// Sends a request and gives its `result`. An `error`, silence for so long, and anything that is
   /// not the daemon's language are Failures.
-  /// `on_waiting` is told several times a second how long the answer has been waited for; it may
-  /// throw, to ask no longer.
+  /// Calls `on_waiting` several times a second with the time that has passed. When it throws, the
+  /// request is over.
   using OnWaiting = std::function<void(std::chrono::milliseconds)>;
   nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience = answer_patience,
                      const OnWaiting& on_waiting = {});

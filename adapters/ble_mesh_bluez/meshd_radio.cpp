@@ -4,10 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "daemon/core/parse_number.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -51,13 +51,8 @@ std::optional<MeshdNode> decode_node(std::string_view text) {
   if (!uuid) return std::nullopt;
   MeshdNode node{*uuid, {}};
   if (text.size() <= uuid_digits) return node;
-  const std::string_view digits = text.substr(uuid_digits + 1);
-  std::uint64_t token = 0;
-  const char* const end = digits.data() + digits.size();
-  const auto read = std::from_chars(digits.data(), end, token, 16);
-  if (read.ec != std::errc{} || read.ptr != end) return std::nullopt;
-  node.token = token;
-  return node;
+  node.token = parse_number<std::uint64_t>(text.substr(uuid_digits + 1), 16);
+  return node.token ? std::optional(node) : std::nullopt;
 }
 
 // --- meshd comes and goes ------------------------------------------------------------------------

@@ -21,7 +21,7 @@ namespace slamgw::mqttsn {
 class PredefinedTopics {
  public:
   explicit PredefinedTopics(const std::vector<PredefinedTopic>& topics);
-  /// What the id means to this client: its own entry first, else the one for every client.
+  /// The topic of this id: from the client's own entry, else from the one for every client.
   const std::string* name_of(std::string_view client_id, std::uint16_t id) const;
 
  private:

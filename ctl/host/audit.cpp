@@ -13,6 +13,7 @@
 #include "ctl/host/installation.hpp"
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
+#include "daemon/core/parse_number.hpp"
 #include "daemon/core/utf8.hpp"
 #include "daemon/observability/journal_sink.hpp"
 #include "daemon/observability/log_fields.hpp"

@@ -22,6 +22,7 @@
 #include "ctl/host/audit.hpp"
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
+#include "daemon/core/parse_number.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/time.hpp"
 

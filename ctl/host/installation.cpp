@@ -23,6 +23,7 @@
 #include "ctl/connection.hpp"
 #include "daemon/config/io/load.hpp"
 #include "daemon/config/rules.hpp"
+#include "daemon/core/parse_number.hpp"
 
 extern char** environ;
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "daemon/core/parse_number.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/utf8.hpp"
 

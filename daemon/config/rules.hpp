@@ -3,8 +3,6 @@
 // schema's rows.
 #pragma once
 
-#include <charconv>
-#include <concepts>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -31,15 +29,6 @@ bool is_multicast_group(std::string_view text);  ///< an IPv4 or IPv6 multicast 
 
 /// A host name as a gateway id: what does not fit becomes `-`; `gateway` when nothing is left.
 std::string gateway_id_of_host(std::string_view host_name);
-
-/// The whole of `text` as a number, without a sign `+`; nothing when it is none, or out of range.
-template <std::integral T>
-std::optional<T> parse_number(std::string_view text, int base = 10) {
-  T number = 0;
-  const char* const end = text.data() + text.size();
-  const auto read = std::from_chars(text.data(), end, number, base);
-  return read.ec == std::errc{} && read.ptr == end ? std::optional(number) : std::nullopt;
-}
 
 struct BrokerUri {
   std::string host;  ///< IPv6 without brackets

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "daemon/config/rules.hpp"
+#include "daemon/core/parse_number.hpp"
 
 namespace slamgw {
 namespace {

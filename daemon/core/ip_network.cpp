@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/ip_network.hpp"
+#include "daemon/core/parse_number.hpp"
 
 #include <arpa/inet.h>
 
 #include <algorithm>
-#include <charconv>
 #include <string>
 
 namespace slamgw {
@@ -26,11 +26,9 @@ std::optional<IpNetwork> IpNetwork::parse(std::string_view text) {
     if (inet_pton(AF_INET, host.c_str(), network.address.data() + 12) != 1) return std::nullopt;
   }
   if (slash == text.npos) return network;
-  const std::string_view length = text.substr(slash + 1);
-  const auto [end, error] =
-      std::from_chars(length.data(), length.data() + length.size(), network.bits);
-  if (error != std::errc{} || end != length.data() + length.size()) return std::nullopt;
-  if (network.bits > address_bits) return std::nullopt;
+  const auto length = parse_number<decltype(network.bits)>(text.substr(slash + 1));
+  if (!length || *length > address_bits) return std::nullopt;
+  network.bits = *length;
   if (!is_ipv6) network.bits += mapped_bits;
   return network.bits <= address_bits ? std::optional(network) : std::nullopt;
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/robot_names.hpp"
+#include "daemon/core/parse_number.hpp"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
 namespace slamgw {
@@ -15,12 +15,7 @@ constexpr std::string_view default_ble_prefix = "ble-";
 std::optional<std::uint16_t> parse_default_ble_id(std::string_view id) {
   if (id.size() != default_ble_prefix.size() + 4 || !id.starts_with(default_ble_prefix))
     return std::nullopt;
-  const std::string_view digits = id.substr(default_ble_prefix.size());
-  std::uint16_t address = 0;
-  const auto [end, error] =
-      std::from_chars(digits.data(), digits.data() + digits.size(), address, 16);
-  if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
-  return address;
+  return parse_number<std::uint16_t>(id.substr(default_ble_prefix.size()), 16);
 }
 
 }  // namespace

@@ -11,10 +11,9 @@
 // answered can be the cause, and what was unanswered at two losses in a row is accused. An accused
 // topic goes alone, so that a connection which is lost meanwhile is the fault of no other.
 //
-// Some brokers close the connection after each refusal, which costs all robots. So a
-// robot's other topics, but for those that the broker took last time, count as refused there and
-// are tried one by one. Else a robot with a hundred forbidden topics would cost as many
-// connections.
+// Some brokers close the connection after each refusal, which costs all robots. So a robot's other
+// topics, but for those that the broker took last time, count as refused there and are tried one by
+// one. Else a robot with a hundred forbidden topics would cost as many connections.
 #pragma once
 
 #include <bitset>

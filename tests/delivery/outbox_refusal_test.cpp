@@ -38,6 +38,15 @@ class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
       return notice.find(words) != std::string::npos;
     });
   }
+  /// So many messages of topic "t" become dead letters, one after the other.
+  void be_refused(std::uint64_t count) {
+    is_store_quick = true;
+    link_up();
+    for (std::uint64_t i = 1; i <= count; ++i) {
+      submit("t", i);
+      refuse_all();
+    }
+  }
   void serve_all() {
     while (serve_store()) {
     }
@@ -360,12 +369,7 @@ TEST_F(OutboxRefusalTest, ANewConnectionDoesNotEndThePause) {
 }
 
 TEST_F(OutboxRefusalTest, ARefusedTopicIsRefusedAgainAfterARestartAndLosesNothing) {
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 30; ++i) {
-    submit("t", i);
-    refuse_all();
-  }
+  be_refused(30);
   die();
   start();
   link_up();
@@ -378,12 +382,7 @@ TEST_F(OutboxRefusalTest, ARefusedTopicIsRefusedAgainAfterARestartAndLosesNothin
 }
 
 TEST_F(OutboxRefusalTest, DeadLettersGoUpAfterARestartWithoutANewMessage) {
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 300; ++i) {
-    submit("t", i);
-    refuse_all();
-  }
+  be_refused(300);
   die();
   start();
   link_up();
@@ -410,12 +409,7 @@ TEST_F(OutboxRefusalTest, WhatCannotBeKeptWhileTheDiskFailsStaysADeadLetter) {
 }
 
 TEST_F(OutboxRefusalTest, DeadLettersGoUpOnceTheDiskIsNoLongerFull) {
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 100; ++i) {
-    submit("t", i);
-    refuse_all();
-  }
+  be_refused(100);
   pass(2min);
   ASSERT_EQ(under_way.size(), 1u) << "one is tried";
   store.is_failing = true;
@@ -436,12 +430,7 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpOnceTheDiskIsNoLongerFull) {
 
 /// Its topic is under suspicion for a moment while its dead letters go up.
 TEST_F(OutboxRefusalTest, DeadLettersGoUpThoughTheConnectionBreaksMeanwhile) {
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 400; ++i) {
-    submit("t", i);
-    refuse_all();
-  }
+  be_refused(400);
   for (int losses = 0; losses < 2; ++losses) {
     pass(2min);
     if (losses == 0) acknowledge_first();
@@ -455,12 +444,7 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpThoughTheConnectionBreaksMeanwhile) {
 }
 
 TEST_F(OutboxRefusalTest, WhatAnOperatorResendsIsTriedAtOnce) {
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 100; ++i) {
-    submit("t", i);
-    refuse_all();
-  }
+  be_refused(100);
   for (int i = 0; i < 100; ++i) {
     pass(1s);
     refuse_all();

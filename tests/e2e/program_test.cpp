@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <set>
+#include <string>
+
 #include "tests/e2e/gateway_process.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
@@ -90,6 +93,12 @@ TEST(Daemon, TellsTheOperatorHowThingsAre) {
            status["robots"]["online"] == 2 && status["messages"]["published"] > 4;
   })) << gateway.ctl({"status"})
       << gateway.log();
+  std::set<std::string> counters;
+  const json messages = gateway.ctl({"status"})["messages"];
+  for (const auto& [name, count] : messages.items()) counters.insert(name);
+  EXPECT_EQ(counters, (std::set<std::string>{"down", "dropped", "inbound_dropped", "lost",
+                                             "not_retained", "published", "refused", "rejected",
+                                             "set_aside", "stored", "up"}));
   const json robots = gateway.ctl({"robots"});
   ASSERT_EQ(robots.size(), 2u) << robots;
   EXPECT_EQ(robots[0]["id"], "robot1");

@@ -221,12 +221,12 @@ class Acts:
             world.say(f"  {trouble.may_lose} messages are told as lost")
 
     def refuse_a_robot(self):
-        """Debian 12's Mosquitto closes the connection after each refusal: the first, and the tries after 2, 4, 8 ... s."""
+        """A broker may close the connection after each refusal: the first, and the tries after 2, 4, 8 ... s."""
         refusing, robot, world = self.outage(), self.chance.choice(self.world.robot_ids()), self.world
         with world.trouble(f"the broker refuses {robot} for {refusing:.1f} s", MOST_CLOSINGS * LINK_LOST) as trouble:
             trouble.refused = robot
             world.refuse(robot)
-            world.open_gap()  # it closes the connection
+            world.open_gap()  # it may close the connection
             world.pass_time(refusing)
             world.refuse_nothing()
             world.wait_for("the end of the refusal", lambda: world.status("broker", "refused", "topics") == 0)

@@ -36,11 +36,12 @@ class MeshFile {
   std::string path_;
 };
 
-/// What `mesh.json` in this directory holds.
+/// The content of `mesh.json`.
 struct LoadedMesh {
   std::optional<NodeDatabase> database;
   std::string problem;  ///< why the mesh must stay off; else empty
 };
+/// From `mesh.json` in this directory; blocks.
 LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings);
 
 /// A RandomSource: the system's.

@@ -5,11 +5,11 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <charconv>
 #include <set>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "daemon/core/parse_number.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::ble {
@@ -26,9 +26,9 @@ constexpr std::size_t max_groups = last_group - first_group + 1;
 
 bool parse_address(std::string_view digits, std::uint16_t& out) {
   if (digits.starts_with("0x")) digits.remove_prefix(2);
-  const char* const end = digits.data() + digits.size();
-  const auto [stop, error] = std::from_chars(digits.data(), end, out, hexadecimal);
-  return error == std::errc{} && stop == end;
+  const auto address = parse_number<std::uint16_t>(digits, hexadecimal);
+  out = address.value_or(out);
+  return address.has_value();
 }
 
 bool is_group_address(std::uint16_t address) {

@@ -149,10 +149,9 @@ class ClientTable {
   Unanswered by_network_;
 };
 
-/// What an operator sees of MQTT-SN sessions (`slam-gatewayctl mqttsn clients`): a row for each
-/// client, by robot. `robot`: a row for that one alone, with its topics, subscriptions and the
-/// topics of the messages that wait for it; no row when it is unknown. `longest_wait`:
-/// `mqttsn.retry_interval_s`.
+/// The table of `slam-gatewayctl mqttsn clients`: a row for each client, by robot. `robot`: a row
+/// for that one alone, with its topics, subscriptions and the topics of the messages that wait for
+/// it; no row when it is unknown. `longest_wait`: `mqttsn.retry_interval_s`.
 nlohmann::json client_report(const ClientTable& clients, const std::optional<std::string>& robot,
                              Duration longest_wait, TimePoint now);
 

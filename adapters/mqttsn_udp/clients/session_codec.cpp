@@ -217,7 +217,7 @@ class CborWriter {
   }
 
  private:
-  /// What a session of one topic takes, so that it is written into one piece of memory.
+  /// Octets of a session with one topic, which is then written into one piece of memory.
   static constexpr std::size_t short_text = 512;
   // Major types, section 3.1
   static constexpr std::uint8_t unsigned_type = 0x00;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the classes of this folder have in common.
+// The base of the classes in this folder.
 #pragma once
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"

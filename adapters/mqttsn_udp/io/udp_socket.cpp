@@ -11,13 +11,13 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
 
+#include "daemon/core/parse_number.hpp"
 #include "daemon/core/spare_buffers.hpp"
 
 namespace slamgw::mqttsn {
@@ -128,13 +128,11 @@ udp::endpoint parse_listen(const std::string& listen) {
   std::string address = listen.substr(0, colon);
   if (address.starts_with('[') && address.ends_with(']'))
     address = address.substr(1, address.size() - 2);
-  unsigned port = 0;
-  const char* const end = listen.data() + listen.size();
-  const auto parsed = std::from_chars(listen.data() + colon + 1, end, port);
+  const auto port = parse_number<std::uint16_t>(std::string_view(listen).substr(colon + 1));
   boost::system::error_code error;
   const auto ip = asio::ip::make_address(address, error);
-  if (error || parsed.ec != std::errc{} || parsed.ptr != end || port > 65535) throw fail();
-  return {ip, static_cast<std::uint16_t>(port)};
+  if (error || !port) throw fail();
+  return {ip, *port};
 }
 
 void set_flag(int descriptor, int level, int option, int value) {

@@ -114,8 +114,7 @@ class FieldWriter {
   ByteWriter& to_;
 };
 
-// --- The fields of each message in their order on the wire, for a reader or a writer
-// --------------
+// pass(): the fields of each message, in their order on the wire, for a reader or a writer.
 
 void pass(auto& io, Advertise& p) { io(p.gateway_id, p.duration_s); }
 void pass(auto& io, SearchGw& p) { io(p.radius); }
@@ -162,16 +161,13 @@ void pass(auto& io, Pingreq& p) { io(p.client_id); }
 void pass(auto& io, Disconnect& p) {
   if (io.has(p.duration_s)) io(p.duration_s);
 }
-/// REGACK and PUBACK; messages with a MsgId or a return code alone; WILLMSG and WILLMSGUPD; and
-/// those that have no fields.
+/// All other messages have some of these fields in this order, or none.
 void pass(auto& io, auto& p) {
   if constexpr (requires { p.topic_id; }) io(p.topic_id);
   if constexpr (requires { p.msg_id; }) io(p.msg_id);
   if constexpr (requires { p.code; }) io(p.code);
   if constexpr (requires { p.message; }) io(p.message);
 }
-
-// -------------------------------------------------------------------------------------------------
 
 constexpr std::uint8_t octet_of(MsgType type) { return static_cast<std::uint8_t>(type); }
 
