@@ -11,7 +11,7 @@
 namespace slamgw {
 namespace {
 
-/// As a JSON string; nearly always the same between two quotation marks.
+/// Returns `text` as a JSON string. Nearly every text only needs quotation marks around it.
 std::string json_string(std::string_view text) {
   const bool is_plain = std::ranges::all_of(
       text, [](char c) { return c >= ' ' && c <= '~' && c != '"' && c != '\\'; });

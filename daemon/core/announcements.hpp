@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the gateway publishes about robots and commands, as JSON (docs/topics.md). Pure;
+// The JSON documents that the gateway publishes about robots and commands (docs/topics.md). Pure;
 // called by Gateway.
 #pragma once
 
@@ -10,9 +10,9 @@
 
 namespace slamgw {
 
-/// For `robots/<id>`.
+/// The payload of `robots/<id>`.
 std::string presence_json(const Robot& robot);
-/// For `commands/<id>`.
+/// The payload of `commands/<id>`.
 std::string outcome_json(const CommandOutcome& outcome);
 
 }  // namespace slamgw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who asked for what, and what came of it: the facts of the audit trail in the journal. They never
-// hold a key or an OOB value. Pure.
+// The facts of the audit trail in the journal: who asked for what, and the result. They never hold
+// a key or an OOB value. Pure.
 #pragma once
 
 #include <memory>
@@ -20,10 +20,11 @@ struct AuditFacts {
 using Sender = std::shared_ptr<const std::string>;
 
 inline constexpr std::string_view broker_sender = "broker";
-/// Longer names are left out.
+/// Longer names of senders are left out.
 inline constexpr std::size_t max_sender_name = 64;
 
-/// `name`: what a client of the broker calls itself, which nobody has checked.
+/// `name` is what the client calls itself; the gateway cannot check it. Returns null if the name is
+/// empty or too long.
 inline Sender sender_at_broker(std::string_view name) {
   if (name.empty() || name.size() > max_sender_name) return nullptr;
   return std::make_shared<const std::string>("broker: " + std::string(name));
@@ -33,7 +34,7 @@ inline std::string who_of(const Sender& sender) {
   return sender ? *sender : std::string(broker_sender);
 }
 
-/// On this host, as against clients of the broker.
+/// True for a sender on this host, false for a client of the broker.
 inline bool is_operator(std::string_view who) { return !who.starts_with(broker_sender); }
 
 }  // namespace slamgw

@@ -17,7 +17,7 @@ class Bans {
   /// Entries that are not valid are left out.
   explicit Bans(const std::vector<std::string>& entries = {});
 
-  /// An address, a network (`fd00::/64`, `10.0.0.0/8`), or one topic level.
+  /// True for an address, a network (`fd00::/64`, `10.0.0.0/8`), or one topic level.
   static bool is_valid(std::string_view entry);
 
   bool has(std::string_view id) const { return ids_.contains(id); }

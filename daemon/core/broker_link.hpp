@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The present state of the link to the broker. App writes it when the MQTT client reports a change;
-// everybody else only reads it.
+// all other parts only read it.
 #pragma once
 
 #include <string>
@@ -11,10 +11,10 @@ namespace slamgw {
 
 struct BrokerLink {
   bool is_up = false;
-  WallTime since{};        ///< since when it is in this state, or down for this reason
-  std::string why;         ///< why it is down; empty while it is up
-  std::string uri{};       ///< of the broker that it is up to; empty while it is down
-  bool is_silent = false;  ///< it is up, and the broker has not answered for seconds
+  WallTime since{};        ///< when this state, or this reason for being down, began
+  std::string why;         ///< why the link is down; empty while it is up
+  std::string uri{};       ///< URI of the connected broker; empty while the link is down
+  bool is_silent = false;  ///< the link is up, but the broker has not answered for seconds
 };
 
 }  // namespace slamgw

@@ -17,7 +17,7 @@ namespace slamgw {
 using Bytes = std::vector<std::uint8_t>;
 using ByteView = std::span<const std::uint8_t>;
 
-/// The same octets seen as text (no check of the encoding) and back.
+/// Views the same octets as text (without a check of the encoding), or text as octets.
 std::string_view as_text(ByteView bytes);
 ByteView as_bytes(std::string_view text);
 Bytes to_bytes(std::string_view text);
@@ -38,7 +38,7 @@ class ByteReader {
   std::uint64_t read_u64_le();
   /// The next `count` octets, as a view into the input.
   ByteView read(std::size_t count);
-  /// Everything that is left; never fails.
+  /// All remaining octets; never fails.
   ByteView read_rest();
 
   std::size_t remaining() const { return rest_.size(); }
@@ -54,7 +54,7 @@ class ByteReader {
 /// Appends to a buffer of its own, which has room for a short message from the beginning.
 class ByteWriter {
  public:
-  /// Writes into the memory of `buffer`.
+  /// Reuses the memory of `buffer` and drops its content.
   explicit ByteWriter(Bytes buffer = {}) : bytes_(std::move(buffer)) {
     bytes_.clear();
     bytes_.reserve(short_message);

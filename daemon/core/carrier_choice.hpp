@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Over which mesh a robot with an address on both is commanded when both reach it: the one that the
-// configuration prefers, else the one that answered faster and lost less lately. Pure.
+// Estimates how fast each mesh answers a robot with addresses on both. When both meshes reach the
+// robot, commands take the mesh that the configuration prefers, else the one that lately answered
+// faster and lost less. Pure.
 #pragma once
 
 #include <chrono>
@@ -13,13 +14,14 @@ namespace slamgw {
 
 class CarrierChoice {
  public:
-  /// A lost command counts as one that was answered after so long.
+  /// A lost command counts like one that was answered after this time.
   static constexpr std::chrono::milliseconds loss_counts_as{10'000};
-  /// An old experience counts half after so long, so that the other mesh is tried again.
+  /// An experience counts half after this time, so that the other mesh is tried again.
   static constexpr std::chrono::seconds half_life{60};
 
   void on_outcome(const CommandOutcome& outcome, TimePoint now);
-  /// The expected time until an answer; zero for a mesh that was not tried lately.
+  /// Returns the expected time until an answer. It decays towards zero, the value of a mesh that
+  /// was never tried.
   std::chrono::duration<double, std::milli> expected(const std::string& robot, Mesh mesh,
                                                      TimePoint now) const;
   void forget(const std::string& robot) { robots_.erase(robot); }

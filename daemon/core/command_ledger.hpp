@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gives each command its id, remembers those without an outcome, and ends those that have waited
-// for too long. So each command ends once and within 30 s (docs/topics.md, promise 6) even if
-// its mesh never reports. Pure; part of Gateway.
+// Gives each command its id, remembers the commands without an outcome, and ends commands that have
+// waited for too long. So each command ends once and within 30 s (docs/topics.md, promise 6) even
+// if its mesh never reports. Pure; part of Gateway.
 #pragma once
 
 #include <boost/multi_index/hashed_index.hpp>
@@ -25,14 +25,14 @@ struct Command {
   std::string robot;
   std::string type;
   std::optional<Mesh> carrier;         ///< nothing when no mesh knows the robot
-  bool is_retained = false;            ///< its mesh may ignore it; then it has no outcome
+  bool is_retained = false;            ///< its mesh may ignore it; then the command has no outcome
   std::chrono::milliseconds waited{};  ///< BrokerMessage::waited
   Sender sender{};
 };
 
 class CommandLedger {
  public:
-  /// As many as the meshes take together.
+  /// As many commands as the meshes take together.
   static constexpr std::size_t default_max_open = 65536;
   /// The meshes give up after 29 s at most; half a second is left for the way to the broker.
   static constexpr std::chrono::milliseconds patience{29500};
@@ -40,14 +40,14 @@ class CommandLedger {
   explicit CommandLedger(std::size_t max_open = default_max_open) : max_open_(max_open) {}
 
   CommandId next_id() { return CommandId{++last_id_}; }
-  /// False when there are too many.
+  /// Returns false when too many commands are open.
   bool open(Command command, TimePoint now);
-  /// Nothing when it has ended before.
+  /// Removes and returns the command; nothing when it has ended before.
   std::optional<Command> end(CommandId id);
   std::size_t size() const { return open_.size(); }
 
   std::optional<TimePoint> deadline() const;
-  /// Ends overdue commands.
+  /// Removes and returns the overdue commands.
   std::vector<Command> take_overdue(TimePoint now);
 
  private:
@@ -68,14 +68,15 @@ class CommandLedger {
   OpenCommands open_;
 };
 
-/// Commands for names that no robot has. A robot may be known a moment later, so each waits here
-/// for `patience` before it is refused. Pure; part of Gateway, for the first gateway of a broker by
-/// name.
+/// Holds commands for names that no robot has. Such a robot may become known a moment later, so
+/// each command waits for `patience` before it is refused. Pure; part of Gateway. Used only at the
+/// first gateway of a broker by name.
 class StrayCommands {
  public:
   /// With the 29 s that a mesh may take afterwards, a command still ends within 30 s.
   static constexpr std::chrono::milliseconds patience{500};
-  /// Refused then at the latest: while the broker comes and goes, nobody ever knows all robots.
+  /// A command is refused after this time at the latest: while the broker comes and goes, no
+  /// gateway ever knows all robots.
   static constexpr std::chrono::milliseconds longest{25000};
   /// Beyond these bounds the oldest are refused at once, so invented names cost no more memory.
   static constexpr std::size_t max_waiting = 4096;
@@ -88,9 +89,10 @@ class StrayCommands {
   };
 
   void add(BrokerMessage message, std::string_view robot, TimePoint now);
-  /// Those that have waited for long enough, and those that there is no room for; oldest first.
+  /// Removes and returns commands that have waited long enough or are beyond the bounds, oldest
+  /// first.
   std::vector<Stray> take_overdue(TimePoint now);
-  /// Those for one robot, oldest first.
+  /// Removes and returns the commands for one robot, oldest first.
   std::vector<Stray> take_for(std::string_view robot);
   void clear() {
     waiting_.clear();
@@ -99,8 +101,8 @@ class StrayCommands {
   std::optional<TimePoint> deadline() const;
 
  private:
-  std::deque<Stray> waiting_;  // in the order they came
-  std::size_t octets_ = 0;     // of their payloads
+  std::deque<Stray> waiting_;  // in the order of arrival
+  std::size_t octets_ = 0;     // of all waiting payloads
 };
 
 }  // namespace slamgw

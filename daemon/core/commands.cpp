@@ -59,10 +59,10 @@ void Commands::on_stale_command(const std::string& robot, BrokerMessage message,
       message.sender);
 }
 
-/// A banned robot has no session.
+/// Refuses a banned robot's command at once, because such a robot never gets a session.
 void Commands::on_stray_command(BrokerMessage message, const Now& now) {
   const std::string robot(scheme_.parse_command_topic(message.topic)->robot);
-  if (directory_.places.is_shown(robot)) return;  // its session brings it
+  if (directory_.places.is_shown(robot)) return;  // the robot's session brings the command
   if (directory_.names.is_banned(robot)) {
     deliver({robot, std::move(message)}, now);
     return;
@@ -126,7 +126,8 @@ void Commands::on_deadline(const Now& now) {
   refuse_strays(now);
 }
 
-/// The mesh that carries a command owes its outcome. A retained one waits at the broker.
+/// The mesh that carries a command owes its outcome. A retained command that no mesh can carry is
+/// not refused: it waits at the broker.
 CommandId Commands::deliver(RobotMessage message, const Now& now) {
   ++counts_.down;
   const std::string type(scheme_.parse_command_topic(message.message.topic)->type);
@@ -177,7 +178,8 @@ void Commands::refuse(const Command& command, const Now& now) {
   refuse_unknown(std::move(outcome), now, command.sender);
 }
 
-/// Before the other gateways' robots are known, only those that there is no room or no time for.
+/// Refuses overdue stray commands. Until the other gateways' robots are known, refuses only
+/// commands beyond the bounds and commands older than StrayCommands::longest.
 void Commands::refuse_strays(const Now& now) {
   const bool is_settled = settled_at_ && now.mono >= *settled_at_;
   constexpr Duration more = StrayCommands::longest - StrayCommands::patience;
@@ -185,7 +187,7 @@ void Commands::refuse_strays(const Now& now) {
   for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) refuse_stray(stray, now);
 }
 
-/// A robot that has come meanwhile has a session, which brings it the next command.
+/// Refuses nothing for a robot that has become known since: its session brings the next command.
 void Commands::refuse_stray(const StrayCommands::Stray& stray, const Now& now) {
   const bool is_known = directory_.is_known(stray.robot);
   if (is_known && !directory_.places.is_refused(stray.robot)) return;
@@ -210,7 +212,7 @@ void Commands::conclude(CommandOutcome outcome, const Sender& sender) {
   publish(std::move(outcome));
 }
 
-/// A line of the audit trail about a command; what operators send is never less than a notice.
+/// Writes a line of the audit trail about a command. An operator's command is at least a notice.
 void Commands::report(Notice notice, const std::string& type, std::string_view outcome,
                       const Sender& sender) {
   notice.audit = AuditFacts{who_of(sender), "command " + type, std::string(outcome)};
@@ -219,9 +221,9 @@ void Commands::report(Notice notice, const std::string& type, std::string_view o
   actions_.push(std::move(notice));
 }
 
-/// One log line for a burst: a server can invent names without end.
+/// Writes one log line for a burst, because a server can invent names without end.
 void Commands::refuse_unknown(CommandOutcome outcome, const Now& now, const Sender& sender) {
-  const bool is_order = is_operator(who_of(sender));  // it has a line of its own
+  const bool is_order = is_operator(who_of(sender));  // each order has its own line
   const auto count = is_order ? 1 : unknown_throttle_.on_event(now.mono);
   if (count) {
     Notice notice{

@@ -19,36 +19,40 @@ class Commands {
  public:
   struct Counts {
     std::uint64_t down = 0;           ///< broker messages that were given to a mesh or refused
-    std::uint64_t late_outcomes = 0;  ///< of commands that had ended already
+    std::uint64_t late_outcomes = 0;  ///< outcomes of commands that had already ended
   };
 
-  /// All three outlive it.
+  /// The three references must outlive this object.
   Commands(const TopicScheme& scheme, RobotDirectory& directory, GatewayActions& actions,
            std::size_t max_open);
 
-  /// From the robot's session: nobody else has this message. Its `command` is given here.
+  /// Takes a message from the robot's own session, which no other gateway has. Gives it its command
+  /// id.
   void on_robot_message(RobotMessage message, const Now& now);
-  /// A command that an operator (`who`, see AuditFacts) sends. The id comes back in a
-  /// CommandOutcome.
+  /// Sends a command of an operator (`who`, see AuditFacts). Its CommandOutcome has the returned
+  /// id.
   CommandId on_operator_command(const std::string& who, const std::string& robot,
                                 const std::string& type, Bytes payload, const Now& now);
-  /// A command that waited at the broker for too long while no gateway held the robot's session, or
-  /// whose robot `has_begun_anew`.
+  /// Refuses a command that waited at the broker: for too long while no gateway held the robot's
+  /// session, or, if `has_begun_anew`, until the robot began a clean session.
   void on_stale_command(const std::string& robot, BrokerMessage message, bool has_begun_anew);
-  /// A command that the gateway hears for all names: `message` is in a command's topic. One for a
-  /// robot with a session is left to it; one for a name that nobody has is refused after a moment.
+  /// Takes a command from the subscription for all names; `message` has a command's topic. Leaves
+  /// it to the robot's session if there is one. Refuses it after a moment if no robot has this
+  /// name.
   void on_stray_command(BrokerMessage message, const Now& now);
-  /// A mesh tells it.
+  /// Takes the outcome that a mesh reports.
   void on_outcome(CommandOutcome outcome, const Now& now);
-  /// The command goes to the robot's next gateway, which tells its outcome.
+  /// Ends a command without an outcome here: the robot's next gateway carries it and publishes its
+  /// outcome.
   void on_handed_on(CommandId command);
-  /// `settled_at`: from then on other gateways' robots are known, so a name that nobody has is
-  /// unknown. Nothing while the broker is away.
+  /// `settled_at`: when other gateways' robots are known, so that a name without a robot can be
+  /// refused; nothing while the broker is offline.
   void on_broker_link(std::optional<TimePoint> settled_at) { settled_at_ = settled_at; }
-  /// The robot's session is new, so what came before it is here.
+  /// Delivers the stray commands for a robot whose session is new: the session does not bring them.
   void on_session_begun(const std::string& robot, const Now& now);
-  /// The gateway hears commands for all names no longer.
+  /// Drops all stray commands. Call when the gateway stops hearing commands for all names.
   void forget_strays() { strays_.clear(); }
+  /// Refuses the stray commands that still wait.
   void on_stop(const Now& now);
 
   std::size_t open() const { return ledger_.size(); }

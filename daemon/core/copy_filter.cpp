@@ -33,7 +33,7 @@ CopyFilter::Copy CopyFilter::on_report(const Report& report, TimePoint now) {
   return first->is_open ? Copy::waits : Copy::safe;
 }
 
-/// One that was refused comes again, over either mesh.
+/// Forgets a refused message: the robot sends it again, over either mesh.
 std::optional<Receipt> CopyFilter::on_receipt(const Receipt& receipt, ReceiptOutcome outcome) {
   for (auto& [robot, kept] : robots_) {
     const auto first = std::ranges::find_if(
@@ -47,7 +47,7 @@ std::optional<Receipt> CopyFilter::on_receipt(const Receipt& receipt, ReceiptOut
   return std::nullopt;
 }
 
-/// What waits for its receipt stays, for its copy.
+/// Keeps a message while its receipt is open, because a copy may wait for that receipt.
 void CopyFilter::expire(std::deque<First>& kept, TimePoint now) {
   std::erase_if(kept, [&](const First& each) { return !each.is_open && now - each.came > window; });
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far a misspelt word is from a known one, for "did you mean ...?".
+// The distance of a misspelt word from a known one, for "did you mean ...?".
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace slamgw {
 
-/// Levenshtein's distance: insertions, deletions and replacements. Takes time and memory with the
+/// Levenshtein's distance: insertions, deletions and replacements. Takes time in proportion to the
 /// product of the lengths; callers bound these.
 inline std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);

@@ -53,7 +53,8 @@ void Gateway::handle(Report report, const Now& now) {
   pass_up(std::move(report), now);
 }
 
-/// The robot is heard; what it said went up already, and is acknowledged when that is safe.
+/// Returns true for a copy of a message that went up already. Notes the sign of life, and
+/// acknowledges the copy at once if that message is safe.
 bool Gateway::is_copy(const Report& report, const Now& now) {
   const CopyFilter::Copy copy = copies_.on_report(report, now.mono);
   if (copy == CopyFilter::Copy::none) return false;
@@ -81,7 +82,7 @@ void Gateway::pass_up(Report report, const Now& now) {
   Robot* robot = directory_.registry.on_report(report, now);
   presence_.withdraw_evicted();
   if (robot && is_first_by_radio)
-    presence_.announce(report.robot, *robot, now.mono);  // its presence came before
+    presence_.announce(report.robot, *robot, now.mono);  // announced before without radio facts
   if (!report.is_will) presence_.on_heard(report.robot, robot, now.mono);
   open_receipts_.add(report.receipt, report.robot, now);
 
@@ -94,7 +95,7 @@ void Gateway::pass_up(Report report, const Now& now) {
   actions_.push(PassUp{std::move(event), retain});
 }
 
-/// An empty message, which clears the topic, always may.
+/// An empty message clears the topic, so it may always be retained.
 bool Gateway::may_retain(const Report& report, std::string_view type, const Now& now) {
   const bool is_named = report.payload.empty() ||
                         std::ranges::any_of(settings_.retain, [&](const std::string& named) {
@@ -229,7 +230,7 @@ void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
   commands_.on_stray_command(std::move(message), now);
 }
 
-/// A session that has just begun brings nothing that came before it.
+/// Delivers stray commands when the session has just begun, because it does not bring them.
 void Gateway::on_session_held(const std::string& robot, bool was_present,
                               const std::string& dead_owner, const Now& now) {
   presence_.on_session_held(robot, dead_owner, now);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Connects the meshes with the broker: takes what they report and leaves actions. What robots say
-// is here; the way down is in Commands, and what the broker retains of them in PresencePublisher.
-// Pure; knows no mesh's protocol and no MQTT client. The application drains its actions.
+// Connects the meshes with the broker: takes the meshes' events and leaves actions. Handles robots'
+// messages itself; Commands handles the way down, PresencePublisher what the broker retains of
+// robots. Pure; knows no mesh's protocol and no MQTT client. The application drains its actions.
 #pragma once
 
 #include <optional>
@@ -41,27 +41,28 @@ class Gateway {
     std::uint64_t not_retained = 0;  ///< published without the retain flag that they had
   };
 
-  /// `broker` outlives it.
+  /// `broker` must outlive the gateway.
   Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker,
           PresenceQuery presence_on);
 
   void on_mesh_event(MeshEvent event, const Now& now);
-  /// From the gateway's own connection: what it has subscribed to for itself.
+  /// Takes a message of the gateway's own connection, which brings its own subscriptions.
   void on_broker_message(BrokerMessage message, const Now& now);
   /// The link to the broker came up or went down. Up: subscribes everything again and publishes
   /// `online` and every robot's presence again, because a broker without persistence has forgotten
   /// them.
   void on_broker_link(const Now& now);
   void on_subscribe_result(const std::string& filter, bool is_granted, const Now& now);
-  /// A subscription of the gateway itself, to hear other gateways; renewed at each connection.
+  /// Subscribes for the gateway itself, to hear other gateways; renewed at each connection.
   void subscribe_own(const std::string& filter);
   void unsubscribe_own(const std::string& filter);
-  /// Commands for all names: this gateway refuses those for names that no robot has.
+  /// Starts or stops hearing commands for all names. A gateway that hears them refuses commands for
+  /// names that no robot has.
   void hear_all_commands(bool does_hear);
   /// The receipt of a Report has fired; updates the numbers of the robot and of its mesh.
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
-  /// The ids in `robots` of the configuration: these robots are never evicted. A robot that has
-  /// left the configuration and is offline is forgotten.
+  /// Takes the ids in `robots` of the configuration: these robots are never evicted. Forgets a
+  /// robot that has left the configuration and is offline.
   void on_configured(std::set<std::string> robots, const Now& now);
   /// Commands to banned robots are refused from now on.
   void set_names(RobotNames names) { directory_.names = std::move(names); }
@@ -96,14 +97,14 @@ class Gateway {
     std::string detail;
   };
   const LinkState& mesh_link(Mesh mesh) const { return mesh_links_[mesh]; }
-  /// From a message's arrival until it was with the broker or on disk.
+  /// Times from a message's arrival until the broker or the disk had it.
   const LatencyHistogram& latencies(Mesh mesh) const { return latencies_[mesh]; }
 
  private:
   void handle(Report report, const Now& now);
   void handle(const PresenceChange& change, const Now& now) { presence_.on_presence(change, now); }
   void handle(SignOfLife sign, const Now& now);
-  /// Its retained topics still count. Otherwise, new names could retain without end.
+  /// Keeps counting the robot's retained topics. Otherwise, new names could retain without end.
   void handle(SessionEvicted evicted, const Now&) { presence_.drop(evicted.robot); }
   void handle(CommandOutcome outcome, const Now& now) {
     commands_.on_outcome(std::move(outcome), now);
@@ -111,7 +112,7 @@ class Gateway {
   void handle(LinkChange change, const Now& now);
   void handle(MeshStep step, const Now& now);
   void handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
-  /// The rest is about robots' sessions.
+  /// Ignores events about robots' sessions.
   template <class Other>
   void handle(const Other&, const Now&) {}
   bool may_retain(const Report& report, std::string_view type, const Now& now);
@@ -121,7 +122,7 @@ class Gateway {
   void probe_rights(std::vector<BrokerMessage> messages);
 
   TopicScheme scheme_;
-  const std::string all_commands_ = scheme_.command_topic("+", "+");  ///< the filter
+  const std::string all_commands_ = scheme_.command_topic("+", "+");  ///< as a filter
   Settings settings_;
   const BrokerLink& broker_;
   GatewayActions actions_;
@@ -132,7 +133,7 @@ class Gateway {
   RightsProbe rights_;
   std::set<std::string> own_filters_;
   RetainedTopics retained_;
-  LogThrottle retained_throttles_[2];  // by whether the client is proven
+  LogThrottle retained_throttles_[2];  // indexed by Report::is_proven
   OpenReceipts open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the core tells the application to do. Gateway, Commands and PresencePublisher leave these
-// in one queue, so their order is the order in which things happened. Pure values.
+// The actions that the core leaves for the application. Gateway, Commands and PresencePublisher
+// leave them in one queue, so their order is the order in which things happened. Pure values.
 #pragma once
 
 #include <chrono>
@@ -14,8 +14,7 @@
 
 namespace slamgw {
 
-/// Publish it by way of the outbox, which fires the receipt. CommandOutcome, as an action: report
-/// it to the operator who has sent this command.
+/// Publish `message` through the outbox, which fires the receipt.
 struct Upload {
   BrokerMessage message;
   Receipt receipt;
@@ -26,36 +25,37 @@ struct Upload {
 struct PassUp {
   TrafficEvent event;
   bool retain = false;
-  /// With the topic and the payload of `event`.
+  /// Moves the topic and the payload out of `event`.
   Upload upload();
 };
-/// The core keeps nothing of the robot: it had to make room, or an operator wants it so. A session
+/// The core has forgotten the robot, to make room or because an operator asked. The robot's session
 /// in its mesh stays.
 struct RobotForgotten {
   std::string robot;
 };
-/// A command came for a robot that has said nothing yet but its name.
+/// Open a session for this robot: a command came for it, but so far only its name is known.
 struct WantSession {
   std::string robot;
 };
-/// For the gateway itself, at QoS 0.
+/// Subscribe for the gateway itself, at QoS 0.
 struct SubscribeAtBroker {
   std::string filter;
 };
 struct UnsubscribeAtBroker {
   std::string filter;
 };
-/// `mesh`: the one that carries the command; nothing: to each mesh.
+/// `mesh`: the mesh that carries the command; nothing: every mesh gets the message.
 struct DeliverToMesh {
   std::optional<Mesh> mesh;
   RobotMessage message;
 };
 
-/// The command has no outcome here: tell the operator who has sent it.
+/// Report to the operator who has sent this command that it has no outcome here.
 struct CommandHandedOn {
   CommandId id = CommandId::none;
 };
 
+/// CommandOutcome as an action: report it to the operator who has sent this command.
 using GatewayAction = std::variant<PassUp, FireReceipt, Upload, RobotForgotten, WantSession,
                                    SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
                                    CommandOutcome, CommandHandedOn, TrafficEvent, MeshStep, Notice>;

@@ -13,8 +13,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Renders `online` or `offline` from a `state` or a presence. A robot that sleeps is there. The
-/// presence of a robot that has moved to another gateway is empty.
+/// Renders `online` or `offline` from a `state` or a presence. A sleeping robot counts as online.
+/// The presence of a robot that has moved to another gateway is empty.
 constexpr std::string_view is_there =
     "{{ 'offline' if (value_json | default({})).state | default('offline') == 'offline' "
     "else 'online' }}";

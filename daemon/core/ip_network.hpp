@@ -14,13 +14,13 @@ struct IpNetwork {
   /// IPv6, or IPv4 as ::ffff:a.b.c.d; network byte order.
   using Address = std::array<std::uint8_t, 16>;
 
-  /// Nothing for what is neither an address nor a network.
+  /// Returns nothing for text that is neither an address nor a network.
   static std::optional<IpNetwork> parse(std::string_view text);
   bool covers(const Address& other) const;
   bool operator==(const IpNetwork&) const = default;
 
   Address address{};
-  unsigned bits = 128;  ///< of the address that count
+  unsigned bits = 128;  ///< leading bits of `address` that count
 };
 
 }  // namespace slamgw

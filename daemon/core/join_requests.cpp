@@ -52,7 +52,8 @@ void JoinRequests::on_request(const BrokerMessage& message, const Now& now) {
   actions_.push(OrderJoining{who_of(message.sender), std::move(*order)});
 }
 
-/// Writes one log line for a burst. `is_answered`: not only the first of a burst has an answer.
+/// Writes one log line for a burst. `is_answered`: every request is answered, not only the first
+/// one of a burst.
 void JoinRequests::refuse(const std::string& why, bool is_answered, const Now& now) {
   ++refused_;
   const auto count = refusals_.on_event(now.mono);
@@ -65,7 +66,8 @@ void JoinRequests::refuse(const std::string& why, bool is_answered, const Now& n
   if (count || is_answered) actions_.push(PublishJoining{dumped({{"error", why}})});
 }
 
-/// The document is made of the news, so that each one has all events since the permit.
+/// Publishes no document itself but asks for the news, so that each document has all events since
+/// the permit.
 void JoinRequests::on_ordered(const OrderAnswer& answer, const Now& now) {
   if (!answer.error.empty())
     return actions_.push(PublishJoining{dumped({{"error", answer.error}})});

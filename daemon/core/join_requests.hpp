@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Permit-join over the broker: reads the requests on `<prefix>/gateway/<gw>/request/permit_join`,
-// has each one ordered as the control socket's `ble permit-join` is, and publishes the answer and
-// who joins then (docs/topics.md). Off without `ble_mesh.provisioning.over_mqtt`. Pure; the
+// orders each one like the control socket's `ble permit-join`, and publishes the answer and the
+// robots that join then (docs/topics.md). Off without `ble_mesh.provisioning.over_mqtt`. Pure; the
 // application drains its actions.
 #pragma once
 
@@ -19,7 +19,7 @@
 
 namespace slamgw {
 
-/// Have the BLE mesh do this, for whom `who` names (AuditFacts), and give the answer to
+/// Have the BLE mesh carry out `order` on behalf of `who` (AuditFacts), and give the answer to
 /// JoinRequests::on_ordered().
 struct OrderJoining {
   std::string who;
@@ -37,21 +37,21 @@ using JoinAction = std::variant<OrderJoining, AskJoining, PublishJoining, Notice
 
 class JoinRequests {
  public:
-  /// Of a request, in bytes.
+  /// Longest payload of a request, in bytes.
   static constexpr std::size_t max_payload = 512;
   /// Requests that come faster than this are refused.
   static constexpr Duration shortest_pause = std::chrono::seconds{1};
-  /// Between two questions who has joined.
+  /// Time between two questions to the mesh about new robots.
   static constexpr Duration interval = std::chrono::seconds{1};
-  /// While robots may join, the response is published again after this time without news: it is for
-  /// pages that have come since.
+  /// While robots may join, the response is published again after this time without news, for pages
+  /// that were opened since.
   static constexpr Duration repeat = std::chrono::seconds{10};
   /// Events in a response. The newest are kept.
   static constexpr std::size_t max_events = 32;
 
-  /// A message of the request topic.
+  /// Takes a message of the request topic.
   void on_request(const BrokerMessage& message, const Now& now);
-  /// The mesh's answer to a request, or that it grants one of the control socket.
+  /// Takes the mesh's answer to a request, and each grant of a request of the control socket.
   void on_ordered(const OrderAnswer& answer, const Now& now);
   void on_news(const OrderAnswer& answer, const Now& now);
 
@@ -59,7 +59,7 @@ class JoinRequests {
   std::optional<TimePoint> deadline() const { return ask_at_; }
   void on_deadline(const Now& now);
 
-  /// Adds how many requests were given to the mesh, and how many were not.
+  /// Adds how many requests were given to the mesh, and how many were refused.
   void add_to(Counters& counters) const;
 
  private:
@@ -67,16 +67,16 @@ class JoinRequests {
 
   ActionQueue<JoinAction> actions_;
   LogThrottle refusals_;
-  std::optional<TimePoint> requested_at_;  ///< the last one that was not too fast
-  std::optional<TimePoint> ask_at_;        ///< while robots may join
+  std::optional<TimePoint> requested_at_;  ///< when the last request came that was not too fast
+  std::optional<TimePoint> ask_at_;        ///< set while robots may join
   std::uint64_t before_ = 0;               ///< number of the last event before the permit
   std::uint64_t told_ = 0;                 ///< number of the last event that was published
-  TimePoint due_{};                        ///< it is published then, also without news
+  TimePoint due_{};                        ///< the response is published then, even without news
   std::uint64_t ordered_ = 0;
   std::uint64_t refused_ = 0;
 };
 
-/// What a request's payload asks for, or what is wrong with it in words.
+/// Returns the order in a request's payload, or a sentence that says what is wrong with it.
 Result<PermitJoinOrder, std::string> parse_join_request(ByteView payload);
 
 }  // namespace slamgw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots whose retained presence an earlier process left as online. Those that are not heard again
-// soon are to be marked offline. Pure; part of Gateway.
+// Robots whose retained presence an earlier process left as online. PresencePublisher marks those
+// robots as offline that are not heard again soon. Pure; part of Gateway.
 #pragma once
 
 #include <map>
@@ -14,14 +14,14 @@ namespace slamgw {
 
 class LeftoverRobots {
  public:
-  /// From the first connection to the broker on. Living BLE robots are heard within it (a health
-  /// status every 10 s); sessions of MQTT-SN clients are restored at the start.
+  /// Time from the first connection to the broker in which living robots are heard. BLE robots send
+  /// a health status every 10 s; sessions of MQTT-SN clients are restored at the start.
   static constexpr std::chrono::seconds grace{40};
   static constexpr std::size_t max_robots = 10000;
-  /// Ten times the size of a presence that the gateway writes; a larger one is not ours.
+  /// Ten times the size of a presence that the gateway writes; no gateway wrote a larger one.
   static constexpr std::size_t max_octets = 4096;
 
-  /// `root`: what the topics of all presence of this gateway begin with.
+  /// `root`: the beginning of the topics of this gateway's presence.
   explicit LeftoverRobots(std::string root) : root_(std::move(root)) {}
 
   void on_broker_up(TimePoint now);
@@ -30,7 +30,7 @@ class LeftoverRobots {
 
   struct Leftover {
     std::string robot;
-    std::string presence;  ///< the JSON as it was retained, not offline
+    std::string presence;  ///< the JSON as it was retained
   };
   std::optional<TimePoint> deadline() const;
   /// Returns the leftovers once, when `grace` is over.

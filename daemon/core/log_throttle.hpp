@@ -16,7 +16,7 @@ class LogThrottle {
   /// At most one line each `interval`.
   explicit LogThrottle(Duration interval = std::chrono::seconds{10}) : interval_(interval) {}
 
-  /// One more event. A number when a line is due now: how many events it stands for (1 for the
+  /// Counts one more event. If a line is due now, returns how many events it stands for (1 for the
   /// first of a burst).
   std::optional<std::uint64_t> on_event(TimePoint now) {
     ++pending_;

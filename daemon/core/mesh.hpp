@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The meshes that robots are on: how many there are and what they are called. The one place that
-// counts them: arrays are PerMesh, loops go over all_meshes, and the compiler finds the switches.
+// The list of meshes and their names. No other place counts them: arrays are PerMesh, loops go over
+// all_meshes, and the compiler finds the switches.
 #pragma once
 
 #include <algorithm>
@@ -12,14 +12,14 @@ namespace slamgw {
 
 enum class Mesh : std::uint8_t { ble, thread };
 
-/// In the order in which a command prefers them when its robot can be reached on several.
+/// In the order of preference when several meshes reach a command's robot equally well.
 inline constexpr std::array all_meshes{Mesh::ble, Mesh::thread};
 
 constexpr std::size_t index_of(Mesh mesh) { return static_cast<std::size_t>(mesh); }
 static_assert(std::ranges::all_of(all_meshes,
                                   [](Mesh mesh) { return index_of(mesh) < all_meshes.size(); }));
 
-/// As in topics, in JSON and in the log.
+/// The mesh's name in topics, in JSON and in the log.
 constexpr std::string_view to_string(Mesh mesh) {
   switch (mesh) {
     case Mesh::ble: return "ble";
@@ -28,7 +28,7 @@ constexpr std::string_view to_string(Mesh mesh) {
   return {};
 }
 
-/// A member whose struct can't be made without naming its mesh: it has no default.
+/// A mesh without a default: a struct with such a member can't be made without naming its mesh.
 class RequiredMesh {
  public:
   constexpr RequiredMesh(Mesh mesh) : mesh_(mesh) {}

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What travels between the meshes, the core and the broker: plain values. The receipt
-// (ARCHITECTURE.md, "The receipt") is the handle of the acknowledgement that a mesh owes a robot;
-// nothing is acknowledged before its receipt has fired.
+// The values that travel between the meshes, the core and the broker. The receipt (ARCHITECTURE.md,
+// "The receipt") is the handle of the acknowledgement that a mesh owes a robot; nothing is
+// acknowledged before its receipt has fired.
 #pragma once
 
 #include <cstdint>
@@ -22,8 +22,8 @@ namespace slamgw {
 enum class Qos : std::uint8_t { at_most_once = 0, at_least_once = 1, exactly_once = 2 };
 
 /// The acknowledgement owed for one message. `id` is chosen by the mesh's machine, unique within
-/// that mesh for the life of the process; 0 means that nobody waits for an acknowledgement, and
-/// then the mesh does not matter.
+/// that mesh for the life of the process. With id 0 no acknowledgement is owed, and the mesh does
+/// not matter.
 struct Receipt {
   RequiredMesh mesh;
   std::uint64_t id = 0;
@@ -32,8 +32,8 @@ struct Receipt {
 };
 inline constexpr Receipt no_receipt{Mesh::thread, 0};
 
-/// How a receipt fires. `refused`: there is no room; the robot must not be acknowledged and keeps
-/// its message.
+/// How a receipt fires. `refused`: the gateway has no room for the message; the mesh must not
+/// acknowledge it, and the robot keeps it.
 enum class ReceiptOutcome : std::uint8_t { safe, refused };
 
 struct FireReceipt {
@@ -41,12 +41,13 @@ struct FireReceipt {
   ReceiptOutcome outcome = ReceiptOutcome::safe;
 };
 
-/// Why the broker does not take a message.
+/// Why the broker refuses a message.
 struct Refusal {
   int code = 0;     ///< MQTT 5 reason code, 0x80 and up; 0: the broker closes the connection
   std::string why;  ///< for people: "not authorised"
 
-  /// The message itself is at fault: no change of rights or quotas will make it acceptable.
+  /// True when the message itself is at fault: no change of rights or quotas will make it
+  /// acceptable.
   bool is_permanent() const {
     constexpr int topic_name_invalid = 0x90;
     constexpr int packet_too_large = 0x95;
@@ -55,23 +56,23 @@ struct Refusal {
   }
 };
 
-/// What a mesh knows about the path of a message; nothing where its radio does not tell it.
+/// The path of a message, as far as the mesh's radio reports it.
 struct RadioFacts {
   std::optional<int> rssi_dbm;       ///< of the last hop
   std::optional<std::uint8_t> hops;  ///< relays on the way
   std::optional<std::uint8_t> ttl;   ///< on arrival
 };
 
-/// What a mesh's protocol says about one message besides its content; nothing where it has no such
+/// Protocol fields of one message besides its content; nothing where the protocol has no such
 /// field.
 struct WireFacts {
   std::optional<std::uint16_t> message_id{};
   std::optional<bool> is_dup{};  ///< its sender marked it as a repeat
 };
 
-/// Up: what a robot said. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or one
-/// that `topics.extra_publish` allows); the mesh's machine has already made sure that this robot
-/// may use it.
+/// Up: a message from a robot. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or
+/// one that `topics.extra_publish` allows); the mesh's machine has already made sure that this
+/// robot may use it.
 struct Report {
   RequiredMesh mesh;
   std::string robot;
@@ -80,11 +81,11 @@ struct Report {
   Qos qos = Qos::at_most_once;
   bool retain = false;
   Receipt receipt;
-  bool is_will = false;  ///< a last will: no sign of life
+  bool is_will = false;  ///< a last will, so not a sign of life
   std::optional<RadioFacts> radio = {};
   WireFacts wire = {};
-  /// Its client has shown that it receives, or its mesh knows the robot by a key. Strangers without
-  /// number cannot do that, so lines of the log about them have a budget of their own.
+  /// The client has shown that it receives, or the mesh knows the robot by a key. Strangers can't
+  /// do either, however many there are, so log lines about them have their own budget.
   bool is_proven = true;
 };
 
@@ -104,8 +105,8 @@ struct BrokerMessage {
   Qos qos = Qos::at_most_once;
   bool retain = false;
   std::optional<Provenance> provenance{};  ///< of a robot's message on its way up
-  /// For how long a command has waited in the gateway before it is carried out. It counts of the
-  /// 30 s in which it has an outcome.
+  /// How long a command has waited in the gateway. This time is part of the 30 s in which the
+  /// command has an outcome.
   Waited waited{};
   Sender sender{};  ///< of a command
 };
@@ -119,29 +120,29 @@ struct PresenceChange {
   std::string robot;
   Presence presence = Presence::online;
   std::string address;
-  bool is_deaf = false;       ///< it is online, and does not hear the gateway
-  bool is_contested = false;  ///< another client uses its id
+  bool is_deaf = false;       ///< the robot is online but does not hear the gateway
+  bool is_contested = false;  ///< another client uses the robot's id
   bool is_proven = true;      ///< see Report
 };
 
-/// A robot was heard, by whatever message (an acknowledgement, a ping): at most once a second.
+/// A robot was heard, by any message (an acknowledgement, a ping). Reported at most once a second.
 struct SignOfLife {
   RequiredMesh mesh;
   std::string robot;
 };
 
 /// A robot wants broker messages that match `filter`, on the robot's own session at the broker
-/// (daemon/sessions). Answered once by MeshAdapter::on_subscribe_result(): by the broker, or by the
-/// gateway at once while the broker is away; it asks as soon as the session is there. Retained
-/// messages come for this robot only, and marked.
+/// (daemon/sessions). Answered once by MeshAdapter::on_subscribe_result() with the broker's answer.
+/// While the broker is offline, the gateway answers at once and subscribes as soon as the session
+/// is there. Retained messages come to this robot only, with their retain flag.
 struct SubscribeRequest {
   RequiredMesh mesh;
   std::string robot;
   std::string filter;
   Qos qos = Qos::at_most_once;
-  /// The robot had it before (its session goes on after a restart, or comes from another gateway):
-  /// not answered; the broker is asked only if it has forgotten it, and then without its retained
-  /// messages.
+  /// The robot already had this subscription: its session continues after a restart or from another
+  /// gateway. The request is not answered. The broker is asked only if it has forgotten the
+  /// subscription, and then without its retained messages.
   bool is_standing = false;
 };
 struct UnsubscribeRequest {
@@ -149,24 +150,25 @@ struct UnsubscribeRequest {
   std::string robot;
   std::string filter;
 };
-/// The robot begins anew (CleanSession): nothing of its former session at the broker counts.
+/// The robot begins a clean session (CleanSession): its former session at the broker is void.
 struct SessionCleaned {
   RequiredMesh mesh;
   std::string robot;
 };
-/// The mesh ended the session of a robot that is offline, to make room: nothing is kept of it.
+/// The mesh ended the session of a robot that is offline, to make room, and keeps nothing of it.
 struct SessionEvicted {
   RequiredMesh mesh;
   std::string robot;
 };
-/// What another gateway needs to go on with the robot's session there; kept at the broker,
-/// retained. Empty when there is nothing to go on with.
+/// The note from which another gateway continues the robot's session; the broker retains it. Empty
+/// when there is nothing to continue.
 struct NoteChanged {
   RequiredMesh mesh;
   std::string robot;
   Bytes note;
 };
-/// The robot has come, perhaps from another gateway. Answered once by MeshAdapter::on_note().
+/// Asks for the note of a robot that has come, perhaps from another gateway. Answered once by
+/// MeshAdapter::on_note().
 struct NoteRequest {
   RequiredMesh mesh;
   std::string robot;
@@ -181,24 +183,26 @@ enum class CommandId : std::uint64_t { none = 0 };
 struct RobotMessage {
   std::string robot;
   BrokerMessage message;
-  /// With one, the mesh carries it and owes its CommandOutcome within 30 s, less what it has
-  /// waited; only a retained command for which the robot does not wait may end without one.
+  /// With a command id, the mesh carries the command and owes its CommandOutcome within 30 s, less
+  /// `message.waited`. Only a retained command for which the robot does not wait may end without
+  /// one.
   CommandId command = CommandId::none;
-  /// No subscription of the robot brought it, as far as the broker says (MQTT 5).
+  /// As far as the broker says (MQTT 5), no subscription of the robot brought this message.
   bool is_unasked = false;
 };
-/// What a mesh has for a robot and has not put on the air. `message.waited` says for how long.
+/// A message that a mesh has for a robot and has not put on the air. `message.waited` says how
+/// long.
 struct WaitingMessage {
   BrokerMessage message;
   CommandId command = CommandId::none;
 };
 
-/// `sent`: at QoS 0; nobody acknowledges it.
+/// `sent`: at QoS 0, so without an acknowledgement.
 enum class CommandResult : std::uint8_t { delivered, sent, timeout, refused, superseded };
 inline constexpr std::size_t command_result_count = 5;
 std::string_view to_string(CommandResult result);
 
-/// Down: how one command ended. Exactly one for each command.
+/// Down: how one command ended. Each command has exactly one outcome.
 struct CommandOutcome {
   std::optional<Mesh> mesh;  ///< nothing when no mesh has carried it
   CommandId id = CommandId::none;
@@ -209,24 +213,24 @@ struct CommandOutcome {
   std::string why;  ///< empty when delivered or sent
 };
 
-/// What a mesh did with one message, besides reporting it or the outcome of a command. `repeat`: a
-/// robot's message came again and was not published again; always reported. The others are reported
-/// only while an operator watches (MeshAdapter::trace): `acknowledged`: the robot got its
-/// acknowledgement; `refused`: its message was not taken; `sent`: a message was handed to the
-/// radio, once more if `wire.is_dup`.
+/// A step of a mesh with one message, other than a Report or a CommandOutcome. `repeat`: a robot's
+/// message came again and was not published again; always reported. The other kinds are reported
+/// only while an operator watches (MeshAdapter::trace). `acknowledged`: the robot got its
+/// acknowledgement. `refused`: the mesh did not take the robot's message. `sent`: a message was
+/// handed to the radio, once more if `wire.is_dup`.
 struct MeshStep {
   enum class Kind : std::uint8_t { repeat, acknowledged, refused, sent };
   Kind kind = Kind::repeat;
   RequiredMesh mesh;
   std::string robot;
-  std::string address{};  ///< of `sent` to a group: that group; empty: the robot's
-  std::string topic{};    ///< empty: that of the receipt or the command, or not known
+  std::string address{};  ///< of the group for `sent` to a group; empty: the robot's
+  std::string topic{};    ///< empty: the topic of the receipt or the command, or not known
   std::optional<Qos> qos{};
   WireFacts wire{};
   std::optional<std::size_t> bytes{};  ///< of the payload
   std::optional<RadioFacts> radio{};
-  Receipt receipt = no_receipt;         ///< of `acknowledged` and `refused`, where it had one
-  CommandId command = CommandId::none;  ///< of `sent`, when it is one
+  Receipt receipt = no_receipt;         ///< of `acknowledged` and `refused`, if the message had one
+  CommandId command = CommandId::none;  ///< of `sent`, when the message is a command
   std::string why{};                    ///< why it was refused
 };
 
@@ -253,8 +257,8 @@ enum class Occasion : std::uint8_t {
   broker_link,
 };
 
-/// Something an operator should read. Pure code makes the text, shells write it. Never holds keys,
-/// passwords or OOB data.
+/// A log line for operators. Pure code makes the text, shells write it. Never holds keys, passwords
+/// or OOB data.
 struct Notice {
   Severity severity = Severity::info;
   std::string text;
@@ -262,10 +266,10 @@ struct Notice {
   Occasion occasion = Occasion::other;
   std::optional<std::chrono::microseconds> latency{};  ///< of a command, where known
   bool is_proven = true;                               ///< see Report
-  std::optional<AuditFacts> audit{};                   ///< the line is one of the audit trail
+  std::optional<AuditFacts> audit{};                   ///< set for a line of the audit trail
 };
 
-/// What a mesh's machine reports to the core.
+/// An event that a mesh's machine reports to the core.
 using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
                                UnsubscribeRequest, SessionCleaned, SessionEvicted, NoteChanged,
                                NoteRequest, CommandOutcome, LinkChange, MeshStep, Notice>;
@@ -277,18 +281,18 @@ struct Counter {
 };
 using Counters = std::vector<Counter>;
 
-/// The places that a mesh has for clients, and who takes them; for operators.
+/// The places that a mesh has for clients, and the clients that take most; for operators.
 struct MeshPlaces {
-  /// An address or a network, and how many clients it has; empty when there are none.
+  /// An address or a network, and its number of clients; the address is empty when there are none.
   struct Crowd {
     std::string address;
     std::uint64_t clients = 0;
   };
   std::uint64_t max = 0;
   std::uint64_t taken = 0;
-  Crowd most;                  ///< of all
-  std::uint64_t unproven = 0;  ///< of these, by clients that are not proven (Report::is_proven)
-  Crowd most_unproven;         ///< of those
+  Crowd most;                  ///< of all clients
+  std::uint64_t unproven = 0;  ///< places taken by unproven clients (Report::is_proven)
+  Crowd most_unproven;         ///< of the unproven clients
 };
 
 }  // namespace slamgw

@@ -15,8 +15,8 @@
 namespace slamgw {
 
 /// The thesis's `update` payload (docs/topics.md; thesis 6.3): little-endian int16 pairs in
-/// centimetres, `x y` of the robot, then up to four obstacles. Robots append one stray byte (their
-/// struct is cut short; it is no count), which is dropped.
+/// centimetres, `x y` of the robot, then up to four obstacles. Robots append one stray byte, which
+/// is dropped: the end of a struct that was cut short, not a count.
 struct Position {
   std::int16_t x_cm = 0;
   std::int16_t y_cm = 0;
@@ -34,19 +34,20 @@ enum class UpdateError : std::uint8_t {
 };
 
 Result<Update, UpdateError> parse_update(ByteView payload);
-/// Of what parse_update() can read, the canonical bytes: exactly 4 + 4n octets.
+/// Returns the canonical bytes, exactly 4 + 4n octets. parse_update() must be able to read
+/// `payload`.
 Bytes drop_stray_byte(Bytes payload);
 /// `{"x":10,"y":-20,"obstacles":[{"x":100,"y":300}]}`
 std::string encode_json(const Update& update);
 
-/// How `update` goes up (`payload.update`).
+/// The form in which `update` is published (`payload.update`).
 enum class UpdateMode : std::uint8_t { positions, json, raw };
 
 struct Normalized {
   Bytes payload;
-  std::optional<Update> update;  ///< when it is an `update` that could be read
-  bool had_stray_octet = false;  ///< behind an `update` that could be read
-  bool is_rejected = false;      ///< `payload` is as it came and belongs on the `rejected` topic
+  std::optional<Update> update;  ///< set for an `update` that could be read
+  bool had_stray_octet = false;  ///< after an `update` that could be read
+  bool is_rejected = false;      ///< `payload` is unchanged and belongs on the `rejected` topic
 };
 
 Normalized normalize(std::string_view type, Bytes payload, UpdateMode mode);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The robot and the time of each message whose receipt is open: for the latencies in a robot's
-// numbers. Pure; part of Gateway.
+// Keeps the robot and the arrival time of each message whose receipt is open, for the latencies in
+// a robot's numbers. Pure; part of Gateway.
 #pragma once
 
 #include <functional>
@@ -16,7 +16,7 @@ namespace slamgw {
 
 class OpenReceipts {
  public:
-  /// Messages beyond that have no latency. Far above what the meshes leave open.
+  /// Messages beyond this bound have no latency. It is far above what the meshes leave open.
   static constexpr std::size_t max_open = 65536;
 
   struct Open {

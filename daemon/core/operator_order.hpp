@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an operator wants done to the BLE mesh and its robots (`slam-gatewayctl ble ...`), and the
-// answer. Plain values between the control socket and a mesh's machine. An imported mesh holds
-// keys: never logged, never in an answer.
+// An operator's orders for the BLE mesh and its robots (`slam-gatewayctl ble ...`), and the answer.
+// Plain values between the control socket and a mesh's machine. An imported mesh holds keys, so it
+// is never logged and never in an answer.
 #pragma once
 
 #include <chrono>
@@ -14,18 +14,18 @@
 
 namespace slamgw {
 
-/// Devices in reach that are in no mesh. Takes about ten seconds.
+/// Lists devices in reach that are in no mesh. Takes about ten seconds.
 struct ScanOrder {};
 struct ProvisionOrder {
   std::string uuid;   ///< 32 hex digits, hyphens allowed
-  std::string robot;  ///< its name from then on
+  std::string robot;  ///< the new robot's name
 };
 /// Allows robots to join for a while, whatever the configuration says; 0 seconds ends that.
-/// Answered at once, in the form of JoinEventsOrder.
+/// Answered at once, with the same document as JoinEventsOrder.
 struct PermitJoinOrder {
-  static constexpr std::chrono::hours longest{24};  ///< more is as much
+  static constexpr std::chrono::hours longest{24};  ///< a longer time is cut to this
   std::chrono::seconds time{0};
-  std::string robot;  ///< the one that may join gets this name; empty: all may
+  std::string robot;  ///< only one robot may join, and gets this name; empty: all may join
 
   /// `5 min`, `90 s`, `closed`
   std::string time_words() const {
@@ -35,14 +35,15 @@ struct PermitJoinOrder {
                                         : std::to_string(time.count()) + " s";
   }
 };
-/// Asks who has joined: the answer has the time left, and the events numbered above `after`.
+/// Asks which robots have joined. The answer has the time left, and the events numbered above
+/// `after`.
 struct JoinEventsOrder {
   std::uint64_t after = 0;
 };
 struct NodesOrder {};
 struct RemoveOrder {
   std::string robot;
-  bool is_forced = false;  ///< forget it even if it does not answer
+  bool is_forced = false;  ///< removes the robot even if it does not answer
 };
 struct ImportOrder {
   std::string text;  ///< a mesh database
@@ -51,7 +52,7 @@ struct ImportOrder {
 struct PingOrder {
   std::string robot;
 };
-/// How often a node sends each packet, and how far apart.
+/// How often a node sends each packet, and at which interval.
 struct Transmissions {
   std::uint8_t sends = 1;          ///< 1 to 8
   std::uint16_t interval_ms = 10;  ///< 10 to 320, a multiple of 10
@@ -62,9 +63,10 @@ struct Transmissions {
            interval_ms % 10 == 0;
   }
 };
-/// Changes what the operator wants of one robot, and reads what its node is configured with.
+/// Changes the operator's settings for one robot, and reads the configuration of its node.
 struct NodeConfigOrder {
-  /// A value for this robot alone; nothing: as all others have it.
+  /// Outer nothing: no change. Inner nothing: the same value as all other robots. Otherwise, a
+  /// value for this robot alone.
   template <class Value>
   using Wish = std::optional<std::optional<Value>>;
 
@@ -72,13 +74,13 @@ struct NodeConfigOrder {
   Wish<std::uint8_t> ttl = {};
   Wish<bool> relay = {};
   Wish<Transmissions> transmit = {};
-  std::optional<std::uint16_t> subscribe = {};    ///< to this group, beside those of all robots
-  std::optional<std::uint16_t> unsubscribe = {};  ///< from one of these
+  std::optional<std::uint16_t> subscribe = {};    ///< to this group, besides those of all robots
+  std::optional<std::uint16_t> unsubscribe = {};  ///< from a group that `subscribe` added
   struct Publication {
     std::string model;                     ///< its name or its id, as `ble config` shows them
-    std::optional<std::uint16_t> address;  ///< nothing: as all others have it
+    std::optional<std::uint16_t> address;  ///< nothing: the same as all other robots
 
-    /// A unicast address or a group.
+    /// True for a unicast address or a group.
     static constexpr bool is_valid(std::uint64_t address) {
       return (address >= 0x0001 && address <= 0x7fff) || (address >= 0xc000 && address <= 0xfeff);
     }
@@ -87,21 +89,22 @@ struct NodeConfigOrder {
 
   bool is_change() const { return ttl || relay || transmit || subscribe || unsubscribe || publish; }
 };
-/// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
-/// unicast address that it gets, and its mesh database as text. The one answer that holds keys.
+/// Exports what another gateway needs to join this mesh with a board of its own. Answer:
+/// `{"address", "mesh"}`, the other gateway's unicast address and its mesh database as text. No
+/// other answer holds keys.
 struct ExportOrder {
-  std::uint16_t address = 0;  ///< that the other gateway has already; 0: it gets a new one
+  std::uint16_t address = 0;  ///< the other gateway's present address; 0: it gets a new one
 };
-/// Clears the board for good and starts it up anew.
+/// Erases the board for good and starts it again.
 struct ResetBoardOrder {};
-/// Gives all robots of the mesh new keys, or asks how far that has come.
+/// Gives all robots of the mesh new keys, or asks for the progress of that.
 struct RefreshKeysOrder {
-  std::vector<std::string> left_behind = {};  ///< robots that get none, and are out of the mesh
-  bool leaves_silent = false;                 ///< those that did not take theirs, too
+  std::vector<std::string> left_behind = {};  ///< robots that get no keys, and so leave the mesh
+  bool leaves_silent = false;  ///< also leaves behind robots that did not take their keys
   bool is_question = false;
 };
 
-/// Measures which robots hear which, or asks how far that has come.
+/// Measures which robots hear each other, or asks for the progress of that.
 struct MeasureHearingOrder {
   bool is_question = false;
 };
@@ -115,33 +118,33 @@ struct OrderAnswer {
   std::string json;
   std::string error;
 };
-/// Called once.
+/// Takes the answer; called once.
 using OrderDone = std::function<void(OrderAnswer)>;
 
-// What an operator wants done with dead letters (`slam-gatewayctl store ...`): messages that were
-// dead letters because the broker did not take them. Plain values between the control socket and
-// the message store; answered as orders about a mesh are (OrderDone).
+// An operator's orders for dead letters (`slam-gatewayctl store ...`), the messages that the broker
+// did not take. Plain values between the control socket and the message store; answered like orders
+// about a mesh (OrderDone).
 
-/// Which dead letters are meant: those with these ids, or of this topic, or all.
+/// Selects dead letters: those with these ids, or of this topic, or all.
 struct DeadLetterChoice {
   std::vector<std::uint64_t> ids;
   std::string topic;
   bool is_all = false;
 };
 
-/// A page of them, by rising id. Answer: `{"count", "bytes", "letters": [...], "more"}`; `count`
-/// and `bytes` are of all.
+/// Lists a page of dead letters, by rising id. Answer: `{"count", "bytes", "letters": [...],
+/// "more"}`; `count` and `bytes` are of all dead letters.
 struct ListDeadLetters {
   std::uint64_t after = 0;  ///< the last id of the page before
   std::string topic;        ///< empty: any
   bool with_payloads = false;
 };
-/// Puts them back among the undelivered messages, behind the others, oldest first; damaged ones
-/// only when their ids are named. Answer: `{"resent", "left"}`.
+/// Puts the chosen letters back among the undelivered messages, behind the others, oldest first.
+/// Damaged letters are put back only when chosen by id. Answer: `{"resent", "left"}`.
 struct ResendOrder {
   DeadLetterChoice choice;
 };
-/// Deletes them. Answer: `{"discarded"}`.
+/// Deletes the chosen letters. Answer: `{"discarded"}`.
 struct DiscardOrder {
   DeadLetterChoice choice;
 };

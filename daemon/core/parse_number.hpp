@@ -10,7 +10,8 @@
 
 namespace slamgw {
 
-/// The whole of `text` as a number, without a sign `+`; nothing when it is none, or out of range.
+/// Reads the whole of `text` as a number, without a sign `+`. Returns nothing for other text, or a
+/// number out of range.
 template <std::integral T>
 std::optional<T> parse_number(std::string_view text, int base = 10) {
   T number = 0;

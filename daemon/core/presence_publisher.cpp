@@ -12,7 +12,7 @@
 namespace slamgw {
 namespace {
 
-/// How old `last_seen` of a retained presence may be while its robot is heard.
+/// Highest age of `last_seen` in a retained presence while its robot is heard.
 constexpr std::chrono::minutes presence_refresh{5};
 
 using Json = nlohmann::ordered_json;  // keys in the order of docs/topics.md
@@ -88,9 +88,9 @@ void PresencePublisher::on_heard(const std::string& id, Robot* robot, TimePoint 
   if (is_due && robot->presence().is_known) announce(id, *robot, now);
 }
 
-/// While the broker is away nothing is queued: everything is published again when it comes. A robot
-/// whose session this gateway does not hold is announced when no other gateway shows it, which the
-/// broker has told by then.
+/// Publishes nothing while the broker is offline: everything is published again when it is back.
+/// Waits for a robot whose session this gateway does not hold until it is known that no other
+/// gateway shows the robot.
 void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint now) {
   robot.announced = now;
   if (!broker_.is_up) return;
@@ -101,8 +101,9 @@ void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint 
   describe(id, robot);
 }
 
-/// Publishes the robot's document for Home Assistant, unless the broker has it. A signal that was
-/// seen once stays in it, because a robot on two meshes has one only in some of its messages.
+/// Publishes the robot's document for Home Assistant, unless the broker has it. Once the robot had
+/// a signal, the document keeps it: a robot on two meshes has a signal only in some of its
+/// messages.
 void PresencePublisher::describe(const std::string& id, Robot& robot) {
   if (!about_.describes_robots) return;
   auto& described = robot.is_described_with_signal;
@@ -131,14 +132,14 @@ void PresencePublisher::announce_unheld(const Now& now) {
     if (robot.is_announcement_due || !directory_.places.is_held(id)) announce(id, robot, now.mono);
 }
 
-/// A broker that sends what it retains does so before our own new state comes back.
+/// A broker that sends retained messages does so before this gateway's new `state` comes back.
 bool PresencePublisher::knows_others(TimePoint now) const {
   return (sends_retained_ && is_state_heard_ && directory_.places.is_alone()) ||
          (up_since_ && now - *up_since_ >= settling);
 }
 
 /// A last will that comes after our `online` belongs to an earlier connection, so `online` is
-/// published again. One that comes before it is overwritten by it.
+/// published again. Our `online` overwrites a last will that comes before it.
 void PresencePublisher::on_own_state(const BrokerMessage& message, const Now& now) {
   sends_retained_ = sends_retained_ || message.retain;
   if (as_text(message.payload) != last_will_state) {
@@ -149,8 +150,8 @@ void PresencePublisher::on_own_state(const BrokerMessage& message, const Now& no
   }
 }
 
-/// Publishes `offline` even if the broker comes only now: after a clean shutdown there is no last
-/// will.
+/// While stopping, publishes `offline` even at a new connection: after a clean shutdown there is no
+/// last will.
 void PresencePublisher::publish_state() {
   if (is_stopping_)
     return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
@@ -166,11 +167,11 @@ void PresencePublisher::on_store(bool is_full) {
 
 void PresencePublisher::on_stop() {
   is_stopping_ = true;
-  if (broker_.is_up) publish_state();  // else its last will has said the same
+  if (broker_.is_up) publish_state();  // else the last will has said the same
 }
 
-/// A will is published by the gateway that holds the robot's session. While that is not known, the
-/// robot may be alive at another one.
+/// The gateway that holds the robot's session publishes the will. While it is not known which
+/// gateway that is, the robot may be alive at another one.
 bool PresencePublisher::keep_will(Report& will, const Now& now) {
   if (directory_.places.is_alone() || directory_.places.is_held(will.robot) ||
       waiting_wills_.size() >= max_waiting_wills)
@@ -201,7 +202,7 @@ void PresencePublisher::on_session_held(const std::string& robot, const std::str
   if (!dead_owner.empty()) publish_retained(scheme_.presence_topic_at(dead_owner, robot), {});
   Robot* known = directory_.registry.find(robot);
   if (!known || !known->presence().is_known) return;
-  known->is_described_with_signal.reset();  // the document names the gateway before
+  known->is_described_with_signal.reset();  // the document names the previous gateway
   announce(robot, *known, now.mono);
 }
 
@@ -229,7 +230,8 @@ std::string PresencePublisher::drop(const std::string& robot) {
   return {};
 }
 
-/// The document for Home Assistant is that of the gateway which shows the robot.
+/// Clears the retained presence, and the document for Home Assistant unless another gateway shows
+/// the robot: then the document is that gateway's.
 void PresencePublisher::withdraw(const std::string& robot) {
   clear_retained(scheme_.presence_topic(robot));
   if (about_.describes_robots && !directory_.places.is_elsewhere(robot))

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the broker retains of this gateway: its `state`, and the presence of each robot that it
-// serves, also after a restart, beside other gateways, and when the broker has forgotten them. With
-// `topics.home_assistant` also the document of each robot for Home Assistant.
-// Pure; part of Gateway.
+// Publishes what the broker retains of this gateway: its `state`, and the presence of each robot
+// that it serves. Keeps both right after a restart, beside other gateways, and when the broker has
+// forgotten them. With `topics.home_assistant` also publishes each robot's document for Home
+// Assistant.
 #pragma once
 
 #include <map>
@@ -23,12 +23,13 @@ namespace slamgw {
 
 class PresencePublisher {
  public:
-  /// After the broker has come, other gateways' robots become known: until then no name counts as
-  /// unknown.
+  /// Time after the broker came online until other gateways' robots are known. Until then no name
+  /// counts as unknown.
   static constexpr std::chrono::seconds settling{6};
-  /// A will waits so long, with the broker there, to learn who holds the robot's session.
+  /// Time that a will waits, with the broker online, until it is known which gateway holds the
+  /// robot's session.
   static constexpr std::chrono::seconds will_patience{10};
-  /// Wills that wait; beyond it they are published at once.
+  /// Wills that may wait; further wills are published at once.
   static constexpr std::size_t max_waiting_wills = 10000;
 
   struct About {
@@ -38,7 +39,7 @@ class PresencePublisher {
     bool describes_robots = false;  ///< `topics.home_assistant`
   };
 
-  /// All but `about` outlive it.
+  /// The references must outlive this object.
   PresencePublisher(const TopicScheme& scheme, About about, const BrokerLink& broker,
                     RobotDirectory& directory, GatewayActions& actions);
 
@@ -46,38 +47,41 @@ class PresencePublisher {
   /// True when the message is the gateway's own state or presence; the caller drops it.
   bool take(const BrokerMessage& message, const Now& now);
   void on_presence(const PresenceChange& change, const Now& now);
-  /// A message or another sign of life of a robot; null when there is no room for it.
+  /// Takes a message or another sign of life of a robot. `robot` is null when there is no room for
+  /// it.
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
-  /// Publishes the robot's presence, if it is this gateway that has to.
+  /// Publishes the robot's presence, unless another gateway shows the robot.
   void announce(const std::string& id, Robot& robot, TimePoint now);
   void announce_all(const Now& now);
-  /// `topics.home_assistant` was read again.
+  /// Applies `topics.home_assistant` after the configuration was read again.
   void describe_robots(bool is_wanted, const Now& now);
-  /// What this gateway says of itself; also published at each connection.
+  /// Publishes this gateway's `state`. Also called at each connection.
   void publish_state();
+  /// The message store has become full or has room again: `state` shows it.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
   void on_stop();
 
-  /// True when the will has to wait, because the robot may be alive at another gateway; it is kept.
+  /// Keeps the will and returns true when the robot may be alive at another gateway.
   bool keep_will(Report& will, const Now& now);
   std::optional<Report> take_will(const std::string& robot);
-  /// Wills that nobody has claimed in time.
+  /// Removes all waiting wills when their time is over. Returns the wills of robots that no other
+  /// gateway serves.
   std::vector<Report> take_due_wills(const Now& now);
 
   /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
   void on_session_held(const std::string& robot, const std::string& dead_owner, const Now& now);
   /// Another gateway serves the robot; the meshes have forgotten it.
   void on_given_up(const std::string& robot);
-  /// Another client takes the robot's session again and again, or does so no longer.
+  /// Another client takes the robot's session again and again, or no longer does so.
   void on_contested(const std::string& robot, bool is_contested, const Now& now);
   /// Removes a robot from the registry and its retained presence from the broker. Returns why that
   /// is not possible; empty when done.
   std::string drop(const std::string& robot);
-  /// Robots that had to make room in the registry.
+  /// Withdraws the presence of robots that the registry has evicted.
   void withdraw_evicted();
 
-  /// When other gateways' robots are known; nothing while the broker is away.
+  /// Returns when other gateways' robots are known; nothing while the broker is offline.
   std::optional<TimePoint> settled_at() const;
   std::optional<TimePoint> deadline() const;
   void on_deadline(const Now& now);
@@ -98,14 +102,14 @@ class PresencePublisher {
   RobotDirectory& directory_;
   GatewayActions& actions_;
   LeftoverRobots leftovers_;
-  std::optional<TimePoint> up_since_;            ///< the broker
-  std::optional<TimePoint> announce_at_;         ///< robots whose sessions are not held
+  std::optional<TimePoint> up_since_;     ///< when the broker came online
+  std::optional<TimePoint> announce_at_;  ///< when to announce robots whose sessions are not held
   std::map<std::string, Report> waiting_wills_;  ///< by robot
   std::optional<TimePoint> wills_due_;
   std::set<std::string> to_clear_;  ///< retained topics to clear when the broker is back
   bool is_store_full_ = false;
   bool is_stopping_ = false;
-  bool sends_retained_ = false;  ///< the broker does, to subscriptions with wildcards
+  bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
   bool is_state_heard_ = false;  ///< the `online` of this connection has come back
 };
 

@@ -38,7 +38,7 @@ using ActionOf = typename decltype(std::declval<Machine&>().next_action())::valu
 template <class Action>
 class ActionQueue {
  public:
-  /// Made in place: g++ 12 warns of every variant that is made and then moved.
+  /// Makes the action in place: g++ 12 warns of every variant that is made and then moved.
   template <class Verb>
   void push(Verb&& verb) {
     actions_.emplace_back(std::forward<Verb>(verb));
@@ -61,7 +61,7 @@ class ActionQueue {
   }
 
   std::vector<Action> actions_;
-  std::size_t first_ = 0;  ///< that has not been taken
+  std::size_t first_ = 0;  ///< index of the next action to take
 };
 
 /// The earlier of two optional deadlines.

@@ -13,7 +13,7 @@ namespace slamgw {
 /// Free blocks of one thread, by size.
 class BlockPool {
  public:
-  /// Larger ones, and what is freed beyond `max_kept_bytes`, go back to the heap at once.
+  /// Larger blocks, and blocks freed beyond `max_kept_bytes`, go back to the heap at once.
   static constexpr std::size_t largest_block = 1024;
   static constexpr std::size_t max_kept_bytes = 1u << 20;
 

@@ -7,7 +7,7 @@
 
 namespace slamgw {
 
-/// A value or the reason why there is none. `operator*` after `has_value()`; never `value()`.
+/// A value or the reason why there is none. Use `operator*` after `has_value()`, never `value()`.
 template <class T, class E>
 using Result = boost::system::result<T, E>;
 

@@ -16,13 +16,15 @@ namespace slamgw {
 
 class RetainedTopics {
  public:
-  /// Robots of the thesis retain nothing; one that keeps its last state does so on a few topics.
+  /// Robots of the thesis retain nothing; a robot that keeps its last state does so on a few
+  /// topics.
   static constexpr std::size_t max_per_robot = 16;
   /// With payloads of 1 KiB the broker keeps 4 MiB of them.
   static constexpr std::size_t max_in_all = 4096;
 
-  /// `robot` asks to retain a message on `topic`. False when it may not: it has its share already,
-  /// or all places are taken. An empty message, which clears the topic, always may.
+  /// Counts a message that `robot` wants to retain on `topic`. Returns false when the robot has its
+  /// share already, or all places are taken. An empty message, which clears the topic, is always
+  /// admitted.
   bool admit(const std::string& robot, std::string_view topic, bool is_empty) {
     std::vector<std::size_t>& topics = topics_[robot];
     const std::size_t mark = std::hash<std::string_view>{}(topic);
@@ -40,7 +42,7 @@ class RetainedTopics {
     return is_empty || is_known || has_room;
   }
 
-  /// Everything that it had is cleared, or of no interest any more.
+  /// Forgets the robot's topics, because they are cleared or of no interest any more.
   void forget(const std::string& robot) {
     const auto topics = topics_.find(robot);
     if (topics == topics_.end()) return;
@@ -49,7 +51,8 @@ class RetainedTopics {
   }
 
   std::size_t count() const { return count_; }
-  /// The robot that has most of them, and how many; 0 when none has any. Looks at all of them.
+  /// Returns the largest number of topics that one robot retains, and this robot; 0 when no robot
+  /// retains any. Looks at all robots.
   std::pair<std::size_t, std::string> largest() const {
     std::pair<std::size_t, std::string> largest;
     for (const auto& [robot, topics] : topics_)
@@ -58,7 +61,7 @@ class RetainedTopics {
   }
 
  private:
-  std::unordered_map<std::string, std::vector<std::size_t>> topics_;  // hashes; none is empty
+  std::unordered_map<std::string, std::vector<std::size_t>> topics_;  // hashes; no vector is empty
   std::size_t count_ = 0;
 };
 

@@ -48,7 +48,8 @@ std::optional<BrokerMessage> RightsProbe::on_subscribe_result(const std::string&
   return std::nullopt;
 }
 
-/// The wall clock distinguishes messages of a former process, the number those of this one.
+/// The wall clock in the nonce tells this process's messages from those of a former process; the
+/// number tells them from each other.
 BrokerMessage RightsProbe::ask(Place& place, const Now& now) {
   const auto since_epoch = now.wall.time_since_epoch();
   place.nonce = fmt::format(

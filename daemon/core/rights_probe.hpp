@@ -16,7 +16,8 @@
 
 namespace slamgw {
 
-/// What the gateway cannot do, and the lines of Mosquitto's access control list that allow it.
+/// A thing that the gateway cannot do, and the lines of Mosquitto's access control list that allow
+/// it.
 struct MissingRight {
   std::string what;
   std::string grant;
@@ -25,38 +26,39 @@ struct MissingRight {
 
 class RightsProbe {
  public:
-  /// The last level of its topics; no robot's command.
+  /// The last level of the probe's topics; not a command for a robot.
   static constexpr std::string_view level = "probe";
-  /// A broker answers within milliseconds; a message that was not back by then was not let through.
+  /// A broker answers within milliseconds; a message that is not back after this time was blocked.
   static constexpr std::chrono::seconds patience{10};
   /// A missing right is probed again after this time: the access list may have been corrected.
   static constexpr std::chrono::seconds retry{60};
 
   explicit RightsProbe(const TopicScheme& scheme);
 
-  /// To be subscribed at each connect.
+  /// Returns the filters to subscribe to at each connect.
   std::vector<std::string> filters() const;
   bool is_own(const std::string& filter) const;
-  /// At each change of the link: whether it probes, which it does while the broker is there and
-  /// the configuration wants it.
+  /// Call at each change of the link. `is_probing`: the broker is online, and the configuration
+  /// wants to probe.
   void on_broker_link(bool is_probing);
-  /// The broker's answer for one of the filters. Returns what to publish now (QoS 0, not retained).
+  /// Takes the broker's answer for one of the filters. Returns the message to publish now (QoS 0,
+  /// not retained).
   std::optional<BrokerMessage> on_subscribe_result(const std::string& filter, bool granted,
                                                    const Now& now);
-  /// True when the message is one of the probe's; the caller drops it.
+  /// Returns true for a message of the probe, which the caller drops.
   bool take(const BrokerMessage& message);
   std::optional<TimePoint> deadline() const;
-  /// At the deadline, or any time. Returns what to publish again.
+  /// Call at the deadline; may be called at any time. Returns the messages to publish again.
   std::vector<BrokerMessage> on_tick(const Now& now);
 
-  /// Empty while nothing is known to be missing.
+  /// Returns an empty list while no right is known to be missing.
   std::vector<MissingRight> missing() const;
-  /// A line for the log when the missing rights have changed since the last call.
+  /// Returns a line for the log when the missing rights have changed since the last call.
   std::optional<Notice> next_notice();
 
  private:
   enum class State : std::uint8_t { idle, waiting, heard, unheard };
-  /// One of the topics that it probes.
+  /// One probed topic.
   struct Place {
     std::string topic;
     MissingRight right;
@@ -68,7 +70,7 @@ class RightsProbe {
   BrokerMessage ask(Place& place, const Now& now);
 
   std::array<Place, 2> places_;  // under gateway/, under server/
-  bool is_probing_ = false;      ///< the broker is there, and the configuration wants it
+  bool is_probing_ = false;      ///< the broker is online, and the configuration wants to probe
   std::uint64_t asked_ = 0;
   std::vector<MissingRight> reported_;
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which robots there are and where: heard by this gateway's meshes, named or banned by the
+// The known robots and where they are: heard by this gateway's meshes, named or banned by the
 // configuration, or shown by another gateway. Pure; Gateway, Commands and PresencePublisher share
 // one.
 #pragma once
@@ -15,8 +15,8 @@
 
 namespace slamgw {
 
-/// What the core asks about robots that several gateways could serve (docs/fleet.md). Answered by
-/// the application; without an answer, this gateway serves every robot.
+/// The core's questions about robots that several gateways could serve (docs/fleet.md). The
+/// application answers them; without an answer, this gateway serves every robot.
 struct RobotPlaces {
   using Question = std::function<bool(const std::string& robot)>;
   /// This gateway holds the robot's session at the broker.
@@ -27,7 +27,7 @@ struct RobotPlaces {
   Question is_shown = [](const std::string&) { return false; };
   /// The broker does not give this gateway the robot's session.
   Question is_refused = [](const std::string&) { return false; };
-  /// No other gateway is about.
+  /// No other gateway is known.
   std::function<bool()> is_alone = [] { return true; };
 };
 
@@ -41,7 +41,7 @@ struct RobotDirectory {
   PresenceQuery presence_on;
   CarrierChoice choice;
 
-  /// Here or at another gateway.
+  /// True when this gateway has heard the robot, or any gateway shows it.
   bool is_known(const std::string& robot) const {
     return registry.find(robot) != nullptr || places.is_shown(robot);
   }
@@ -52,8 +52,8 @@ struct RobotDirectory {
     const Robot* known = registry.find(robot);
     return known != nullptr && now - known->on_mesh[mesh].last_heard > silent_after;
   }
-  /// A robot with addresses on several meshes gets a command once: where it can be reached, and of
-  /// two such meshes over the better one. Nothing when no mesh knows the robot.
+  /// Returns the one mesh that carries a command for this robot: a mesh that reaches it, and of two
+  /// such meshes the better one. Nothing when no mesh knows the robot.
   std::optional<Mesh> carrier_for(const std::string& robot, TimePoint now) const {
     std::optional<Mesh> carrier;
     std::tuple<Presence, bool, bool, double> best;

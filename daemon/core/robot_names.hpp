@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which robot an address on a mesh is: what `robots` in the configuration says, else the defaults
-// of docs/topics.md. Immutable.
+// Maps addresses on a mesh to robots' names: those of `robots` in the configuration, else the
+// defaults of docs/topics.md. Immutable.
 #pragma once
 
 #include <cstdint>
@@ -24,16 +24,16 @@ struct RobotOrigin {
   bool operator==(const RobotOrigin&) const = default;
 };
 
-/// One entry of `robots`: a fixed name, the addresses it goes by on either mesh, and its origin for
+/// One entry of `robots`: a fixed name, the robot's addresses on both meshes, and its origin for
 /// programs that draw maps. The gateway itself changes no position.
 struct RobotName {
   std::string id;
   std::optional<std::uint16_t> ble_address;     ///< unicast address, 0x0001-0x7fff
   std::optional<std::string> mqttsn_client_id;  ///< compared whole
   std::optional<RobotOrigin> origin{};
-  /// IpNetwork's text: over MQTT-SN the robot comes from there alone.
+  /// IpNetwork as text: over MQTT-SN the robot may come only from there.
   std::optional<std::string> address{};
-  /// Over which mesh it is commanded when both reach it; nothing: CarrierChoice says it.
+  /// The mesh for commands when both reach the robot; nothing: CarrierChoice decides.
   std::optional<Mesh> prefer{};
   bool operator==(const RobotName&) const = default;
 };
@@ -42,21 +42,22 @@ class RobotNames {
  public:
   explicit RobotNames(std::vector<RobotName> names = {}, Bans bans = Bans());
 
-  /// `robots`' id for this unicast address, else `ble-<4 hex digits>`.
+  /// Returns the id that `robots` gives this unicast address, else `ble-<4 hex digits>`.
   std::string of_ble(std::uint16_t address) const;
-  /// `robots`' id for this client id, else the client id itself. Nothing when `robots` gives that
-  /// name to another client id: a device speaks only for itself; and when either name is banned.
+  /// Returns the id that `robots` gives this client id, else the client id itself. Returns nothing
+  /// when that name belongs to another device, because a device speaks only for itself, or when
+  /// either name is banned.
   std::optional<std::string> of_client(std::string_view client_id) const;
   /// False when `robots` gives this id, or MQTT-SN client id, an address that does not cover
   /// `from`.
   bool may_come_from(std::string_view id, const IpNetwork::Address& from) const;
-  /// The unicast address that goes by this id, also for `ble-<4 hex digits>`.
+  /// Returns the unicast address of the robot with this id, also for `ble-<4 hex digits>`.
   std::optional<std::uint16_t> ble_address_of(std::string_view id) const;
-  /// Whether a ban of its name, or of the only name that it has on a mesh, keeps this robot out.
+  /// True when the robot's id is banned, or its client id if the robot has no BLE address.
   bool is_banned(std::string_view id) const;
-  /// It has an address on both meshes.
+  /// True when `robots` gives the robot an address on both meshes.
   bool is_on_both(std::string_view id) const { return on_both_.contains(id); }
-  /// RobotName::prefer of a robot on both; nothing for others.
+  /// Returns RobotName::prefer of a robot on both meshes; nothing for others.
   std::optional<Mesh> preferred(std::string_view id) const {
     const auto known = on_both_.find(id);
     return known == on_both_.end() ? std::nullopt : known->second;

@@ -52,8 +52,8 @@ std::optional<LatencyWindow::Percentiles> LatencyWindow::percentiles(TimePoint n
   for (const Sample& sample : samples_)
     if (end - sample.at < length_ms) recent.push_back(sample.latency_us);
   if (recent.empty()) return std::nullopt;
-  // Without sorting: this is done for a thousand busy robots at once, while messages wait.
-  const auto rank = [&](std::size_t percent) {  // the nearest
+  // Selects instead of sorting: this runs for a thousand busy robots at once, while messages wait.
+  const auto rank = [&](std::size_t percent) {  // nearest rank
     return recent.begin() + static_cast<std::ptrdiff_t>((recent.size() * percent + 99) / 100 - 1);
   };
   std::ranges::nth_element(recent, rank(99));

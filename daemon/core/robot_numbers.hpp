@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts one robot's messages and commands, and how long its messages take to be safe. Bounded: a
-// few counters, and at most 2 KiB of latencies. Pure; part of the registry. LatencyHistogram does
-// the latter for a whole mesh; part of the gateway.
+// Counts one robot's messages and commands, and measures how long its messages take to be safe.
+// Bounded: a few counters, and at most 2 KiB of latencies. Pure; part of the registry.
+// LatencyHistogram counts the latencies of a whole mesh; part of Gateway.
 #pragma once
 
 #include <array>
@@ -42,8 +42,8 @@ class LatencyWindow {
   std::optional<Percentiles> percentiles(TimePoint now) const;
 
  private:
-  /// Milliseconds of the monotonic clock; they come round after 49 days, which only differences of
-  /// up to a minute may meet.
+  /// Milliseconds of the monotonic clock. They wrap after 49 days, so only use differences of up to
+  /// a minute.
   using Stamp = std::uint32_t;
   static Stamp stamp(TimePoint now);
   struct Sample {
@@ -64,7 +64,7 @@ class LatencyHistogram {
       100'000, 250'000, 500'000, 1'000'000, 2'500'000, 5'000'000, 10'000'000};
 
   void add(std::chrono::microseconds latency);
-  /// By bound: latencies of at most that.
+  /// Returns for each bound the number of latencies up to it.
   const std::array<std::uint64_t, bounds_us.size()>& at_most() const { return at_most_; }
   std::uint64_t count() const { return count_; }
   std::chrono::microseconds sum() const { return sum_; }
@@ -77,25 +77,25 @@ class LatencyHistogram {
 
 class RobotNumbers {
  public:
-  /// A pause of more than so many usual intervals between a robot's messages is a gap.
+  /// A pause of more than this many usual intervals between a robot's messages is a gap.
   static constexpr int gap_factor = 3;
-  /// Before it has sent so many messages, its usual interval is not known.
+  /// A robot's usual interval is known after this many messages.
   static constexpr std::uint64_t messages_to_know = 8;
 
-  /// `bytes`: of the payload.
+  /// `bytes`: size of the payload.
   void on_up(std::size_t bytes, TimePoint now);
   void on_down(std::size_t bytes);
   void on_repeat() { ++repeats_; }
-  /// One of its messages reached the broker or the disk, `latency` after it came.
+  /// One of the robot's messages reached the broker or the disk, `latency` after it came.
   void on_safe(std::chrono::microseconds latency, TimePoint now) { latency_.add(latency, now); }
 
   std::uint64_t up() const { return up_; }
   std::uint64_t down() const { return down_; }
   std::uint64_t bytes_up() const { return bytes_up_; }
   std::uint64_t bytes_down() const { return bytes_down_; }
-  /// Its messages that came again and were not published again.
+  /// The robot's messages that came again and were not published again.
   std::uint64_t repeats() const { return repeats_; }
-  /// Pauses that were unusual for it: an estimate of interruptions, not of lost messages.
+  /// Unusual pauses of the robot: an estimate of interruptions, not of lost messages.
   std::uint64_t gaps() const { return gaps_; }
   double rate_hz(TimePoint now) const { return rate_.per_second(now); }
   std::optional<LatencyWindow::Percentiles> latency(TimePoint now) const {

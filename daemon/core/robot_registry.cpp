@@ -30,7 +30,7 @@ Robot* RobotRegistry::find_or_add(const std::string& robot) {
   return &robots_[robot];
 }
 
-/// Many at once, because finding them looks at every robot.
+/// Evicts many robots at once, because the search looks at every robot.
 void RobotRegistry::make_room() {
   std::vector<std::map<std::string, Robot>::iterator> candidates;
   for (auto robot = robots_.begin(); robot != robots_.end(); ++robot)

@@ -6,7 +6,7 @@
 
 namespace slamgw {
 
-/// With an alpha of 1/8 and a beta of 1/4.
+/// Uses an alpha of 1/8 and a beta of 1/4.
 void RoundTrip::on_answer(Duration round_trip) {
   if (!is_known()) {
     smoothed_ = std::max(round_trip, Duration{1});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The smoothed round trip to one peer and its variation (RFC 6298 section 2): how long to wait
-// before a message that stays unanswered is repeated. Pure; when to measure, and how to back off,
-// is the caller's.
+// The smoothed round trip to one peer and its variation (RFC 6298 section 2): they say how long to
+// wait before an unanswered message is repeated. Pure; the caller decides when to measure and how
+// to back off.
 #pragma once
 
 #include "daemon/core/time.hpp"
@@ -10,13 +10,13 @@ namespace slamgw {
 
 class RoundTrip {
  public:
-  /// `granularity` (G of RFC 6298): differences between round trips that are no news.
+  /// `granularity` (G of RFC 6298): smaller differences between round trips do not count.
   explicit RoundTrip(Duration granularity) : granularity_(granularity) {}
 
-  /// A request that was sent once was answered so long after it was sent.
+  /// Takes the round trip of a request that was sent only once.
   void on_answer(Duration round_trip);
   bool is_known() const { return smoothed_ != Duration::zero(); }
-  /// How long to wait for an answer, without any bounds; only when it is known.
+  /// Returns how long to wait for an answer, without any bounds. Call only when is_known().
   Duration timeout() const;
 
  private:

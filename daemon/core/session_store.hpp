@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a mesh keeps the sessions of its robots over a restart of the daemon (docs/topics.md,
-// promise 7). What a session is made of is the mesh's concern. All calls on the loop's thread.
+// Keeps the sessions of a mesh's robots over a restart of the daemon (docs/topics.md, promise 7).
+// Only the mesh knows what a session contains. All calls on the loop's thread.
 #pragma once
 
 #include <functional>
@@ -25,14 +25,14 @@ class SessionStore {
 
   virtual ~SessionStore() = default;
 
-  /// Loads all kept sessions. Once, before the first save; takes as long as the disk takes.
+  /// Loads all kept sessions. Call once, before the first save; blocks while the disk is read.
   virtual std::vector<Session> load() = 0;
-  /// Takes the changes over and never blocks; what can't be written now is written later.
+  /// Takes the changes over and never blocks. Changes that can't be written now are written later.
   virtual void save(std::vector<Change> changes) = 0;
   /// True while changes are being written: the caller may wait and collect more of them.
   virtual bool is_busy() const = 0;
-  /// `on_written` is called after each try to write, with false when it failed and is repeated.
-  /// What is written survives any end of the process. It may be empty.
+  /// Calls `on_written` after each try to write, with false when the try failed and is repeated.
+  /// Written changes survive any end of the process. `on_written` may be empty.
   virtual void watch(std::function<void(bool is_written)> on_written) = 0;
 };
 

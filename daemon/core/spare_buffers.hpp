@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Keeps the memory of used texts and octets for the next ones: a passing message takes its topic,
 // its payload and its answer from here and allocates nothing. A buffer that is not given back is
-// simply freed. Each thread has its own.
+// simply freed. Each thread has its own spare buffers.
 #pragma once
 
 #include <cstddef>
@@ -16,17 +16,17 @@ class SpareBuffers {
  public:
   /// As many messages as are under way at once on a busy gateway.
   static constexpr std::size_t max_count = 256;
-  /// More than topics and payloads of robots have as a rule; 64 KiB for each kind and thread.
+  /// Larger than most topics and payloads of robots; 64 KiB for each kind and thread.
   static constexpr std::size_t max_octets = 256;
 
-  /// Empty, with memory that was used before if there is any.
+  /// Returns an empty buffer, with memory that was used before if there is any.
   static Buffer take() {
     if (spares().empty()) return {};
     Buffer buffer = std::move(spares().back());
     spares().pop_back();
     return buffer;
   }
-  /// With the characters or octets of `content`.
+  /// Returns a buffer with the characters or octets of `content`.
   template <class Content>
   static Buffer copy(const Content& content) {
     Buffer buffer = take();

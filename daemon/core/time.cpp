@@ -30,7 +30,7 @@ std::string to_the_second(WallTime time) {
   return text;
 }
 
-/// What `time` has beyond its whole second.
+/// The part of `time` beyond its whole second.
 template <class Unit>
 auto fraction(WallTime time) {
   const auto second = std::chrono::floor<std::chrono::seconds>(time);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rate with a burst: so many at once, then one in each interval. Pure.
+// A rate with a burst: a number of tokens at once, then one in each interval. Pure.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,8 @@ namespace slamgw {
 
 class TokenBucket {
  public:
-  /// `burst` at once, then one each `interval`. False, and nothing is taken, when there is none.
+  /// Takes a token: `burst` of them at once, then one each `interval`. Returns false, and takes
+  /// nothing, when there is none.
   bool take(unsigned burst, Duration interval, TimePoint now) {
     const TimePoint after = std::max(taken_until_, now) + interval;
     if (after - now > interval * burst) return false;
@@ -22,7 +23,7 @@ class TokenBucket {
   }
 
  private:
-  // What has been taken and not yet grown back, in time; full buckets are at or before `now`.
+  // When the bucket will be full again; at or before `now` when it is full.
   TimePoint taken_until_{};
 };
 

@@ -67,7 +67,7 @@ bool filter_covers(std::string_view outer, std::string_view inner) {
   }
 }
 
-/// In one piece of memory.
+/// Joins the parts with one allocation.
 std::string joined(std::initializer_list<std::string_view> parts) {
   std::size_t size = 0;
   for (const std::string_view part : parts) size += part.size();

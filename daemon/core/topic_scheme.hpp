@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The topic tree of docs/topics.md, both directions, and who may use what in it. Pure functions on
+// The topic tree of docs/topics.md, both directions, and the access rules. Pure functions on
 // strings.
 #pragma once
 
@@ -17,13 +17,13 @@ bool is_valid_level(std::string_view level);
 /// An MQTT topic name (MQTT 5 section 4.7): not empty, at most 200 levels, without wildcards, and
 /// text that every broker takes (is_mqtt_text).
 bool is_valid_topic_name(std::string_view topic);
-/// An MQTT topic filter: the same, with wildcards only where MQTT allows them.
+/// An MQTT topic filter: like a topic name, with wildcards only where MQTT allows them.
 bool is_valid_filter(std::string_view filter);
 bool has_wildcard(std::string_view filter);
 /// MQTT matching, including that a leading wildcard does not match `$…`.
 bool filter_matches(std::string_view filter, std::string_view topic);
 
-/// `<prefix>/robot/<id>/<type>` and its relatives. Immutable.
+/// `<prefix>/robot/<id>/<type>` and the other topics of the gateway. Immutable.
 class TopicScheme {
  public:
   TopicScheme(std::string prefix, std::string gateway_id);
@@ -37,7 +37,7 @@ class TopicScheme {
   std::string command_topic(std::string_view robot, std::string_view type) const;
   /// Every command for one robot: `<prefix>/server/<robot>/+`.
   std::string command_filter(std::string_view robot) const;
-  /// Views into `topic`; nothing when it is not such a topic or its levels are invalid.
+  /// Return views into `topic`; nothing for another topic, or when its levels are invalid.
   std::optional<RobotAndType> parse_robot_topic(std::string_view topic) const;
   std::optional<RobotAndType> parse_command_topic(std::string_view topic) const;
 
@@ -54,13 +54,13 @@ class TopicScheme {
     std::string_view gateway;
     std::string_view robot;
   };
-  /// Of any gateway.
+  /// Reads a presence topic of any gateway.
   std::optional<GatewayAndRobot> parse_presence_topic(std::string_view topic) const;
   std::string presence_filter() const { return gateways_root_ + "+/robots/+"; }
-  /// Whose `state` it is.
+  /// Returns the gateway whose `state` is published on this topic.
   std::optional<std::string_view> gateway_of_state(std::string_view topic) const;
   std::string state_filter() const { return gateways_root_ + "+/state"; }
-  /// What gateways whose boards share a BLE mesh tell each other.
+  /// The topic on which gateways whose boards share a BLE mesh publish what their boards hear.
   std::string hears_topic() const { return hears_root_ + gateway_id_; }
   std::string hears_filter() const { return hears_root_ + "+"; }
   std::optional<std::string_view> gateway_of_hears(std::string_view topic) const;
@@ -82,17 +82,17 @@ class TopicScheme {
   std::string hears_root_;
 };
 
-/// Who may do what on MQTT-SN (docs/topics.md). `%c` in an extra filter stands for the client
-/// id.
+/// The access rules for MQTT-SN (docs/topics.md). `%c` in an extra filter stands for the client id.
 class TopicPolicy {
  public:
   TopicPolicy(TopicScheme scheme, std::vector<std::string> extra_publish,
               std::vector<std::string> extra_subscribe);
 
-  /// `topic` is a valid topic name; own topics are `<prefix>/robot/<robot>/<type>`.
+  /// `topic` must be a valid topic name. A robot's own topics are `<prefix>/robot/<robot>/<type>`.
   bool may_publish(std::string_view client_id, std::string_view robot,
                    std::string_view topic) const;
-  /// `filter` is a valid filter; own commands, and anything under `<prefix>/robot/`.
+  /// `filter` must be a valid filter. Allows the robot's own commands, anything under
+  /// `<prefix>/robot/`, and the extra filters.
   bool may_subscribe(std::string_view client_id, std::string_view robot,
                      std::string_view filter) const;
   const TopicScheme& scheme() const { return scheme_; }

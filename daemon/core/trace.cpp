@@ -136,7 +136,7 @@ const Trace::Followed* Trace::find(const Key& key) const {
 void Trace::complete(TraceEvent& event, const Followed* followed, TimePoint now) const {
   if (followed) {
     if (event.robot.empty()) event.robot = followed->robot;
-    // A payload that cannot be read goes up under another topic than it came.
+    // A payload that cannot be read is published under another topic than the one it came on.
     event.type = followed->type;
     if (event.topic.empty()) event.topic = followed->topic;
     if (!event.qos) event.qos = followed->qos;
@@ -145,7 +145,7 @@ void Trace::complete(TraceEvent& event, const Followed* followed, TimePoint now)
     event.latency = duration_cast<microseconds>(now - followed->at);
     return;
   }
-  auto parsed = scheme_.parse_robot_topic(event.topic);  // also of one that is relayed
+  auto parsed = scheme_.parse_robot_topic(event.topic);  // also the topic of a relayed message
   if (!parsed) parsed = scheme_.parse_command_topic(event.topic);
   if (event.type.empty()) event.type = parsed ? std::string(parsed->type) : event.topic;
   if (event.robot.empty() && parsed) event.robot = parsed->robot;

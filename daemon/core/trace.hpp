@@ -24,7 +24,7 @@ namespace slamgw {
 struct TraceEvent {
   enum class Kind : std::uint8_t {
     arrived,       ///< a robot's message came
-    repeat,        ///< it came again and did not go up
+    repeat,        ///< it came again and was not published again
     stored,        ///< the disk has it
     published,     ///< the broker has it; QoS 0: handed to the network
     acknowledged,  ///< the robot got its acknowledgement
@@ -39,24 +39,24 @@ struct TraceEvent {
   Direction direction = Direction::up;
   std::optional<Mesh> mesh{};
   std::string robot{};
-  std::string address{};  ///< of the robot on `mesh`, or of a group; empty: not known
+  std::string address{};  ///< of the robot on `mesh`, or of a group; empty: unknown
   std::string topic{};
   std::string type{};
   std::optional<Qos> qos{};
   WireFacts wire{};
   std::optional<std::size_t> bytes{};  ///< of the payload
   std::optional<RadioFacts> radio{};
-  /// Since the message arrived, or the command came.
+  /// Time since the message arrived, or the command came.
   std::optional<std::chrono::microseconds> latency{};
   CommandId command = CommandId::none;
   std::optional<CommandResult> outcome{};
   std::string why{};  ///< of `refused`, `outcome`, `arrived` (under rejected/); may be empty
   std::optional<Update> update{};
-  bool had_stray_octet = false;    ///< behind the update
+  bool had_stray_octet = false;    ///< after the update
   std::optional<Bytes> payload{};  ///< of `arrived` and `command`
 };
 
-/// As in the JSON.
+/// The kind's name in the JSON.
 constexpr std::string_view to_string(TraceEvent::Kind kind) {
   switch (kind) {
     case TraceEvent::Kind::arrived: return "arrived";
@@ -74,18 +74,18 @@ constexpr std::string_view to_string(TraceEvent::Kind kind) {
 
 class Trace final : public TrafficObserver {
  public:
-  /// Messages and commands that are followed at once; the oldest is forgotten first, and its later
-  /// events lack what was known only on its arrival.
+  /// Messages and commands that are followed at once. The oldest is forgotten first; its later
+  /// events lack the facts that were known only on its arrival.
   static constexpr std::size_t max_followed = 65536;
 
   using Sink = std::function<void(const TraceEvent&)>;
-  /// The robot's address on this mesh; empty when it is not known.
+  /// Returns the robot's address on this mesh; empty when it is not known.
   using AddressOf = std::function<std::string(const std::string& robot, Mesh mesh)>;
 
   Trace(TopicScheme scheme, AddressOf address_of, Sink sink)
       : scheme_(std::move(scheme)), address_of_(std::move(address_of)), sink_(std::move(sink)) {}
 
-  /// Off: forgets everything.
+  /// Turns the trace on or off, and forgets everything followed before.
   void turn(bool is_on);
   std::size_t followed() const { return followed_.size(); }
 
@@ -95,7 +95,7 @@ class Trace final : public TrafficObserver {
   void on_outcome(const CommandOutcome& outcome, const Now& now) override;
 
  private:
-  /// What is known only at the arrival.
+  /// The facts of a message that are known only at its arrival.
   struct Followed {
     std::string robot;
     std::string topic;
@@ -105,14 +105,14 @@ class Trace final : public TrafficObserver {
     std::size_t bytes = 0;
     TimePoint at{};
   };
-  /// A receipt of a mesh, or a command.
+  /// Identifies a receipt of a mesh, or a command.
   using Key = std::pair<std::size_t, std::uint64_t>;
 
   static Key key_of(const Receipt& receipt) { return {index_of(receipt.mesh), receipt.id}; }
   static Key key_of(CommandId command);
   void follow(const Key& key, const TrafficEvent& event);
   const Followed* find(const Key& key) const;
-  /// Fills in what the step leaves out.
+  /// Fills in the fields that the step leaves out.
   void complete(TraceEvent& event, const Followed* followed, TimePoint now) const;
   void emit(TraceEvent event);
 

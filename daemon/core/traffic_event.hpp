@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot message as it passes the core, what becomes of it, and the interface of those who observe
-// both: the log and the trace.
+// A robot message as it passes the core, the later steps of its delivery, and the interface of the
+// observers of both: the log and the trace.
 #pragma once
 
 #include <optional>
@@ -17,18 +17,19 @@ struct TrafficEvent {
   Direction direction = Direction::up;
   std::optional<Mesh> mesh;  ///< nothing for a command to a robot that is known on no mesh
   std::string robot;
-  std::string type;  ///< the whole topic where it is not in a robot's tree
+  std::string type;  ///< the whole topic if that is outside a robot's tree
   std::string topic;
-  Bytes payload;  ///< as it goes up, or came down
+  Bytes payload;  ///< as it is published, or as it came down
   Qos qos = Qos::at_most_once;
-  std::optional<Update> update;  ///< when `type` is `update` and could be read
+  std::optional<Update> update;  ///< set when `type` is `update` and the payload could be read
   WallTime wall{};
-  TimePoint at{};                ///< arrival in the gateway
-  Receipt receipt = no_receipt;  ///< on its way up: fires when the broker or the disk has it
+  TimePoint at{};  ///< when it arrived in the gateway
+  Receipt receipt =
+      no_receipt;  ///< of a message on its way up; fires when the broker or the disk has it
   WireFacts wire{};
   std::optional<RadioFacts> radio{};
-  CommandId command = CommandId::none;  ///< on its way down, when it is one
-  bool had_stray_octet = false;         ///< `payload.update` has cut it off
+  CommandId command = CommandId::none;  ///< set for a command on its way down
+  bool had_stray_octet = false;         ///< one stray octet followed the `update`
   bool is_rejected = false;             ///< `payload.update` could not read it
   bool is_proven = true;                ///< see Report
 };
@@ -42,12 +43,13 @@ struct DeliveryStep {
   Qos qos = Qos::at_most_once;
   std::size_t bytes = 0;  ///< of the payload
   RequiredMesh mesh;
-  Receipt receipt = no_receipt;  ///< may not be owed, or owed no longer
+  Receipt receipt = no_receipt;  ///< may be none, or may have fired already
   TimePoint submitted{};
   std::string why{};  ///< why it was refused
 };
 
-/// Sees each robot message that passes, in either direction, and what becomes of it.
+/// Observes each robot message that passes, in either direction, and each later step of its
+/// delivery.
 class TrafficObserver {
  public:
   virtual ~TrafficObserver() = default;

@@ -17,7 +17,7 @@ constexpr std::size_t max_mqtt_text_octets = 65535;  // MQTT's two-octet length
 struct Lead {
   int continuation_octets;
   std::uint32_t bits;
-  std::uint32_t smallest;  // what needs this length, to refuse overlong forms
+  std::uint32_t smallest;  // code point of this length, to refuse overlong forms
 };
 
 bool read_lead(std::uint8_t octet, Lead& lead) {
@@ -28,7 +28,8 @@ bool read_lead(std::uint8_t octet, Lead& lead) {
   return false;
 }
 
-/// Takes the first code point off `rest`, which is not empty; nothing where it is not well formed.
+/// Takes the first code point off `rest`, which must not be empty. Returns nothing, and takes
+/// nothing, where `rest` is not well formed.
 std::optional<std::uint32_t> take_code_point(std::string_view& rest) {
   Lead lead{};
   if (!read_lead(static_cast<std::uint8_t>(rest[0]), lead)) return std::nullopt;
@@ -46,7 +47,8 @@ std::optional<std::uint32_t> take_code_point(std::string_view& rest) {
   return code_point;
 }
 
-/// Takes the printable ASCII off the front, which is all of nearly every text, and returns it.
+/// Takes the printable ASCII off the front of `text` and returns it. Nearly every text is printable
+/// ASCII as a whole.
 std::string_view take_plain(std::string_view& text) {
   const auto end = std::ranges::find_if(text, [](char c) {
     const auto octet = static_cast<std::uint8_t>(c);
@@ -81,14 +83,14 @@ bool is_in(std::span<const Range> ranges, std::uint32_t code_point) {
 // web/page/shown.js and experiment/slamgw_experiment/events.py have the same three tables;
 // tests/vectors/shown.json checks all three.
 
-/// Without a width, or turns the direction of what follows.
+/// Characters without a width, or that turn the direction of the text after them.
 constexpr Range hidden[] = {{0xad, 0xad},     {0x34f, 0x34f},   {0x61c, 0x61c},    {0x115f, 0x1160},
                             {0x17b4, 0x17b5}, {0x180b, 0x180f}, {0x200b, 0x200f},  {0x2028, 0x202e},
                             {0x2060, 0x206f}, {0x3164, 0x3164}, {0xfe00, 0xfe0f},  {0xfeff, 0xfeff},
                             {0xffa0, 0xffa0}, {0xfff9, 0xfffb}, {0xe0000, 0xe0fff}};
 
-/// Out of place among Latin letters: Greek, Cyrillic and other alphabets with look-alikes, marks,
-/// spaces and dashes, wide and mathematical letters.
+/// Characters out of place among Latin letters: Greek, Cyrillic and other alphabets with
+/// look-alikes, marks, spaces and dashes, wide and mathematical letters.
 constexpr Range foreign[] = {
     {0xa0, 0xa0},     {0x250, 0x36f},   {0x370, 0x58f},   {0x13a0, 0x13ff},   {0x1c80, 0x1c8f},
     {0x1f00, 0x1fff}, {0x2000, 0x200a}, {0x2010, 0x2015}, {0x202f, 0x202f},   {0x205f, 0x205f},
@@ -96,7 +98,7 @@ constexpr Range foreign[] = {
     {0xa640, 0xa69f}, {0xab70, 0xabbf}, {0xff00, 0xff5e}, {0x1d400, 0x1d7ff},
 };
 
-/// Looks like a Latin letter: a word of nothing else looks like a Latin one.
+/// Characters that look like Latin letters: a word of nothing else looks like a Latin word.
 constexpr Range look_alike[] = {
     {0x391, 0x392},   {0x395, 0x397},     {0x399, 0x39a}, {0x39c, 0x39d}, {0x39f, 0x39f},
     {0x3a1, 0x3a1},   {0x3a4, 0x3a5},     {0x3a7, 0x3a7}, {0x3b1, 0x3b1}, {0x3b9, 0x3ba},
@@ -116,7 +118,7 @@ bool is_in_word(char c) {
   return octet >= 0x80 || is_ascii_letter(c) || (c >= '0' && c <= '9');
 }
 
-/// Whether the foreign characters of `word` make it look like another word.
+/// True when the foreign characters of `word` make it look like another word.
 bool deceives(std::string_view word) {
   bool has_look_alike = false;
   bool has_other = false;
@@ -157,7 +159,7 @@ bool is_printable(std::string_view text) {
 std::string escape_unprintable(std::string_view text) {
   const std::string_view whole = text;
   const char* word_end = whole.data();
-  bool is_deceptive = false;  // the word up to there
+  bool is_deceptive = false;  // about the word up to `word_end`
   std::string out;
   out.reserve(text.size());
   while (out += take_plain(text), !text.empty()) {

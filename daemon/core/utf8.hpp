@@ -14,9 +14,9 @@ bool is_utf8(std::string_view text);
 /// width (U+200B and its like), and nothing that turns the direction of what follows.
 bool is_printable(std::string_view text);
 
-/// With escapes in place of what is_printable() forbids: `\uXXXX`, as in JSON, and `\xNN` for
-/// characters below U+0020 and for octets that are no UTF-8, of which a JSON document has none.
-/// So are characters by which a word looks like another one: Greek or Cyrillic letters, marks,
+/// Replaces what is_printable() forbids by escapes: `\uXXXX`, as in JSON, and `\xNN` for characters
+/// below U+0020 and for octets that are not UTF-8, which a JSON document never contains. Also
+/// escapes characters by which a word looks like another one: Greek or Cyrillic letters, marks,
 /// spaces and dashes in a word with Latin letters, and words of nothing but look-alikes of these.
 std::string escape_unprintable(std::string_view text);
 
