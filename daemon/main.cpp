@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam-gatewayd: arguments to configuration to App::run; failures to exit codes.
+// slam-gatewayd: reads arguments and configuration, runs App, and returns failures as exit codes.
 #include <sys/resource.h>
 #include <systemd/sd-daemon.h>
 
@@ -39,8 +39,8 @@ int check_config(const slamgw::ParseResult& result) {
   return 0;
 }
 
-/// Each robot has a connection of its own to the broker, and systemd starts services with 1024 open
-/// files of the many that they may have.
+/// Raises the soft limit of open files to the hard one: each robot has its own connection to the
+/// broker, and systemd starts services with a soft limit of 1024.
 void allow_many_files() {
   rlimit limit{};
   if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;

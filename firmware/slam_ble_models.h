@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot on BLE Mesh says to the gateway, and hears from it: the messages of the vendor
-// models min_com, sensor_update and pos_cmd, the positions inside them, and when a message that was
+// The messages between a robot on BLE Mesh and the gateway, those of the vendor models min_com,
+// sensor_update and pos_cmd; the positions inside them; and the times at which a message that was
 // not acknowledged is sent again. C99 without dependencies: octets in, octets out. docs/robots.md
-// shows how a robot uses it, firmware/examples/ble_robot.c is one.
+// shows how a robot uses this header, firmware/examples/ble_robot.c is an example.
 #ifndef SLAM_BLE_MODELS_H
 #define SLAM_BLE_MODELS_H
 
@@ -16,7 +16,7 @@ extern "C" {
 
 // The company of the models. It goes little-endian behind the opcode: 59 00.
 #define SLAM_BLE_COMPANY 0x0059u
-// Model identifiers; that of a model's server is one higher than its client's.
+// Model identifiers of the clients; a server's identifier is one higher than its client's.
 #define SLAM_BLE_MIN_COM_CLIENT 0x0004u
 #define SLAM_BLE_SENSOR_UPDATE_CLIENT 0x0006u
 #define SLAM_BLE_POS_CMD_CLIENT 0x0008u
@@ -40,7 +40,7 @@ enum slam_ble_kind {
 struct slam_ble_message {
   enum slam_ble_model model;
   enum slam_ble_kind kind;
-  bool has_number;      // of each SET_NUMBERED, and of the STATUS that answers one
+  bool has_number;      // true for a SET_NUMBERED, and for the STATUS that answers one
   uint8_t number;       // the transaction number
   const uint8_t* data;  // the parameters without the number; of a STATUS its state octet
   size_t size;
@@ -75,9 +75,9 @@ static inline size_t slam_ble_encode(const struct slam_ble_message* message, uin
   return at;
 }
 
-// Reads a message whose opcode the mesh stack has taken off: `opcode` is its first octet, and the
-// company was SLAM_BLE_COMPANY. False: it is not one of these models'. `data` then points into
-// `parameters`.
+// Reads a message whose opcode the mesh stack has taken off: `opcode` is the first octet of the
+// opcode, and the company was SLAM_BLE_COMPANY. Returns false for any other message, or an invalid
+// one. `data` then points into `parameters`.
 static inline bool slam_ble_decode_parameters(uint8_t opcode, const uint8_t* parameters,
                                               size_t size, struct slam_ble_message* message) {
   if (opcode < 0xc5u || opcode > 0xd3u) return false;
@@ -101,7 +101,7 @@ static inline bool slam_ble_decode_parameters(uint8_t opcode, const uint8_t* par
   return true;
 }
 
-// The same of a whole access message, opcode first.
+// Reads a whole access message, opcode first, like slam_ble_decode_parameters().
 static inline bool slam_ble_decode(const uint8_t* octets, size_t size,
                                    struct slam_ble_message* message) {
   if (size < SLAM_BLE_OPCODE_SIZE) return false;
@@ -110,7 +110,7 @@ static inline bool slam_ble_decode(const uint8_t* octets, size_t size,
                                     size - SLAM_BLE_OPCODE_SIZE, message);
 }
 
-// Writes the STATUS that answers `request`. Returns 0 for what needs no answer.
+// Writes the STATUS that answers `request`. Returns 0 for a message that needs no answer.
 static inline size_t slam_ble_encode_status(const struct slam_ble_message* request, uint8_t* out,
                                             size_t capacity) {
   static const uint8_t state = 0;
@@ -125,7 +125,7 @@ static inline size_t slam_ble_encode_status(const struct slam_ble_message* reque
   return slam_ble_encode(&status, out, capacity);
 }
 
-// Whether `status` acknowledges `sent`. A late STATUS for an earlier number does not.
+// Returns true if `status` acknowledges `sent`. A late STATUS for an earlier number does not.
 static inline bool slam_ble_acknowledges(const struct slam_ble_message* status,
                                          const struct slam_ble_message* sent) {
   if (status->kind != SLAM_BLE_STATUS || status->model != sent->model) return false;
@@ -164,7 +164,7 @@ static inline int16_t slam_read_i16_(const uint8_t* octets) {
   return (int16_t)(uint16_t)(octets[0] | (unsigned)octets[1] << 8);
 }
 
-// Returns how many there are, 0 when they are not 4n or 4n + 1 octets with n from 1 to `capacity`.
+// Returns the number of positions, 0 when `size` is not 4n or 4n + 1 with n from 1 to `capacity`.
 static inline size_t slam_decode_positions(const uint8_t* octets, size_t size,
                                            struct slam_position* positions, size_t capacity) {
   const size_t count = size / SLAM_POSITION_SIZE;
@@ -190,7 +190,8 @@ struct slam_ble_repeat {
 
 enum slam_ble_step { SLAM_BLE_WAIT, SLAM_BLE_SEND_AGAIN, SLAM_BLE_GIVE_UP };
 
-// iv: 200 ms, 20 ms for each hop that the TTL allows, 20 ms for each segment if segmented.
+// Returns iv: 200 ms, plus 20 ms for each hop that the TTL allows, plus 20 ms for each segment if
+// segmented.
 static inline uint32_t slam_ble_interval_ms(uint8_t ttl, size_t message_size) {
   const uint32_t unsegmented_ms = 200u + 20u * ttl;
   if (message_size <= SLAM_BLE_UNSEGMENTED_SIZE) return unsegmented_ms;
@@ -211,7 +212,7 @@ static inline bool slam_ble_repeat_is_open(const struct slam_ble_repeat* repeat)
   return repeat->after != 0;
 }
 
-// Says what is to be done now. A caller that comes late sends one copy for those that it missed.
+// Returns the step to take now. A caller that comes late sends one copy for all that it missed.
 static inline enum slam_ble_step slam_ble_repeat_step(struct slam_ble_repeat* repeat,
                                                       uint32_t now) {
   const uint32_t passed = now - repeat->first_at;
@@ -225,7 +226,7 @@ static inline enum slam_ble_step slam_ble_repeat_step(struct slam_ble_repeat* re
   return SLAM_BLE_SEND_AGAIN;
 }
 
-// Milliseconds until slam_ble_repeat_step() has something to do; UINT32_MAX: never.
+// Returns the milliseconds until slam_ble_repeat_step() has something to do; UINT32_MAX: never.
 static inline uint32_t slam_ble_repeat_wait_ms(const struct slam_ble_repeat* repeat, uint32_t now) {
   const uint32_t passed = now - repeat->first_at;
   const uint32_t next = repeat->after < SLAM_BLE_GIVE_UP_MS ? repeat->after : SLAM_BLE_GIVE_UP_MS;

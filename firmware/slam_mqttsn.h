@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // An MQTT-SN 1.2 client for a robot on Thread: octets and the time in, octets and the next deadline
 // out. C99 without dependencies, no allocation, no socket, no clock; the memory is one struct of
-// the caller. docs/robots.md shows how a robot uses it, firmware/examples/thread_robot.c is one.
+// the caller. docs/robots.md shows how a robot uses this header, firmware/examples/thread_robot.c
+// is an example.
 //
-// The client connects, registers and subscribes what the table of topics names, and does so again
-// whenever the gateway is lost. One message of QoS 1 or 2 is under way at a time. It is kept and
-// repeated until the gateway has acknowledged it, over a lost connection too.
+// The client connects, registers and subscribes the topics of its table, and does so again whenever
+// the gateway is lost. One message of QoS 1 or 2 is under way at a time. The client keeps and
+// repeats this message until the gateway has acknowledged it, over a lost connection too.
 //
 //   slam_sn_init, slam_sn_connect                     once
 //   slam_sn_receive                                   for each datagram from the gateway
@@ -32,7 +33,7 @@ extern "C" {
 #ifndef SLAM_SN_MAX_TOPICS  // entries in the table of topics
 #define SLAM_SN_MAX_TOPICS 8u
 #endif
-#ifndef SLAM_SN_MAX_HEARD  // topics that a wildcard subscription brings; beyond it the oldest goes
+#ifndef SLAM_SN_MAX_HEARD  // topics that wildcard subscriptions bring; one more replaces the oldest
 #define SLAM_SN_MAX_HEARD 4u
 #endif
 #ifndef SLAM_SN_MAX_NAME  // octets of the name of such a topic
@@ -56,7 +57,7 @@ extern "C" {
 #define SLAM_SN_QOS1 0x20u
 #define SLAM_SN_QOS2 0x40u
 #define SLAM_SN_RETAIN 0x10u
-#define SLAM_SN_SUBSCRIBE 0x08u   // of a topic: listens there, with SLAM_SN_QOS1 as a rule
+#define SLAM_SN_SUBSCRIBE 0x08u   // of a topic: the robot listens there, usually with SLAM_SN_QOS1
 #define SLAM_SN_PREDEFINED 0x01u  // of a topic: has an id that the gateway's configuration gives it
 #define SLAM_SN_SHORT 0x02u       // of a topic: its name has two octets and needs no id
 
@@ -68,17 +69,17 @@ enum slam_sn_code {
 };
 
 struct slam_sn_topic {
-  const char* name;  // whole, as `ntnu-slam/robot/r1/update`; a subscription may have wildcards
+  const char* name;  // whole, such as `ntnu-slam/robot/r1/update`; may have wildcards if subscribed
   uint16_t id;       // of a predefined topic
   uint8_t flags;     // 0: the robot publishes there
 };
 
-// All pointers stay valid as long as the client is used.
+// All pointers must stay valid as long as the client is used.
 struct slam_sn_settings {
   const char* client_id;               // the robot's id in topics
   const char* will_topic;              // NULL: no will
   const char* will_message;            // published by the gateway when the robot is lost
-  const struct slam_sn_topic* topics;  // those that the robot publishes first: they are ready first
+  const struct slam_sn_topic* topics;  // list published topics first: they are then ready first
   uint8_t topic_count;
   uint8_t will_flags;     // QoS, SLAM_SN_RETAIN
   bool clean_session;     // false: commands wait at the gateway while the robot is away
@@ -89,15 +90,15 @@ struct slam_sn_settings {
 
 enum slam_sn_event_kind {
   SLAM_SN_NOTHING,
-  SLAM_SN_MESSAGE,    // the members below
+  SLAM_SN_MESSAGE,    // a message came, described by the members below
   SLAM_SN_PUBLISHED,  // the message of QoS 1 or 2 has ended; `code` says how
-  SLAM_SN_REFUSED     // `topic`, or the robot itself (SLAM_SN_NO_TOPIC); `code` says why
+  SLAM_SN_REFUSED     // `topic`, or the robot (SLAM_SN_NO_TOPIC), is refused; `code` says why
 };
 
 struct slam_sn_event {
   enum slam_sn_event_kind kind;
   uint8_t code;      // enum slam_sn_code
-  uint8_t topic;     // its place in the table, SLAM_SN_NO_TOPIC for one that a wildcard brought
+  uint8_t topic;     // its place in the table; SLAM_SN_NO_TOPIC: a wildcard subscription brought it
   uint8_t flags;     // QoS and SLAM_SN_RETAIN of a message
   const char* name;  // of the topic, without a zero at its end
   size_t name_size;
@@ -119,26 +120,26 @@ struct slam_sn_client {
   const struct slam_sn_settings* settings;
   enum slam_sn_state state;
   uint16_t next_id;       // the message id of the next request, never 0
-  uint16_t delivered_id;  // of the last message from the gateway, so that its repeat is known
+  uint16_t delivered_id;  // of the gateway's last message, to recognise its repeat
   uint32_t answered_at;   // when the gateway last answered a request
-  uint32_t heard_at;      // when it last said anything
+  uint32_t heard_at;      // when the gateway last sent anything
 
-  uint8_t asking;  // type of the request about the connection that waits for its answer; 0: none
+  uint8_t asking;  // type of the open request about the connection; 0: none
   uint8_t asked_topic;
   uint8_t tries;
-  uint8_t connacks;  // that may still come: one for each CONNECT that was sent
+  uint8_t connacks;  // CONNACKs that may still come, one for each CONNECT that was sent
   bool resumes;      // the next CONNECT continues the session
   uint16_t asked_id;
   uint16_t sleep_s;
-  uint32_t ask_at;   // when to send it, or send it again
-  uint32_t wake_at;  // of a sleeping client
+  uint32_t ask_at;   // when to send the request, or send it again
+  uint32_t wake_at;  // when a sleeping client wakes
 
   uint16_t ids[SLAM_SN_MAX_TOPICS];
   uint8_t topic_states[SLAM_SN_MAX_TOPICS];
   uint8_t next_heard;
   struct slam_sn_heard_topic heard[SLAM_SN_MAX_HEARD];
 
-  uint8_t publishing;  // PUBLISH or PUBREL: what waits for its answer; 0: nothing
+  uint8_t publishing;  // type of the open message, PUBLISH or PUBREL; 0: none
   uint8_t publish_flags;
   uint8_t publish_topic;
   uint8_t publish_tries;
@@ -218,7 +219,7 @@ static inline uint8_t* slam_sn_copy_(uint8_t* at, const void* octets, size_t siz
   return at;
 }
 
-// Begins the datagram that leaves next; its `size` octets after the type go where this points.
+// Begins the next datagram. Returns where its `size` octets after the type go.
 static inline uint8_t* slam_sn_begin_(struct slam_sn_client* client, unsigned type, size_t size) {
   uint8_t* at = client->out;
   size_t total = size + 2u;
@@ -252,7 +253,7 @@ static inline unsigned slam_sn_retries_(const struct slam_sn_client* client) {
   return client->settings->retries > 0 ? client->settings->retries : SLAM_SN_RETRIES;
 }
 
-// How long a request is repeated before the gateway counts as lost.
+// Returns how long a request is repeated before the gateway counts as lost.
 static inline uint32_t slam_sn_patience_ms_(const struct slam_sn_client* client) {
   return slam_sn_retry_ms_(client) * (slam_sn_retries_(client) + 1u);
 }
@@ -283,14 +284,15 @@ static inline void slam_sn_unsettle_all_(struct slam_sn_client* client) {
   for (i = 0; i < SLAM_SN_MAX_HEARD; ++i) client->heard[i].id = 0;
 }
 
-// The first topic that the gateway has not been asked about; topic_count: none.
+// Returns the first topic that the gateway has not been asked about; topic_count: none.
 static inline size_t slam_sn_unsettled_(const struct slam_sn_client* client) {
   size_t i = 0;
   while (i < client->settings->topic_count && client->topic_states[i] != SLAM_SN_UNSETTLED) ++i;
   return i;
 }
 
-// The gateway tells a topic's id. An id that it gives anew belongs to its new name alone.
+// Notes the id that the gateway gave to a topic. If another name had this id before, that name
+// loses it.
 static inline void slam_sn_learn_(struct slam_sn_client* client, uint16_t id, const char* name,
                                   size_t size) {
   struct slam_sn_heard_topic* place = NULL;
@@ -324,7 +326,7 @@ static inline void slam_sn_learn_(struct slam_sn_client* client, uint16_t id, co
   for (i = 0; i < size; ++i) place->name[i] = name[i];
 }
 
-// Names the topic of a PUBLISH; `id` points to its two octets. False: unknown.
+// Fills in the topic of a PUBLISH; `id` points to its two octets. Returns false for an unknown one.
 static inline bool slam_sn_name_(const struct slam_sn_client* client, unsigned type,
                                  const uint8_t* id, struct slam_sn_event* event) {
   const uint16_t number = slam_sn_read_(id);
@@ -377,8 +379,8 @@ static inline void slam_sn_begin_connecting_(struct slam_sn_client* client, bool
   slam_sn_ask_(client, SLAM_SN_CONNECT_, at);
 }
 
-// The gateway is gone, or does not know the robot any more. The pause differs from robot to robot,
-// so that they do not all come back at once.
+// Call when the gateway is gone, or does not know the robot any more. The pause differs from robot
+// to robot, so that they do not all come back at once.
 static inline void slam_sn_lose_(struct slam_sn_client* client, uint32_t now) {
   const uint32_t spread = (client->next_id * UINT32_C(40503) >> 4) % SLAM_SN_RECONNECT_MS;
   ++client->lost;
@@ -420,7 +422,7 @@ static inline void slam_sn_write_subscribe_(struct slam_sn_client* client) {
   }
 }
 
-// A sleeping robot tells the gateway its time plus that of its repeats.
+// The duration of a sleep includes the time of the robot's repeats.
 static inline void slam_sn_write_disconnect_(struct slam_sn_client* client) {
   uint32_t duration_s = client->sleep_s;
   if (duration_s == 0) {
@@ -481,7 +483,7 @@ static inline void slam_sn_write_answer_(struct slam_sn_client* client, unsigned
   *at = code;
 }
 
-// What time brings
+// Actions at their time
 
 static inline bool slam_sn_may_send_open_(const struct slam_sn_client* client) {
   if (client->publishing == 0) return false;
@@ -515,7 +517,8 @@ static inline void slam_sn_end_disconnecting_(struct slam_sn_client* client, uin
   client->wake_at = now + client->sleep_s * UINT32_C(1000);
 }
 
-// True: the request has been repeated often enough, and nothing has come from the gateway since.
+// Returns true when the request has been repeated often enough, and nothing has come from the
+// gateway since.
 static inline bool slam_sn_is_silent_(const struct slam_sn_client* client, unsigned tries,
                                       uint32_t now) {
   return tries > slam_sn_retries_(client) && now - client->heard_at >= slam_sn_patience_ms_(client);
@@ -546,7 +549,7 @@ static inline void slam_sn_send_open_(struct slam_sn_client* client, uint32_t no
   client->publish_at = now + slam_sn_retry_ms_(client);
 }
 
-// What comes from the gateway
+// Messages from the gateway
 
 static inline void slam_sn_answered_(struct slam_sn_client* client, uint32_t now) {
   client->asking = 0;
@@ -567,7 +570,8 @@ static inline void slam_sn_refuse_(uint8_t topic, uint8_t code, struct slam_sn_e
   event->topic = topic;
 }
 
-// A second CONNACK answers a repeated CONNECT, which may have begun the session once more.
+// Handles CONNACK. A second CONNACK answers a repeated CONNECT, which may have begun the session
+// once more.
 static inline bool slam_sn_on_connack_(struct slam_sn_client* client, uint8_t code, uint32_t now,
                                        struct slam_sn_event* event) {
   if (client->asking == SLAM_SN_CONNECT_ && code != SLAM_SN_ACCEPTED) {
@@ -605,7 +609,7 @@ static inline bool slam_sn_on_will_request_(struct slam_sn_client* client, unsig
   return true;
 }
 
-// REGACK and SUBACK. `id` is 0 for a wildcard.
+// Handles REGACK and SUBACK. `id` is 0 for a wildcard.
 static inline bool slam_sn_on_settled_(struct slam_sn_client* client, unsigned request, uint16_t id,
                                        const uint8_t* answer, uint32_t now,
                                        struct slam_sn_event* event) {
@@ -671,7 +675,8 @@ static inline bool slam_sn_on_publish_(struct slam_sn_client* client, const uint
   return true;
 }
 
-// Code 2 also answers messages of QoS 0. A topic of the table is then registered again.
+// Handles PUBACK. Code 2 also answers messages of QoS 0. A topic of the table is then registered
+// again.
 static inline bool slam_sn_on_puback_(struct slam_sn_client* client, const uint8_t* body,
                                       uint32_t now, struct slam_sn_event* event) {
   const uint16_t topic_id = slam_sn_read_(body);
@@ -701,7 +706,7 @@ static inline bool slam_sn_on_puback_(struct slam_sn_client* client, const uint8
   return true;
 }
 
-// PUBREC and PUBCOMP.
+// Handles PUBREC and PUBCOMP.
 static inline bool slam_sn_on_qos2_(struct slam_sn_client* client, unsigned type, uint16_t id,
                                     uint32_t now, struct slam_sn_event* event) {
   const bool is_open = client->publishing != 0 && client->publish_id == id &&
@@ -735,7 +740,7 @@ static inline bool slam_sn_on_disconnect_(struct slam_sn_client* client, uint32_
   return true;
 }
 
-// Whether a message of this type, which a gateway sends, may have `size` octets after the type.
+// Returns true if a message of this type from a gateway may have `size` octets after the type.
 static inline bool slam_sn_has_valid_size_(unsigned type, size_t size) {
   switch (type) {
     case SLAM_SN_CONNACK_: return size == 1;
@@ -756,7 +761,7 @@ static inline bool slam_sn_has_valid_size_(unsigned type, size_t size) {
   }
 }
 
-// Until CONNACK only the answers to CONNECT count.
+// Until CONNACK, only answers to CONNECT are expected.
 static inline bool slam_sn_is_expected_(const struct slam_sn_client* client, unsigned type) {
   if (client->state == SLAM_SN_OFF) return false;
   if (client->state != SLAM_SN_CONNECTING) return true;
@@ -798,10 +803,10 @@ static inline bool slam_sn_on_message_(struct slam_sn_client* client, unsigned t
   }
 }
 
-// What a robot calls
+// Functions for the robot
 
-// `random` differs from robot to robot and from start to start: message ids begin with it. False:
-// the settings are invalid, or too long for SLAM_SN_MAX_PACKET.
+// `random` must differ from robot to robot and from start to start: message ids begin with it.
+// Returns false when the settings are invalid, or too long for SLAM_SN_MAX_PACKET.
 static inline bool slam_sn_init(struct slam_sn_client* client,
                                 const struct slam_sn_settings* settings, uint16_t random) {
   const size_t most = SLAM_SN_MAX_PAYLOAD;
@@ -829,33 +834,34 @@ static inline bool slam_sn_init(struct slam_sn_client* client,
   return true;
 }
 
-// Begins, or begins again after slam_sn_disconnect().
+// Connects, also again after slam_sn_disconnect().
 static inline void slam_sn_connect(struct slam_sn_client* client, uint32_t now) {
   slam_sn_begin_connecting_(client, false, now);
   client->publish_at = now;
 }
 
-// Everything of the table is registered and subscribed.
+// Returns true when connected, with each topic of the table registered, subscribed or refused.
 static inline bool slam_sn_is_ready(const struct slam_sn_client* client) {
   return client->state == SLAM_SN_ACTIVE &&
          slam_sn_unsettled_(client) == client->settings->topic_count;
 }
 
-// A message of QoS 1 or 2 is under way.
+// Returns true while a message of QoS 1 or 2 is under way.
 static inline bool slam_sn_is_publishing(const struct slam_sn_client* client) {
   return client->publishing != 0;
 }
 
-// Nothing is under way and the client sleeps: the radio may be off for slam_sn_wait_ms().
+// Returns true when nothing is under way and the client sleeps: the radio may be off for
+// slam_sn_wait_ms().
 static inline bool slam_sn_is_dozing(const struct slam_sn_client* client) {
   return client->state == SLAM_SN_ASLEEP && client->asking == 0 && client->publishing == 0 &&
          client->out_size == 0;
 }
 
-// `flags`: QoS and SLAM_SN_RETAIN. False: not now, so try again later, or never (the topic was
-// refused, `data` is too long). QoS 0 needs a topic that is registered, and may be lost. One
-// message of QoS 1 or 2 is taken at any time, also while the gateway is lost; SLAM_SN_PUBLISHED
-// ends it.
+// `flags`: QoS and SLAM_SN_RETAIN. Returns false when the message can't be taken now (try again
+// later) or never (the topic was refused, `data` is too long). QoS 0 needs a registered topic, and
+// may be lost. One message of QoS 1 or 2 is taken at any time, also while the gateway is lost;
+// SLAM_SN_PUBLISHED ends it.
 static inline bool slam_sn_publish(struct slam_sn_client* client, uint32_t now, uint8_t topic,
                                    uint8_t flags, const void* data, size_t size) {
   const unsigned qos = flags & SLAM_SN_QOS_;
@@ -883,8 +889,8 @@ static inline bool slam_sn_publish(struct slam_sn_client* client, uint32_t now, 
   return true;
 }
 
-// Sleeps, and asks the gateway every `seconds` for what waits. False: something is under way, or
-// the client is neither connected nor asleep.
+// Sleeps, and asks the gateway every `seconds` for waiting messages. Returns false when something
+// is under way, or the client is neither ready nor asleep.
 static inline bool slam_sn_sleep(struct slam_sn_client* client, uint32_t now, uint16_t seconds) {
   if (seconds == 0 || client->asking != 0 || client->publishing != 0) return false;
   if (client->state != SLAM_SN_ASLEEP && !slam_sn_is_ready(client)) return false;
@@ -893,12 +899,12 @@ static inline bool slam_sn_sleep(struct slam_sn_client* client, uint32_t now, ui
   return true;
 }
 
-// Ends the sleep. The session goes on, and what waits at the gateway comes.
+// Ends the sleep. The session continues, and the messages that wait at the gateway come.
 static inline void slam_sn_wake(struct slam_sn_client* client, uint32_t now) {
   if (client->state == SLAM_SN_ASLEEP) slam_sn_begin_connecting_(client, true, now);
 }
 
-// Leaves without a will. What is under way is dropped.
+// Disconnects without a will. Drops the message that is under way.
 static inline void slam_sn_disconnect(struct slam_sn_client* client, uint32_t now) {
   if (client->state == SLAM_SN_OFF) return;
   client->sleep_s = 0;
@@ -906,7 +912,7 @@ static inline void slam_sn_disconnect(struct slam_sn_client* client, uint32_t no
   slam_sn_ask_(client, SLAM_SN_DISCONNECT_, now);
 }
 
-// Takes one datagram from the gateway's address, and says in `event` what it means to the robot.
+// Takes one datagram from the gateway's address, and fills in `event` for the robot.
 static inline void slam_sn_receive(struct slam_sn_client* client, uint32_t now,
                                    const uint8_t* datagram, size_t size,
                                    struct slam_sn_event* event) {
@@ -931,7 +937,8 @@ static inline void slam_sn_receive(struct slam_sn_client* client, uint32_t now,
   ++client->invalid;
 }
 
-// The next datagram to send, `*size` octets that are valid until the next call; 0: nothing now.
+// Returns the next datagram to send, `*size` octets that are valid until the next call; 0: nothing
+// now.
 static inline const uint8_t* slam_sn_poll(struct slam_sn_client* client, uint32_t now,
                                           size_t* size) {
   if (client->out_size == 0 && client->state != SLAM_SN_OFF) {
@@ -947,7 +954,7 @@ static inline const uint8_t* slam_sn_poll(struct slam_sn_client* client, uint32_
   return client->out;
 }
 
-// Milliseconds until slam_sn_poll() has something to do; UINT32_MAX: never by itself.
+// Returns the milliseconds until slam_sn_poll() has something to do; UINT32_MAX: never by itself.
 static inline uint32_t slam_sn_wait_ms(const struct slam_sn_client* client, uint32_t now) {
   uint32_t wait = UINT32_MAX;
   if (client->out_size != 0) return 0;
@@ -968,7 +975,8 @@ static inline uint32_t slam_sn_wait_ms(const struct slam_sn_client* client, uint
   return wait;
 }
 
-// Whether the last level of the message's topic is `type`: `cmd` of `ntnu-slam/server/r1/cmd`.
+// Returns true if the last level of the message's topic is `type`: `cmd` of
+// `ntnu-slam/server/r1/cmd`.
 static inline bool slam_sn_is_of_type(const struct slam_sn_event* event, const char* type) {
   const size_t size = slam_sn_length_(type);
   if (event->name == NULL || event->name_size < size + 1u) return false;

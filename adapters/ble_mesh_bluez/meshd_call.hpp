@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Calls of org.bluez.mesh (BlueZ's doc/mesh-api.txt) that the gateway makes, and the answers and
-// events of BlueZ's bluetooth-meshd, as values. Key index
-// 0 of both keys. io/meshd_bus.hpp puts them on D-Bus.
+// events of BlueZ's bluetooth-meshd, as values. Both keys have index 0. io/meshd_bus.hpp puts the
+// calls on D-Bus.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ namespace slamgw::ble {
 
 // Calls of Network1.
 
-/// Takes over a node that meshd keeps; its token proves whose it is.
+/// Takes over a node that meshd keeps; its token proves that the node is the gateway's.
 struct Attach {
   std::uint64_t token = 0;
 };
@@ -33,7 +33,7 @@ struct Leave {
   std::uint64_t token = 0;
 };
 
-// Calls of Management1: the database of keys, and who joins.
+// Calls of Management1: the database of keys, and joining devices.
 
 struct ImportSubnet {
   Key net_key{};
@@ -62,7 +62,7 @@ struct Send {
   std::uint16_t key = 0;  ///< index of an application key
   Bytes payload;
 };
-/// Under the device key of the destination, which may be the node itself.
+/// Sends under the device key of the destination, which may be the node itself.
 struct DevKeySend {
   std::uint16_t destination = 0;
   Bytes payload;
@@ -75,24 +75,24 @@ using MeshdCall =
                  DeleteRemoteNode, ExportKeys, UnprovisionedScan, UnprovisionedScanCancel, AddNode,
                  Send, DevKeySend, GetAddresses, GetIvIndex>;
 
-/// Make this call; answered by MeshdAnswer with its number.
+/// Make this call; a MeshdAnswer with its number follows.
 struct CallMeshd {
   std::uint64_t number = 0;
   MeshdCall call;
 };
-/// The answer to JoinComplete: the token is on disk.
+/// Answer JoinComplete: the token is on disk.
 struct AcceptToken {};
-/// The answer to RequestProvData; nothing: the device is refused.
+/// Answer RequestProvData; without an address, the device is refused.
 struct GiveAddress {
   std::optional<std::uint16_t> address;
 };
-/// Leave the bus and come back: meshd then lets go of the node.
+/// Leave the bus and come back, so that meshd releases the node.
 struct Reconnect {};
 using MeshdRequest = std::variant<CallMeshd, AcceptToken, GiveAddress, Reconnect>;
 
-/// meshd came to the bus, or another one in its place.
+/// meshd, or a new one in its place, came to the bus.
 struct MeshdCame {};
-/// It is not there, or the bus is not. What was asked of it has no answer any more.
+/// meshd or the bus has gone. Open calls get no answer any more.
 struct MeshdGone {
   std::string why;
 };
@@ -100,14 +100,14 @@ struct MeshdGone {
 struct MeshdAnswer {
   std::uint64_t number = 0;
   std::string error = {};                         ///< name of the D-Bus error; empty: success
-  std::string why = {};                           ///< its text
+  std::string why = {};                           ///< the error's text
   std::map<std::uint16_t, Key> device_keys = {};  ///< to ExportKeys, by address. Never printed.
   std::uint32_t iv_index = 0;                     ///< to GetIvIndex
   std::uint16_t address = 0;                      ///< to GetAddresses: of the first element
 
   bool is_success() const { return error.empty(); }
 };
-/// The node is made; AcceptToken answers it.
+/// meshd has made the node; AcceptToken answers this.
 struct JoinComplete {
   std::uint64_t token = 0;
 };
@@ -115,7 +115,7 @@ struct ScanResult {
   std::int16_t rssi = 0;
   Bytes data;  ///< begins with the UUID
 };
-/// GiveAddress answers it.
+/// A joining device needs an address; GiveAddress answers this.
 struct RequestProvData {
   std::uint8_t elements = 0;
 };
@@ -127,7 +127,7 @@ struct AddNodeFailed {
   Uuid uuid{};
   std::string why;
 };
-/// MessageReceived of Element1, which the seam has already.
+/// MessageReceived of Element1; radio.hpp has taken that name already.
 struct AppMessage {
   std::uint16_t source = 0;
   std::uint16_t key = 0;

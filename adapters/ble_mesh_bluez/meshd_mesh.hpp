@@ -18,7 +18,7 @@ using MeshdAction = std::variant<MeshdRequest, MeshAction>;
 
 class MeshdMesh final : public BleMesh {
  public:
-  /// As BleMesh. `random` makes the UUID and the device key of the gateway's node.
+  /// Arguments as for BleMesh. `random` makes the UUID and the device key of the gateway's node.
   MeshdMesh(const Settings& settings, TopicScheme topics, RobotNames names,
             const std::optional<NodeDatabase>& database, MeshdRadio::RandomSource random)
       : BleMesh(settings, std::move(topics), std::move(names), database,

@@ -30,7 +30,7 @@ std::string reason(const MeshdAnswer& answer) {
   return fmt::format("bluetooth-meshd answers {} {}", answer.error, answer.why);
 }
 
-/// RFC 4122, version 4: meshd takes no other.
+/// Makes a UUID of RFC 4122, version 4: meshd takes no other.
 void make_uuid_valid(Uuid& uuid) {
   uuid[6] = static_cast<std::uint8_t>((uuid[6] & 0x0f) | 0x40);
   uuid[8] = static_cast<std::uint8_t>((uuid[8] & 0x3f) | 0x80);
@@ -73,7 +73,7 @@ void MeshdRadio::on(const MeshdGone& gone, TimePoint) {
 
 void MeshdRadio::on(const MeshdAnswer& answer, TimePoint now) {
   const auto found = calls_.find(answer.number);
-  if (found == calls_.end()) return;  // of a meshd that has gone
+  if (found == calls_.end()) return;  // the answer to a call at a former meshd
   const Done done = std::move(found->second);
   calls_.erase(found);
   done(answer, now);
@@ -96,7 +96,7 @@ void MeshdRadio::go_down(const std::string& why) {
   forget();
 }
 
-/// The meshd that comes next, or the next node, knows nothing of what was asked before.
+/// Forgets all open requests: the next meshd, or the next node, does not know them.
 void MeshdRadio::forget() {
   retry_at_.reset();
   calls_.clear();
@@ -137,8 +137,8 @@ void MeshdRadio::on_keys_failed(const std::string& why, TimePoint now) {
   if (stage_ == Stage::awaiting_keys) pause(why, retry_after, now);
 }
 
-/// A node that meshd does not have has no sequence numbers, so it begins at an address that no
-/// robot has heard.
+/// Makes another node. It has no sequence numbers yet, so it begins at an address that no robot has
+/// heard.
 void MeshdRadio::begin_node(TimePoint now) {
   node_ = MeshdNode{};
   own_device_key_ = Key{};
@@ -148,7 +148,7 @@ void MeshdRadio::begin_node(TimePoint now) {
   ask_for_source(0);
 }
 
-/// The answer also means that the disk has the node.
+/// Asks for the node's address. The answer also means that the disk has the node.
 void MeshdRadio::ask_for_source(std::uint16_t addresses) {
   stage_ = addresses == 0 ? Stage::awaiting_source : Stage::awaiting_disk;
   actions_.push(SourceWanted{encode_node(*node_), addresses, was_cleared_});
@@ -191,7 +191,7 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
                          {}});
     return begin_node(now);
   }
-  if (answer.error == already_exists) requests_.push(Reconnect{});  // since before a pause
+  if (answer.error == already_exists) requests_.push(Reconnect{});  // attached since before a pause
   if (!answer.is_success()) return pause(reason(answer), retry_after, now);
   stage_ = Stage::preparing;
   call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
@@ -231,8 +231,8 @@ bool MeshdRadio::restart(TimePoint) {
   return true;
 }
 
-/// No call replaces a key in meshd's database. So the gateway makes a new node when the keys change
-/// under which it sends.
+/// No call replaces a key in meshd's database. So the gateway makes a new node when its sending
+/// keys change.
 void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
   const bool sends_as_before = keys_ && keys_->keys == keys.keys;
   keys_ = keys;
@@ -243,7 +243,7 @@ void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
     return begin(now);
   }
   const bool is_busy = !steps_.empty();
-  if (stage_ != Stage::up && !is_busy) return;  // the plan will have them
+  if (stage_ != Stage::up && !is_busy) return;  // plan() will include the new keys
   std::vector<Step> more = refresh_steps();
   std::ranges::move(more, std::back_inserter(steps_));
   if (!is_busy && !steps_.empty()) do_step(now);
@@ -274,8 +274,8 @@ std::deque<MeshdRadio::Step> MeshdRadio::plan() const {
   return steps;
 }
 
-/// The node hears both pairs of keys then, and sends under the old ones. It refuses what it has
-/// done already, such as after a beacon of a robot that is ahead.
+/// Lets the node hear both pairs of keys and send under the old ones. The node refuses a step that
+/// it has done already, such as after a beacon of a robot that is ahead.
 std::vector<MeshdRadio::Step> MeshdRadio::refresh_steps() const {
   if (!keys_->next) return {};
   return {configure(encode_netkey_update(keys_->next->net_key), netkey_status, false),
@@ -350,8 +350,8 @@ void MeshdRadio::withdraw(std::uint16_t destination, const Bytes& payload) {
   });
 }
 
-/// meshd answers at once and queues without a bound. So a message waits here until the former one
-/// has left the air, and an urgent one can overtake it.
+/// meshd answers at once and queues without a bound. So a message waits here until the previous one
+/// has left the air, and an urgent message can overtake it.
 void MeshdRadio::send_next(TimePoint now) {
   if (stage_ != Stage::up || is_sending_ || waiting_.empty() || now < air_free_at_) return;
   Outgoing next = std::move(waiting_.front());
@@ -370,7 +370,7 @@ void MeshdRadio::send_next(TimePoint now) {
 }
 
 void MeshdRadio::on(AppMessage& message, TimePoint) {
-  // meshd loops messages to a group back.
+  // meshd also delivers the gateway's own messages to a group.
   if (stage_ != Stage::up || message.source == source_) return;
   const auto length = static_cast<std::uint16_t>(message.payload.size());
   actions_.push(MessageReceived{
@@ -404,7 +404,7 @@ void MeshdRadio::forget_device_key(std::uint16_t address) {
   });
 }
 
-// --- Who joins -----------------------------------------------------------------------------------
+// --- Joining -------------------------------------------------------------------------------------
 
 void MeshdRadio::run_scan(TimePoint now) {
   const bool may_scan = is_scan_wanted_ && !join_;
@@ -495,7 +495,7 @@ void MeshdRadio::on_deadline(TimePoint now) {
   if (retry_at_ && now >= *retry_at_) return begin(now);
   if (step_due_ && now >= *step_due_) {
     if (copies_ < max_copies) return do_step(now);
-    // After a power cut meshd may count from a lower number than its node remembers of itself.
+    // After a power cut meshd may send with lower sequence numbers than its own node remembers.
     if (!own_device_key_)
       return leave(
           "bluetooth-meshd's node does not take its configuration: the gateway makes another one");

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// BlueZ's bluetooth-meshd as the mesh's radio: which calls to make when, and what its answers mean.
-// meshd keeps sequence numbers, IV index and replay list of its node on disk, acknowledges segments
-// and runs the provisioning protocol itself. Called by BleMesh; MeshdMesh brings it what comes over
-// D-Bus. No D-Bus here.
+// BlueZ's bluetooth-meshd as the mesh's radio: decides when to make which call, and reads the
+// answers. meshd keeps sequence numbers, IV index and replay list of its node on disk, acknowledges
+// segments and runs the provisioning protocol itself. Called by BleMesh; MeshdMesh passes it the
+// events of D-Bus. No D-Bus here.
 #pragma once
 
 #include <deque>
@@ -21,19 +21,20 @@
 namespace slamgw::ble {
 
 struct MeshdSettings {
-  std::vector<std::uint16_t> groups;  ///< to hear
+  std::vector<std::uint16_t> groups;  ///< groups that the node hears
   std::uint8_t ttl = 0;
-  /// Of the node that an earlier run made, as LinkIsUp::radio had it; may be that of another radio.
+  /// The node of an earlier run, as LinkIsUp::radio had it; may be that of another radio.
   std::string node;
 };
 
 /// The one model of the gateway's node that hears application messages, the sensor_update server.
 /// meshd delivers each message to the application once for each element, whatever its models, so
-/// one is enough. A node keeps its composition for good: meshd refuses an application with another.
+/// one is enough. A node keeps its composition for good: meshd refuses an application with another
+/// one.
 inline constexpr ModelId gateway_model{0x0059, 0x0005};
 
-/// meshd's node, as `mesh.json` keeps it: "bluez UUID TOKEN". A secret: who has the token has the
-/// node.
+/// meshd's node, as `mesh.json` keeps it: "bluez UUID TOKEN". The token is a secret: it gives
+/// control of the node.
 struct MeshdNode {
   Uuid uuid{};
   std::optional<std::uint64_t> token;  ///< nothing until meshd has made the node
@@ -43,20 +44,20 @@ std::optional<MeshdNode> decode_node(std::string_view text);
 
 class MeshdRadio final : public Radio {
  public:
-  /// What waits to be sent; what does not fit is dropped, its sender repeats it.
+  /// Messages that may wait to be sent. Further messages are dropped; their senders repeat them.
   static constexpr std::size_t max_waiting = 32;
-  /// Of the SAR of Mesh Profile 1.0 section 3.5.3.1, less the MIC.
+  /// The longest message of the SAR of Mesh Profile 1.0 section 3.5.3.1, less the MIC.
   static constexpr std::size_t max_access_bytes = 380;
-  /// The node sends each packet this often. meshd gives a packet up when the controller has not
-  /// done its four commands before the next one: with 20 ms, one of 25 was lost on a slow computer.
+  /// The node sends each packet this often. meshd drops a packet when the controller has not done
+  /// its four commands before the next one: at 20 ms, a slow computer lost one packet of 25.
   static constexpr Transmissions transmissions{2, 40};
   static constexpr Duration packet_time = std::chrono::milliseconds{80};
-  /// meshd reports a device once for each scan, so the scan begins again and again.
+  /// meshd reports a device once for each scan, so a scan starts again after this time.
   static constexpr Duration rescan_after = std::chrono::seconds{2};
   static constexpr Duration retry_after = std::chrono::seconds{2};
   static constexpr Duration step_time_limit = std::chrono::seconds{3};
   static constexpr int max_copies = 4;  ///< of one configuration message to the own node
-  /// meshd gives an attempt up after 60 s itself.
+  /// meshd itself gives up an attempt after 60 s.
   static constexpr Duration join_time_limit = std::chrono::seconds{90};
   static constexpr Duration iv_index_interval = std::chrono::minutes{1};
 
@@ -72,7 +73,7 @@ class MeshdRadio final : public Radio {
   void on_event(MeshdEvent& event, TimePoint now);
 
   std::size_t max_send_bytes() const override { return max_access_bytes; }
-  /// As it has asked meshd for (CRPL).
+  /// The length of the replay list that the node asks meshd for (CRPL).
   std::size_t max_senders() const override { return last_unicast_address; }
   Counters counters() const override {
     return {{"sends_refused", refused_}, {"sends_dropped", dropped_}};
@@ -103,21 +104,21 @@ class MeshdRadio final : public Radio {
     absent,           ///< meshd is not on the bus
     pausing,          ///< until retry_at_
     awaiting_keys,    ///< of a new mesh
-    awaiting_source,  ///< its address must be on disk
+    awaiting_source,  ///< the node's address must be on disk
     importing,        ///< meshd makes the node
-    awaiting_disk,    ///< it must have the token
+    awaiting_disk,    ///< the disk must have the token
     attaching,
-    preparing,  ///< steps_
+    preparing,  ///< runs steps_
     up,
     leaving,
   };
 
-  /// One step of preparing the node. Done when meshd has answered the call, and for a configuration
-  /// message when the node has.
+  /// One step of preparing the node. A call is done when meshd has answered it; a configuration
+  /// message, when the node has answered, too.
   struct Step {
     MeshdCall call;
     Opcode answer = 0;
-    bool has_status = true;  ///< in `answer`, which must be success
+    bool has_status = true;  ///< `answer` has a status, which must be success
   };
 
   using Done = std::function<void(const MeshdAnswer&, TimePoint)>;
@@ -174,10 +175,10 @@ class MeshdRadio final : public Radio {
   std::string down_reason_;
   std::optional<TimePoint> retry_at_;
   std::uint64_t last_call_ = 0;
-  std::map<std::uint64_t, Done> calls_;  ///< that have no answer yet, by number
+  std::map<std::uint64_t, Done> calls_;  ///< calls without an answer yet, by number
   std::uint16_t source_ = 0;
-  std::optional<Key> own_device_key_;  ///< of a node that was made just now
-  bool was_cleared_ = false;           ///< by an operator, and no node made since
+  std::optional<Key> own_device_key_;  ///< of a node that has not been up yet
+  bool was_cleared_ = false;           ///< an operator cleared the node, and no node was made since
   bool is_clearing_ = false;
 
   std::deque<Step> steps_;
@@ -186,11 +187,11 @@ class MeshdRadio final : public Radio {
 
   std::deque<Outgoing> waiting_;
   bool is_sending_ = false;
-  TimePoint air_free_at_{};  ///< what was sent is on the air until then
+  TimePoint air_free_at_{};  ///< the last message is on the air until then
   bool is_scan_wanted_ = false;
-  std::optional<TimePoint> rescan_at_;  ///< there while meshd scans
+  std::optional<TimePoint> rescan_at_;  ///< set while meshd scans
   std::optional<Join> join_;
-  std::set<std::uint16_t> imported_;  ///< addresses whose device keys meshd has from here
+  std::set<std::uint16_t> imported_;  ///< addresses whose device keys meshd got from here
   TimePoint ask_iv_at_{};
   std::uint64_t refused_ = 0;
   std::uint64_t dropped_ = 0;

@@ -26,8 +26,8 @@ constexpr std::chrono::seconds stats_interval{10};  // docs/topics.md
 constexpr std::chrono::seconds flush_patience{2};
 constexpr std::chrono::milliseconds flush_poll{20};
 
-/// Packages make this directory; elsewhere (a demo, a developer) the daemon makes it, for itself
-/// alone.
+/// Makes the store's directory where no package has made it (a demo, a developer's computer). Only
+/// the daemon may use it.
 void prepare_store_directory(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code error;
@@ -47,7 +47,8 @@ Gateway::Settings gateway_settings(const Config& config, const Now& started) {
   return settings;
 }
 
-/// Writes to the audit trail before it answers, also when the client has gone.
+/// Returns a `done` that writes to the audit trail before it answers, even when the client has
+/// gone.
 OrderDone record(const std::string& who, const std::optional<AuditedOrder>& order, OrderDone done) {
   if (!order) return done;
   return [who, order = *order, done = std::move(done)](OrderAnswer answer) {
@@ -245,7 +246,7 @@ void App::report_configured_robots() {
 }
 
 /// Publishes `offline` at a broker that is left for another one, because a clean disconnect cancels
-/// the last will. The sequence number 0 is none of the outbox's.
+/// the last will. The outbox never uses the sequence number 0.
 void App::publish_offline_at(const BrokerSettings& left) {
   if (!broker_link_.is_up || broker_uri(left) == broker_uri(config_.broker)) return;
   constexpr std::uint64_t nobody_waits = 0;
@@ -322,7 +323,7 @@ void App::publish_stats_regularly() {
   });
 }
 
-/// Once for each burst: this is called every stats_interval.
+/// Warns once for each burst, because this is called every stats_interval.
 void App::warn_of_lost_messages() {
   const std::uint64_t dropped = upstream_.inbound_dropped();
   const std::uint64_t news = dropped - std::exchange(inbound_dropped_, dropped);
@@ -341,7 +342,7 @@ void App::publish_stats() {
               numbers_text(gateway_.registry().robots(), read_clocks().mono));
 }
 
-/// Or never: what is old is of no use later.
+/// Drops the message while the broker is offline: later it would be out of date.
 void App::publish_now(std::string topic, Bytes payload) {
   if (!broker_link_.is_up) return;
   submit({std::move(topic), std::move(payload), Qos::at_most_once, false}, no_receipt);
@@ -439,7 +440,7 @@ void App::on_watched(bool is_watched) {
 
 void App::send(const std::string& who, const std::string& robot, const std::string& type,
                Bytes payload, std::function<void(nlohmann::json)> done) {
-  // The outcome is performed when `gateway` ends; by then `done` is registered.
+  // The outcome is performed when `gateway` ends, after `done` is registered.
   MachineDriver<Gateway>::Input gateway(gateway_driver_);
   const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
     return gateway->commands().on_operator_command(who, to, what, std::move(bytes), read_clocks());
@@ -499,7 +500,7 @@ void App::on_link_up(const BrokerLimits& limits) {
   std::string detail = is_v5 ? "MQTT 5" : "MQTT 3.1.1";
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
   log_notice(broker_log_.on_up(detail));
-  // The outbox first: otherwise the gateway's own messages would take the way over the disk.
+  // The outbox comes first: otherwise the gateway's own messages would go through the disk.
   outbox_driver_->on_link_up(limits.receive_maximum, read_clocks());
   report_broker_link();
 }

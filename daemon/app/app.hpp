@@ -59,7 +59,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   OrderAnswer forget(const std::string& who, const std::string& robot) override;
   void report_configured_robots();
   void publish_offline_at(const BrokerSettings& left);
-  /// Puts in force what can change while the daemon runs.
+  /// Applies the settings that can change while the daemon runs.
   void apply(const Reload& reload);
   void stop();
   void stop_when_flushed(TimePoint give_up_at);
@@ -69,20 +69,20 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void publish_now(std::string topic, Bytes payload);
   void warn_of_lost_messages();
 
-  // What the core leaves:
+  // Actions of the core:
   void perform(PassUp& action);
   void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
   void perform(MeshStep& step);
   void perform(Notice& notice);
-  // What requests over the broker leave:
+  // Actions of JoinRequests:
   void perform(OrderJoining& action);
   void perform(AskJoining& action);
   void perform(PublishJoining& action);
-  // What the outbox leaves:
+  // Actions of the outbox:
   void perform(FireReceipt& action);
   void perform(DeliveryStep& step);
-  /// Tells the gateway when the store has become full or has room again.
+  /// Reports to the gateway that the store has become full or has room again.
   void on_outbox_drained();
   void submit(BrokerMessage message, const Receipt& receipt);
 
@@ -145,7 +145,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;
   OperatorCommands operator_commands_;
-  std::uint64_t inbound_dropped_ = 0;  // those that the log has reported
+  std::uint64_t inbound_dropped_ = 0;  // as the log last reported it
   StatusCollector status_;
 };
 

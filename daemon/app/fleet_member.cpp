@@ -78,7 +78,7 @@ void FleetMember::stop() {
   last_alive_.stop();
 }
 
-// --- What the broker says ------------------------------------------------------------------------
+// --- Messages of the broker ----------------------------------------------------------------------
 
 void FleetMember::on_broker_link(bool is_up) {
   if (!is_up) {
@@ -102,7 +102,7 @@ bool FleetMember::is_settled() const {
 bool FleetMember::takes(const BrokerMessage& message) {
   if (const auto gateway = scheme_.gateway_of_state(message.topic)) {
     if (*gateway == scheme_.gateway_id()) {
-      // A broker that sends what it retains does so before our new state comes back.
+      // A broker that sends retained messages does so before our new state comes back.
       sends_retained_ = sends_retained_ || message.retain;
       if (!message.retain && sends_retained_ && neighbours_.gateways().empty())
         host_->attach_kept(read_clocks());
@@ -122,8 +122,8 @@ bool FleetMember::takes(const BrokerMessage& message) {
   return false;
 }
 
-/// Brokers that send nothing retained to a subscription with wildcards tell a newcomer nothing of
-/// what stood before: each gateway then says it again, once for all who have come.
+/// Some brokers send no retained messages to a subscription with wildcards, so a newcomer misses
+/// the presence of robots. So each gateway publishes its own again, once for all newcomers.
 void FleetMember::on_state(const std::string& gateway, ByteView document) {
   const auto known = neighbours_.gateways().find(gateway);
   const bool was_online = known != neighbours_.gateways().end() && known->second.is_online;
@@ -153,8 +153,8 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   });
 }
 
-/// False for those of this gateway's own name, which the core looks at. A former process has left
-/// them: its robots are answered for.
+/// Returns false for a presence under this gateway's own name, which the core handles. If a former
+/// process left it, this gateway keeps the robot's session.
 bool FleetMember::on_presence(const std::string& gateway, const std::string& robot,
                               const BrokerMessage& message) {
   if (gateway == scheme_.gateway_id()) {
@@ -168,13 +168,14 @@ bool FleetMember::on_presence(const std::string& gateway, const std::string& rob
   return true;
 }
 
-/// A gateway's presence may come before its state.
+/// Gives up lost robots that another gateway serves, because a gateway's presence may come before
+/// its state.
 void FleetMember::give_up_lost() {
   for (const std::string& robot : std::set<std::string>(lost_))
     if (neighbours_.is_served_elsewhere(robot)) give_up(robot);
 }
 
-// --- What the meshes say -------------------------------------------------------------------------
+// --- Events of the meshes ------------------------------------------------------------------------
 
 void FleetMember::on_mesh_event(const MeshEvent& event) {
   std::visit([this](const auto& what) { handle(what); }, event);
@@ -208,8 +209,8 @@ void FleetMember::handle(const Report& report) {
   if (!report.is_will) on_heard(report.mesh, report.robot);
 }
 
-/// The core shows the robot from now on. While the broker is away, and before it has come at all,
-/// the robot may be at another gateway already.
+/// From now on the core shows the robot. While the broker is offline, also before its first
+/// connection, the robot may be at another gateway already.
 void FleetMember::handle(const PresenceChange& change) {
   if (!adopted_.empty()) adopted_.erase(change.robot);
   if (!up_since_ && !meshes_.is_shared(change.mesh)) lost_.insert(change.robot);
@@ -219,7 +220,7 @@ void FleetMember::handle(const LinkChange& change) {
   if (change.mesh == Mesh::ble) board_choice_.on_board(change.is_up);
 }
 
-/// What was heard in a shared mesh comes to on_heard_by_board().
+/// Ignores robots of a shared mesh: on_heard_by_board() handles them.
 void FleetMember::on_heard(Mesh mesh, const std::string& robot) {
   if (!meshes_.is_shared(mesh)) attach(robot);
 }
@@ -239,7 +240,7 @@ void FleetMember::on_heard_by_board(const std::string& robot,
   if (is_held(robot) || should_attach(robot)) attach(robot);
 }
 
-/// Whether this gateway's board should serve a robot whose session it does not hold.
+/// True when this gateway's board should serve a robot whose session it does not hold.
 bool FleetMember::should_attach(const std::string& robot) {
   if (!is_settled()) return false;
   if (!neighbours_.is_served_elsewhere(robot)) return true;
@@ -247,13 +248,13 @@ bool FleetMember::should_attach(const std::string& robot) {
                                    read_clocks().mono);
 }
 
-/// The robot's session is this gateway's, unless another one hears the robot within `after`.
+/// Keeps the robot's session at this gateway, unless another one hears the robot within `after`.
 void FleetMember::keep(const std::string& robot, std::optional<TimePoint> unheld_since,
                        Duration after) {
   if (!is_held(robot)) host_->keep(robot, unheld_since, after, read_clocks());
 }
 
-/// What has not been on the air goes on to the robot's next gateway.
+/// Ends the robot's service here. Messages that have not been on the air go to its next gateway.
 void FleetMember::give_up(const std::string& robot) {
   lost_.erase(robot);
   adopted_.erase(robot);
@@ -280,8 +281,8 @@ void FleetMember::await_tick() {
   });
 }
 
-/// A process that stood still learns only now which sessions it has lost meanwhile, and boards have
-/// kept what they heard for it.
+/// Returns false for a while after this process stood still: it learns only now which sessions it
+/// has lost, and its board has kept the messages of the pause.
 bool FleetMember::has_kept_running() {
   const TimePoint now = read_clocks().mono;
   if (now - std::exchange(last_running_, now) > longest_pause)
@@ -289,7 +290,7 @@ bool FleetMember::has_kept_running() {
   return now >= distrusted_until_;
 }
 
-/// A gateway that stands still does not withdraw what it shows.
+/// Withdraws presence in place of gateways that stand still, which do not withdraw it themselves.
 void FleetMember::withdraw_from_still_gateways() {
   if (!has_kept_running()) return taken_.clear();
   const TimePoint now = read_clocks().mono;
@@ -319,7 +320,7 @@ void FleetMember::on_tick() {
     if (!is_held(robot) && should_attach(robot)) attach(robot);
 }
 
-// --- What the sessions say -----------------------------------------------------------------------
+// --- Events of the sessions ----------------------------------------------------------------------
 
 void FleetMember::perform(sessions::SessionHost::Report& report) {
   std::visit(
@@ -353,12 +354,12 @@ void FleetMember::on_held(const sessions::SessionHeld& held) {
   lost_.erase(held.robot);
   held_before_.erase(held.robot);
   if (neighbours_.is_served_elsewhere(held.robot)) taken_[held.robot] = read_clocks().mono;
-  meshes_.each(&MeshAdapter::on_session_held, held.robot);  // a mesh may show it from now on
+  meshes_.each(&MeshAdapter::on_session_held, held.robot);  // a mesh may show the robot from now on
   gateway_driver_->on_session_held(held.robot, held.was_present, adopt(held.robot), read_clocks());
 }
 
-/// The gateway that showed the robot and is gone; may be empty. Its entry goes; if the robot is not
-/// here, this gateway shows it as offline from now on.
+/// Returns the gateway that showed the robot and is gone; may be empty. The core clears that
+/// gateway's entry. If the robot is not here, this gateway shows it as offline from now on.
 std::string FleetMember::adopt(const std::string& robot) {
   const auto shown = neighbours_.robots().find(robot);
   if (shown == neighbours_.robots().end() || neighbours_.is_served_elsewhere(robot)) return {};
@@ -376,7 +377,8 @@ std::string FleetMember::adopt(const std::string& robot) {
   return dead_owner;
 }
 
-/// The broker may just have closed one connection: the robot's next word takes the session back.
+/// Does not give the robot up at once: the broker may just have closed one connection, and the
+/// robot's next message takes the session back.
 void FleetMember::on_lost(const sessions::SessionLost& lost) {
   switch (lost.why) {
     case sessions::LossReason::taken: break;

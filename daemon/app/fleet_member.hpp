@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This gateway among others on its broker (docs/fleet.md): the sessions of its robots there, what
-// the other gateways show, and which board serves a robot that several hear. The shell around
-// SessionHost, Neighbours and BoardChoice: passes what one says to the others.
+// This gateway among others on its broker (docs/fleet.md): the sessions of its robots, the robots
+// that other gateways show, and the choice of the board for a robot that several boards hear. The
+// shell around SessionHost, Neighbours and BoardChoice: passes the actions of each to the others.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -26,10 +26,10 @@ namespace slamgw {
 
 class FleetMember {
  public:
-  /// Through the outbox.
+  /// Publishes through the outbox.
   using Submit = std::function<void(BrokerMessage)>;
 
-  /// All of them outlive it.
+  /// The references must outlive this object.
   FleetMember(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
               Gateway& gateway, MachineDriver<Gateway>& gateway_driver, Meshes& meshes,
               Upstream& upstream, Submit submit);
@@ -37,30 +37,33 @@ class FleetMember {
   void start();
   void on_broker_link(bool is_up);
   void on_silence(bool is_silent);
-  /// Sees each before the core does.
+  /// Takes each event of a mesh before the core does.
   void on_mesh_event(const MeshEvent& event);
-  /// From the gateway's own connection. True when the message is about other gateways.
+  /// Takes a message of the gateway's own connection. True when the message is about other
+  /// gateways.
   bool takes(const BrokerMessage& message);
   void perform(RobotForgotten& action);
   void perform(WantSession& action) { attach(action.robot); }
-  /// For `slam-gatewayctl fleet`: this gateway first.
+  /// The answer to `slam-gatewayctl fleet`; this gateway is the first row.
   nlohmann::ordered_json status() const;
   Counters counters() const { return host_.sessions().counters(); }
-  /// No robot's message comes any more; sessions stay at the broker.
+  /// Stops taking messages for robots; their sessions stay at the broker.
   void stop();
 
  private:
-  /// A gateway that starts lets those come first that hear its former robots.
+  /// A gateway that starts leaves its former robots this long to other gateways that hear them.
   static constexpr std::chrono::seconds former_delay{2};
-  /// After the broker has come, until the other gateways' presence has.
+  /// Time after the broker came online until the other gateways' presence is known.
   static constexpr std::chrono::seconds settling{2};
+  /// Newcomers within this time share one repetition of this gateway's presence.
   static constexpr std::chrono::seconds newcomer_delay{1};
-  /// Each of so many gateways has a line of the log when it comes; of more, a burst has one.
+  /// Up to this many gateways, each newcomer has its own log line; beyond, a burst has one.
   static constexpr std::size_t most_told = 16;
   static constexpr std::chrono::seconds tick_interval{1};
-  /// A gateway withdraws within milliseconds what another one has taken.
+  /// A gateway needs milliseconds to withdraw the presence of a robot that another one has taken.
   static constexpr std::chrono::milliseconds withdrawal_patience{300};
-  /// Two gateways may not both acknowledge a robot that their boards hear.
+  /// After a longer pause of this process, another gateway may serve its robots. Two gateways must
+  /// not both acknowledge a robot that their boards hear.
   static constexpr std::chrono::seconds longest_pause{2};
   static constexpr std::chrono::seconds catching_up{1};
 
@@ -116,15 +119,15 @@ class FleetMember {
   boost::asio::steady_timer tick_;
   boost::asio::steady_timer newcomer_timer_;
   LogThrottle newcomer_lines_;
-  std::optional<TimePoint> up_since_;  ///< the broker
-  bool sends_retained_ = false;        ///< it does, to subscriptions with wildcards
+  std::optional<TimePoint> up_since_;  ///< when the broker came online
+  bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
   TimePoint last_running_ = read_clocks().mono;
   TimePoint distrusted_until_{};
-  std::set<std::string> lost_;              ///< to whom is not known; not heard since
-  std::map<std::string, TimePoint> taken_;  ///< from gateways that may not have noticed yet
-  /// Held when the broker went: their robots are served meanwhile.
+  std::set<std::string> lost_;  ///< robots lost to an unknown gateway and not heard since
+  std::map<std::string, TimePoint> taken_;  ///< robots of gateways that may not have noticed yet
+  /// Robots whose sessions were held when the broker went offline: they are still served.
   std::set<std::string> held_before_;
-  /// By robot, the presence that this gateway shows in place of one that has died.
+  /// By robot, the presence that this gateway shows in place of a gateway that has died.
   std::map<std::string, std::string> adopted_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `<store.directory>/alive`: its time of change is when a gateway last ran here. What waited at the
-// broker for longer than a restart takes is refused, not obeyed (docs/fleet.md).
+// Keeps `<store.directory>/alive`: the file's modification time is when a gateway last ran here.
+// Commands that waited at the broker for longer than a restart takes are refused (docs/fleet.md).
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -17,14 +17,14 @@ class LastAlive {
  public:
   static constexpr std::chrono::seconds interval{5};
 
-  /// Reads the file, before the loop runs.
+  /// Reads the file; call before the loop runs.
   LastAlive(boost::asio::io_context& io, const std::string& directory);
 
-  /// When the process before this one ended, within `interval`; nothing where none has run.
+  /// Returns when the process before this one ended, within `interval`; nothing where none has run.
   std::optional<TimePoint> before_start() const { return before_start_; }
   /// Touches the file from now on, on a thread of its own.
   void start();
-  /// Waits for what is being written.
+  /// Touches the file once more and waits until that is done.
   void stop();
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The meshes that are enabled: makes their shells from the configuration and passes each its calls.
-// The one place of the daemon that knows the adapters by name.
+// Makes the shells of the enabled meshes from the configuration, and passes each its calls. The
+// only place in the daemon that knows the mesh adapters by name.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -30,12 +30,12 @@ class MqttsnAdapter;
 
 class Meshes {
  public:
-  /// `sessions`, `descriptors` and `listener` outlive it.
+  /// `sessions`, `descriptors` and `listener` must outlive this object.
   Meshes(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
          SessionStore& sessions, DescriptorStore& descriptors, MeshListener& listener);
   ~Meshes();
 
-  /// Nothing when it is not enabled.
+  /// Returns null for a mesh that is not enabled.
   const MeshAdapter* find(Mesh mesh) const { return adapters_[mesh].get(); }
   bool has_any() const;
   std::optional<Presence> presence_of(Mesh mesh, const std::string& robot) const;
@@ -48,29 +48,31 @@ class Meshes {
   }
 
   void deliver(const DeliverToMesh& action);
-  /// What the gateway's own connection subscribes to for `ble_mesh.relay`; empty without it.
+  /// Returns the filters that the gateway's own connection subscribes to for `ble_mesh.relay`;
+  /// empty without it.
   std::vector<std::string> relay_filters() const;
-  /// True when the message is one of those.
+  /// Relays a message that one of these filters brought. Returns false for any other message.
   bool takes(const BrokerMessage& message);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
-  /// `robots` and `topics.extra_*` of the configuration, read again.
+  /// Applies robots, bans, keys and `topics.extra_*` of a configuration that was read again.
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics,
                    bool has_other_keys);
-  /// A CONNECT for a session that is not here waits for its note when the robot is known elsewhere.
+  /// Sets the question whether a robot is known elsewhere. If it is, a CONNECT for a session that
+  /// is not here waits for the robot's note.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
   /// In a BLE mesh that several gateways share, `may_serve` is asked before a message of a robot is
   /// handled, and `on_heard` is called for each message of a robot, with how well it was heard.
   using OnHeard =
       std::function<void(const std::string& robot, const std::optional<RadioFacts>& radio)>;
   void share_ble(std::function<bool(const std::string& robot)> may_serve, OnHeard on_heard);
-  /// Other gateways have boards in this mesh.
+  /// True when other gateways have boards in this mesh.
   bool is_shared(Mesh mesh) const;
-  /// Another gateway serves the robot: MeshAdapter::give_up.
+  /// Calls MeshAdapter::give_up() of each mesh, and returns all messages.
   std::vector<WaitingMessage> give_up(const std::string& robot);
   void manage_ble(BleOrder order, OrderDone done);
-  /// Over the mesh on which the robot can be reached, else the one that knows it.
+  /// Pings the robot over the mesh that reaches it, else over the mesh that knows it.
   void ping(const std::string& robot, OrderDone done);
-  /// The sessions of MQTT-SN: mqttsn::client_report().
+  /// Returns the sessions of MQTT-SN: mqttsn::client_report().
   OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) const;
 
  private:

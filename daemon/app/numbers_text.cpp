@@ -19,7 +19,7 @@ namespace {
 using Row = std::map<std::string, Robot>::value_type;
 constexpr std::size_t usual_row_octets = 256;
 
-/// All of them, or those that were heard last.
+/// Returns all robots, or the max_robots_in_numbers that were heard last.
 std::vector<const Row*> choose(const std::map<std::string, Robot>& robots) {
   std::vector<const Row*> rows;
   rows.reserve(robots.size());
@@ -44,7 +44,7 @@ std::string or_null(const std::optional<Number>& number) {
   return number ? fmt::to_string(*number) : "null";
 }
 
-/// By mesh, of those that the robot was on.
+/// Appends the numbers of each mesh that the robot was on.
 void append_meshes(const Robot& robot, fmt::memory_buffer& text) {
   text.append(std::string_view(R"(,"meshes":{)"));
   const std::size_t begin = text.size();

@@ -12,11 +12,11 @@
 
 namespace slamgw {
 
-/// Robots in one message of the `numbers` topic: those that were heard last. The others are in
-/// `left_out`.
+/// Robots in one message of the `numbers` topic: the ones that were heard last. The others are
+/// counted in `left_out`.
 inline constexpr std::size_t max_robots_in_numbers = 1000;
 
-/// JSON, as docs/topics.md describes it. `now`: for rates and latencies.
+/// Returns the JSON of docs/topics.md. `now`: for rates and latencies.
 Bytes numbers_text(const std::map<std::string, Robot>& robots, TimePoint now);
 
 }  // namespace slamgw

@@ -16,16 +16,16 @@ class OperatorCommands {
  public:
   /// Called once, with `{"outcome", "after_ms", "why"}`.
   using Done = std::function<void(nlohmann::json)>;
-  /// Gives the command to the core; what the core leaves is performed after it returns.
+  /// Gives the command to the core. The core's actions are performed only after this returns.
   using Submit =
       std::function<CommandId(const std::string& robot, const std::string& type, Bytes payload)>;
   static constexpr std::size_t max_waiting = 64;
 
-  /// `done` is called at once when the command can't be sent, else when it has ended, which the
-  /// core guarantees within 30 s. Returns why it can't be sent; empty when it can.
+  /// Calls `done` at once when the command can't be sent, else when it has ended, which the core
+  /// guarantees within 30 s. Returns why the command can't be sent; empty when it can.
   std::string send(const std::string& robot, const std::string& type, Bytes payload,
                    const Submit& submit, Done done);
-  /// Of any command.
+  /// Takes the outcome of any command.
   void on_outcome(const CommandOutcome& outcome);
   /// The robot's next gateway publishes the outcome of this command.
   void on_handed_on(CommandId command);

@@ -17,7 +17,7 @@ void note(std::string& keys, bool is_same, std::string_view key) {
   if (!is_same) keys += fmt::format("{}{}", keys.empty() ? "" : ", ", key);
 }
 
-/// As `wanted` has it, but for what a restart only changes.
+/// Returns `wanted` with the present values of the settings that only a restart changes.
 BrokerSettings broker_at_once(const BrokerSettings& now, BrokerSettings wanted) {
   wanted.gateway_id = now.gateway_id;
   wanted.max_inflight = now.max_inflight;

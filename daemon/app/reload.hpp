@@ -21,12 +21,13 @@ struct Reload {
   std::string needs_restart{};
   /// Default names (a client id, `ble-0100`) of robots that have another name now.
   std::vector<std::string> replaced_names{};
-  bool has_other_keys = false;  ///< of robots
+  bool has_other_keys = false;  ///< the keys of robots differ
 };
 
+/// Separates the changes that take effect at once from those that need a restart.
 Reload reload_of(const Config& now, Config wanted);
 
-/// `in_force` and, where something is left, `needs_restart`: what `slam-gatewayctl reload` prints.
+/// Returns the answer of `slam-gatewayctl reload`: `in_force` and, if not empty, `needs_restart`.
 nlohmann::ordered_json answer_json(const Reload& reload);
 
 }  // namespace slamgw

@@ -116,7 +116,7 @@ json to_json(const Status::Store& store) {
           {"failures", store.failures}};
 }
 
-/// By mesh, of those that the robot was on.
+/// Returns an entry for each mesh that the robot was on.
 json to_json(const PerMesh<MeshPresence>& on_mesh) {
   json out = json::object();
   for (const Mesh mesh : all_meshes) {
@@ -170,7 +170,7 @@ std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings
   if (robot.last_seen == WallTime{}) return "nothing was heard of it since the daemon started";
   const auto silence =
       std::chrono::duration_cast<std::chrono::seconds>(there.since - robot.last_seen);
-  if (robot.mesh() == Mesh::ble && silence < std::chrono::seconds{1})  // the least that is allowed
+  if (robot.mesh() == Mesh::ble && silence < std::chrono::seconds{1})  // below any allowed limit
     return "it was removed from the mesh, or renamed";
   if (robot.mesh() == Mesh::ble)
     return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",

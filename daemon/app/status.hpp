@@ -24,7 +24,7 @@ struct Status {
     BrokerLink link;
     std::uint64_t refused_topics = 0;
     std::vector<MissingRight> missing_rights;
-    std::vector<RefusedTopic> refused;  ///< the few that have waited longest
+    std::vector<RefusedTopic> refused;  ///< the topics that have waited longest
     /// The link is up, but the broker refuses some topics.
     bool is_refusing() const { return link.is_up && refused_topics > 0; }
   };
@@ -35,7 +35,7 @@ struct Status {
     Counters counters;
     std::optional<MeshPlaces> places{};
     LatencyHistogram latency{};  ///< of acknowledged messages
-    std::string role{};          ///< of this host in it, where that is known: BorderRouterWatch
+    std::string role{};          ///< of this host in the mesh, if BorderRouterWatch knows it
   };
   struct Store {
     std::string_view state;
@@ -45,7 +45,7 @@ struct Status {
     std::uint64_t max_bytes = 0;
     bool is_full = false;
     StoreShares::Share largest;   ///< of the robot that has stored most
-    bool is_nearly_full = false;  ///< and that robot has filled half of it
+    bool is_nearly_full = false;  ///< the store is nearly full, half of it from that robot
     std::chrono::seconds oldest_age{0};
     std::uint64_t dead_letters = 0;
     std::uint64_t failures = 0;
@@ -57,7 +57,7 @@ struct Status {
     std::uint64_t most = 0;
   };
 
-  TimePoint now{};  ///< when this is so
+  TimePoint now{};  ///< when the status was collected
   std::string version;
   std::chrono::seconds uptime{0};
   std::string gateway;
@@ -65,7 +65,7 @@ struct Status {
   Broker broker;
   PerMesh<MeshLink> meshes;
   Counters robots;    ///< counts_of(RobotRegistry)
-  Counters messages;  ///< `inbound_dropped`: the broker's, lost for want of room in the Handover
+  Counters messages;  ///< `inbound_dropped`: from the broker, lost because the Handover was full
   Counters commands;  ///< `open`: without an outcome yet; `late`: outcomes after the end
   Store store;
   Retained retained;
@@ -77,21 +77,21 @@ struct Status {
 
 nlohmann::json to_json(const Status& status);
 
-/// By state, and how many are in trouble.
+/// Returns how many robots are in each state, and how many are in trouble.
 Counters counts_of(const RobotRegistry& robots);
 
-/// What a robot's row says beside what the registry knows of it.
+/// Facts for a robot's row that the registry does not know.
 struct RobotSurroundings {
   bool is_banned = false;
-  std::uint64_t queue = 0;  ///< commands that wait for it
-  Status::MeshLink link{};  ///< of the mesh that speaks for it
+  std::uint64_t queue = 0;  ///< commands that wait for the robot
+  Status::MeshLink link{};  ///< of Robot::mesh()
 };
 
 /// A row of `slam-gatewayctl --json robots`. `now`: for rates and latencies.
 nlohmann::json robot_row(const std::string& id, const Robot& robot,
                          const RobotSurroundings& surroundings, TimePoint now);
 
-/// Why a robot is offline, or what is wrong with it, in words for operators; else empty.
+/// Returns why a robot is offline, or what is wrong with it, in words for operators; else empty.
 std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings);
 
 }  // namespace slamgw

@@ -17,12 +17,12 @@
 
 namespace slamgw {
 
-/// The first one of the configuration.
+/// Returns the first address of the broker in the configuration.
 std::string broker_uri(const BrokerSettings& broker);
 
 class StatusCollector {
  public:
-  /// All of them outlive it.
+  /// The references must outlive this object.
   StatusCollector(const Config& config, const BrokerLink& broker, const Gateway& gateway,
                   const Outbox& outbox, const Meshes& meshes, const Upstream& upstream,
                   const FleetMember& fleet, TimePoint started)
@@ -37,7 +37,7 @@ class StatusCollector {
 
   /// `control`: counters of the control socket.
   Status status(Counters control, TimePoint now) const;
-  /// An array with a row for each, or for the one with this id.
+  /// Returns an array with a row for each robot, or only for the robot with this id.
   nlohmann::json robots(const std::optional<std::string>& only, TimePoint now) const;
   ServiceState service_state() const;
 

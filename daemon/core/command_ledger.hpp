@@ -78,7 +78,8 @@ class StrayCommands {
   /// A command is refused after this time at the latest: while the broker comes and goes, no
   /// gateway ever knows all robots.
   static constexpr std::chrono::milliseconds longest{25000};
-  /// Beyond these bounds the oldest are refused at once, so invented names cost no more memory.
+  /// Beyond these bounds the oldest commands are refused at once, so invented names cost no more
+  /// memory.
   static constexpr std::size_t max_waiting = 4096;
   static constexpr std::size_t max_octets = std::size_t{8} * 1024 * 1024;
 

@@ -230,7 +230,7 @@ void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
   commands_.on_stray_command(std::move(message), now);
 }
 
-/// Delivers stray commands when the session has just begun, because it does not bring them.
+/// If the session has just begun, delivers the stray commands, which the session does not bring.
 void Gateway::on_session_held(const std::string& robot, bool was_present,
                               const std::string& dead_owner, const Now& now) {
   presence_.on_session_held(robot, dead_owner, now);

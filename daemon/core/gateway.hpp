@@ -38,7 +38,7 @@ class Gateway {
   struct Traffic {
     std::uint64_t up = 0;            ///< robots' messages that went to the outbox
     std::uint64_t rejected = 0;      ///< payloads that `payload.update` could not read
-    std::uint64_t not_retained = 0;  ///< published without the retain flag that they had
+    std::uint64_t not_retained = 0;  ///< messages published without the retain flag that they had
   };
 
   /// `broker` must outlive the gateway.
@@ -69,6 +69,7 @@ class Gateway {
   /// Removes a robot from the registry and its retained presence from the broker, also a robot that
   /// only an earlier process knew. Returns why that is not possible; empty when done.
   std::string forget(const std::string& robot);
+  /// Sets the answers to questions about other gateways' robots. Call before the first event.
   void ask_where_robots_are(RobotPlaces places) { directory_.places = std::move(places); }
   /// This gateway holds the robot's session from now on. `was_present`: the broker knew it.
   /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.

@@ -33,7 +33,8 @@ struct PassUp {
 struct RobotForgotten {
   std::string robot;
 };
-/// Open a session for this robot: a command came for it, but so far only its name is known.
+/// Open this robot's session at the broker: a command came for it, but the robot has only shown its
+/// name so far.
 struct WantSession {
   std::string robot;
 };

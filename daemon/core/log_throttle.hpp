@@ -13,7 +13,7 @@ namespace slamgw {
 
 class LogThrottle {
  public:
-  /// At most one line each `interval`.
+  /// Allows at most one line each `interval`.
   explicit LogThrottle(Duration interval = std::chrono::seconds{10}) : interval_(interval) {}
 
   /// Counts one more event. If a line is due now, returns how many events it stands for (1 for the

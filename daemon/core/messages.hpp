@@ -231,7 +231,7 @@ struct MeshStep {
   std::optional<RadioFacts> radio{};
   Receipt receipt = no_receipt;         ///< of `acknowledged` and `refused`, if the message had one
   CommandId command = CommandId::none;  ///< of `sent`, when the message is a command
-  std::string why{};                    ///< why it was refused
+  std::string why{};                    ///< why the message was refused
 };
 
 /// The mesh's own link (the serial board, the UDP sockets) came up or went down; `detail` is for

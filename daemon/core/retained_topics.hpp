@@ -19,7 +19,7 @@ class RetainedTopics {
   /// Robots of the thesis retain nothing; a robot that keeps its last state does so on a few
   /// topics.
   static constexpr std::size_t max_per_robot = 16;
-  /// With payloads of 1 KiB the broker keeps 4 MiB of them.
+  /// With payloads of 1 KiB, the broker keeps 4 MiB of retained messages.
   static constexpr std::size_t max_in_all = 4096;
 
   /// Counts a message that `robot` wants to retain on `topic`. Returns false when the robot has its

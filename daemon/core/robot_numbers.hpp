@@ -38,7 +38,7 @@ class LatencyWindow {
   };
 
   void add(std::chrono::microseconds latency, TimePoint now);
-  /// Nothing when no message of the last minute has become safe.
+  /// Returns nothing when no message of the last minute has become safe.
   std::optional<Percentiles> percentiles(TimePoint now) const;
 
  private:
@@ -51,7 +51,7 @@ class LatencyWindow {
     Stamp at = 0;
   };
 
-  std::vector<Sample> samples_;  // a ring once it is full
+  std::vector<Sample> samples_;  // a ring when full
   std::size_t next_ = 0;
 };
 

@@ -27,8 +27,8 @@ struct MeshPresence {
   bool is_deaf = false;       ///< the robot does not hear the gateway; does not change `since`
   bool is_contested = false;  ///< another client uses the robot's id there
   TimePoint last_heard{};     ///< on this mesh
-  std::uint64_t up = 0;       ///< its messages there
-  std::uint64_t down = 0;     ///< commands to it there
+  std::uint64_t up = 0;       ///< the robot's messages there
+  std::uint64_t down = 0;     ///< commands to the robot there
   std::uint64_t repeats = 0;  ///< its messages there that came again and were not published again
 
   bool was_used() const { return is_known || up + down + repeats > 0; }

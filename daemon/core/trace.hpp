@@ -19,18 +19,18 @@
 
 namespace slamgw {
 
-/// One thing that happened to one message: what `slam-gatewayctl watch` shows. Values only; the
-/// JSON of it is written by daemon/control/wire.
+/// One step of one message: what `slam-gatewayctl watch` shows. Values only; daemon/control/wire
+/// writes the JSON.
 struct TraceEvent {
   enum class Kind : std::uint8_t {
     arrived,       ///< a robot's message came
-    repeat,        ///< it came again and was not published again
-    stored,        ///< the disk has it
-    published,     ///< the broker has it; QoS 0: handed to the network
+    repeat,        ///< a robot's message came again and was not published again
+    stored,        ///< the disk has the message
+    published,     ///< the broker has the message; at QoS 0: it was handed to the network
     acknowledged,  ///< the robot got its acknowledgement
     refused,       ///< by the gateway or by the broker
     command,       ///< a message to a robot came from the broker or an operator
-    sent,          ///< it was handed to the radio; several times when it is repeated
+    sent,          ///< a message was handed to the radio; several times if it is repeated
     outcome,       ///< how a command ended
   };
 

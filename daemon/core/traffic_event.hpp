@@ -19,23 +19,22 @@ struct TrafficEvent {
   std::string robot;
   std::string type;  ///< the whole topic if that is outside a robot's tree
   std::string topic;
-  Bytes payload;  ///< as it is published, or as it came down
+  Bytes payload;  ///< as published, or as it came down
   Qos qos = Qos::at_most_once;
   std::optional<Update> update;  ///< set when `type` is `update` and the payload could be read
   WallTime wall{};
-  TimePoint at{};  ///< when it arrived in the gateway
-  Receipt receipt =
-      no_receipt;  ///< of a message on its way up; fires when the broker or the disk has it
+  TimePoint at{};                ///< when it arrived in the gateway
+  Receipt receipt = no_receipt;  ///< on its way up; fires when the broker or the disk has it
   WireFacts wire{};
   std::optional<RadioFacts> radio{};
   CommandId command = CommandId::none;  ///< set for a command on its way down
   bool had_stray_octet = false;         ///< one stray octet followed the `update`
-  bool is_rejected = false;             ///< `payload.update` could not read it
+  bool is_rejected = false;             ///< `payload.update` could not read the payload
   bool is_proven = true;                ///< see Report
 };
 
-/// What delivery did with one message of a robot. Reported only while an operator watches.
-/// `refused`: the broker does not take it, or it was QoS 0 and dropped.
+/// A step of delivery with one message of a robot. Reported only while an operator watches.
+/// `refused`: the broker does not take the message, or it was QoS 0 and dropped.
 struct DeliveryStep {
   enum class Kind : std::uint8_t { stored, published, refused };
   Kind kind = Kind::published;
@@ -45,7 +44,7 @@ struct DeliveryStep {
   RequiredMesh mesh;
   Receipt receipt = no_receipt;  ///< may be none, or may have fired already
   TimePoint submitted{};
-  std::string why{};  ///< why it was refused
+  std::string why{};  ///< why the message was refused
 };
 
 /// Observes each robot message that passes, in either direction, and each later step of its

@@ -15,7 +15,7 @@ namespace slamgw::ble {
 
 class MeshdAdapter final : public BleMeshShell<MeshdMesh> {
  public:
-  /// As BleMeshShell; `bus_address` as for MeshdBus.
+  /// Arguments as for BleMeshShell; `bus_address` as for MeshdBus.
   MeshdAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
                MeshListener& listener, std::string bus_address = {})

@@ -59,7 +59,7 @@ void append(sd_bus_message* message, ByteView bytes) {
 }
 void append(sd_bus_message* message, NoOptions) { sd_bus_message_append(message, "a{sv}", 0); }
 
-/// Makes the messages of calls at meshd.
+/// Makes the D-Bus messages of calls to meshd.
 struct Composer {
   const BusConnection& connection;
   const char* node_path;
@@ -132,7 +132,7 @@ Bytes read_bytes(sd_bus_message* message) {
   return {first, first + size};
 }
 
-/// Nothing when it has another length.
+/// Reads an array of `size` octets; nothing when it has another length.
 template <std::size_t size>
 std::optional<std::array<std::uint8_t, size>> read_array(sd_bus_message* message) {
   const Bytes bytes = read_bytes(message);
@@ -194,7 +194,7 @@ int get_element_index(sd_bus*, const char*, const char*, const char*, sd_bus_mes
   return sd_bus_message_append(reply, "y", 0);
 }
 /// The configuration client speaks with nodes under their device keys. The remote provisioning
-/// client is meshd's own, and scans; meshd forgets it at its restart unless the application names
+/// client is meshd's own, which scans; meshd forgets it at its restart unless the application names
 /// it.
 int get_models(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply, void*,
                sd_bus_error*) {
@@ -297,7 +297,7 @@ int MeshdBus::on_filter(sd_bus_message* message, void* bus, sd_bus_error*) {
   return error < 0 ? error : 1;
 }
 
-// --- Calls at meshd ------------------------------------------------------------------------------
+// --- Calls to meshd ------------------------------------------------------------------------------
 
 void MeshdBus::perform(const MeshdRequest& request) {
   if (!connection_.bus()) return;

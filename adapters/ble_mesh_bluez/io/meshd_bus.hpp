@@ -15,7 +15,7 @@ namespace slamgw::ble {
 
 class MeshdBus {
  public:
-  /// `address` as for BusConnection. `static_oob` of robots that join, if they have one.
+  /// `address` as for BusConnection. `static_oob`: the value of joining robots, if they have one.
   MeshdBus(boost::asio::io_context& io, std::string address, std::optional<Key> static_oob,
            std::function<void(MeshdEvent)> on_event);
 
@@ -52,7 +52,7 @@ class MeshdBus {
   static int on_prompt_static(sd_bus_message* message, void* bus, sd_bus_error* error);
   static int get_capabilities(sd_bus*, const char*, const char*, const char*, sd_bus_message* reply,
                               void* bus, sd_bus_error*);
-  struct Objects;  ///< their vtables
+  struct Objects;  ///< the vtables of the offered objects
 
   std::optional<Key> static_oob_;
   std::function<void(MeshdEvent)> on_event_;
