@@ -860,8 +860,8 @@ static inline bool slam_sn_is_dozing(const struct slam_sn_client* client) {
 
 // `flags`: QoS and SLAM_SN_RETAIN. Returns false when the message can't be taken now (try again
 // later) or never (the topic was refused, `data` is too long). QoS 0 needs a registered topic, and
-// may be lost. One message of QoS 1 or 2 is taken at any time, also while the gateway is lost;
-// SLAM_SN_PUBLISHED ends it.
+// may be lost. One message of QoS 1 or 2 is taken at any time, also while the gateway is lost.
+// SLAM_SN_PUBLISHED ends it, or SLAM_SN_REFUSED of its topic.
 static inline bool slam_sn_publish(struct slam_sn_client* client, uint32_t now, uint8_t topic,
                                    uint8_t flags, const void* data, size_t size) {
   const unsigned qos = flags & SLAM_SN_QOS_;

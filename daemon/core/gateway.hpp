@@ -69,7 +69,7 @@ class Gateway {
   /// Removes a robot from the registry and its retained presence from the broker, also a robot that
   /// only an earlier process knew. Returns why that is not possible; empty when done.
   std::string forget(const std::string& robot);
-  /// Sets the answers to questions about other gateways' robots. Call before the first event.
+  /// Sets the answers to questions about other gateways' robots.
   void ask_where_robots_are(RobotPlaces places) { directory_.places = std::move(places); }
   /// This gateway holds the robot's session from now on. `was_present`: the broker knew it.
   /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
