@@ -60,8 +60,8 @@ class Meshes {
   /// Sets the question whether a robot is known elsewhere. If it is, a CONNECT for a session that
   /// is not here waits for the robot's note.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
-  /// In a BLE mesh that several gateways share, `may_serve` is asked before a message of a robot is
-  /// handled, and `on_heard` is called for each message of a robot, with how well it was heard.
+  /// For a BLE mesh that several gateways share. `may_serve` is asked before a robot's message is
+  /// handled. `on_heard` is called for each message of a robot, with how well the board heard it.
   using OnHeard =
       std::function<void(const std::string& robot, const std::optional<RadioFacts>& radio)>;
   void share_ble(std::function<bool(const std::string& robot)> may_serve, OnHeard on_heard);

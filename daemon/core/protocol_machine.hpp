@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The contract of every protocol machine, as the compiler checks it. Inputs `on_<what
-// happened>(..., now)` change a machine and leave actions; a shell drains `next_action()` until
-// empty after each input, then re-arms its one timer to `deadline()`, and calls `on_deadline(now)`
-// when it passes, perhaps a little early. No I/O, no clock, no threads, no logging inside.
-// `MachineDriver` (daemon/runtime) is the shell's half.
+// happened>(..., now)` change a machine and leave actions. After each input a shell drains
+// `next_action()` until empty, then re-arms its one timer to `deadline()`. When the timer expires,
+// perhaps a little early, the shell calls `on_deadline(now)`. No I/O, no clock, no threads, no
+// logging inside. `MachineDriver` (daemon/runtime) is the shell's half.
 #pragma once
 
 #include <concepts>

@@ -9,9 +9,10 @@ namespace slamgw {
 /// Well-formed UTF-8 as of RFC 3629: no overlong forms, no surrogates, nothing above U+10FFFF.
 bool is_utf8(std::string_view text);
 
-/// UTF-8 that shows as it is written: no control characters (U+0000-001F, U+007F-009F, which some
-/// terminals obey like escape sequences), no line separators (U+2028, U+2029), nothing without a
-/// width (U+200B and its like), and nothing that turns the direction of what follows.
+/// UTF-8 that shows as it is written. Not allowed are control characters (U+0000-001F, U+007F-009F,
+/// which some terminals obey like escape sequences) and line separators (U+2028, U+2029). The same
+/// holds for characters without a width (U+200B and its like), and those that turn the direction of
+/// the text after them.
 bool is_printable(std::string_view text);
 
 /// Replaces what is_printable() forbids by escapes: `\uXXXX`, as in JSON, and `\xNN` for characters
