@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What clients and topics may be called, and who may go by a name.
+// The names of predefined and short topics, and the rules for the client id that a peer may use.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace slamgw::mqttsn {
 class PredefinedTopics {
  public:
   explicit PredefinedTopics(const std::vector<PredefinedTopic>& topics);
-  /// The topic of this id: from the client's own entry, else from the one for every client.
+  /// Returns the client's own topic of this id, else the one for every client, else null.
   const std::string* name_of(std::string_view client_id, std::uint16_t id) const;
 
  private:
@@ -29,12 +29,12 @@ class PredefinedTopics {
   std::map<std::uint16_t, ByClient> topics_;  // client id "" is every client
 };
 
-/// The two octets in the id field are the name (section 6.7).
+/// Returns the name of a short topic: the two octets of the id field (section 6.7).
 std::string short_name(std::uint16_t topic_id);
-/// The way back; `name` has exactly two octets.
+/// Returns the id field of a short topic; `name` has exactly two octets.
 std::uint16_t short_name_id(std::string_view name);
 
-/// Those that are not const may change (SnGateway::reconfigure).
+/// The members that are not const may change (SnGateway::reconfigure).
 struct NameRules {
   TopicPolicy policy;
   RobotNames names;
@@ -47,13 +47,13 @@ struct NameRules {
     return required == RequireIdentity::all ||
            (required == RequireIdentity::with_key && identities.contains(client_id));
   }
-  /// Whether `peer` may go by this client id: from its address, with its identity.
+  /// Whether `peer` may use this client id, by its address and its identity.
   bool may_speak(const std::string& client_id, const Peer& peer) const {
     if (!names.may_come_from(client_id, peer.endpoint.address)) return false;
     if (peer.identity.empty()) return !needs_identity(client_id);
     return peer.identity == client_id && identities.contains(client_id);
   }
-  /// The same of the client whose robot has this name.
+  /// Whether `peer` may use the client id of the robot with this name.
   bool may_speak_for(const std::string& robot, const Peer& peer) const {
     const auto& configured = names.configured();
     const auto known = std::ranges::find(configured, robot, &RobotName::id);

@@ -30,7 +30,7 @@ Counters Output::counters() const {
 
 namespace {
 
-/// The client relies on it that its session here is as this says, also after a crash.
+/// Returns true if the client relies on this answer: its session must match it even after a crash.
 bool is_promise(const Packet& packet) {
   const auto is_one = [](const auto& answer) {
     using Type = std::decay_t<decltype(answer)>;
@@ -110,7 +110,8 @@ bool Output::fits(const ClientSession& session, std::size_t octets) const {
   return octets + overhead(session, octets) <= limits::max_datagram_octets;
 }
 
-/// Of a forwarder's header, of the 3-octet Length, and what a DTLS record takes and leaves free.
+/// Returns the octets to add for a forwarder's header, the 3-octet Length and a DTLS record. The
+/// record counts with the part of a datagram that it does not use.
 std::size_t Output::overhead(const ClientSession& session, std::size_t octets) {
   const bool is_forwarded = session.peer && !session.peer->node_id.empty();
   const std::size_t header = is_forwarded ? 3 + session.peer->node_id.size() : 0;

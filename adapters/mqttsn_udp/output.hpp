@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// All that leaves the machine: datagrams, as many octets as an address may be sent, events, counts,
-// and which sessions are to be saved. Decides nothing about the protocol.
+// The output of the machine: datagrams within the allowance of each address, events, counters, and
+// the sessions to save. Decides nothing about the protocol.
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@ namespace slamgw::mqttsn {
 enum class Count : std::uint8_t {
   datagrams_in,
   datagrams_out,
-  malformed,   ///< dropped by the decoder, of whatever kind
+  malformed,   ///< dropped by the decoder, for any reason
   oversized,   ///< of these: larger than the network carries (R9)
   unexpected,  ///< well-formed, but not from a client or not now (R6)
   strangers,   ///< messages that need a session and had none (R39)
@@ -46,8 +46,8 @@ enum class Count : std::uint8_t {
   deliveries_given_up,  ///< no acknowledgement after N_retry
   queue_dropped,        ///< a client's queue was full
   too_large_down,       ///< R8
-  topics_set_aside,     ///< of one client, each time that it leaves messages on it unanswered
-  wills_refused,        ///< not allowed by the topic policy, or no topic
+  topics_set_aside,     ///< a client left messages on a topic unanswered, each time
+  wills_refused,        ///< not allowed by the topic policy, or invalid
   unvalidated,          ///< not sent, because the address has not shown that it receives
   subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
   answered_unsaved,     ///< datagrams whose session was not saved in time
@@ -56,13 +56,13 @@ enum class Count : std::uint8_t {
   last_ = identity_missing,
 };
 
-/// To the configured multicast group.
+/// Sends to the configured multicast group.
 struct SendMulticast {
   Bytes bytes;
   std::uint32_t interface = 0;  ///< index; 0: on every interface
 };
 
-/// An operator's ping has ended; once for each.
+/// An operator's ping has ended. Emitted once for each ping.
 struct PingEnded {
   std::uint64_t id = 0;
   OrderAnswer answer;
@@ -73,27 +73,28 @@ using Action = std::variant<SendDatagram, SendMulticast, PingEnded, MeshEvent>;
 class Output {
  public:
   AddressValidation validation;
-  bool is_traced = false;  ///< every MeshStep is reported, or only repeats
+  bool is_traced = false;  ///< report every MeshStep; else only repeats
 
   bool is_validated(const ClientSession& session) const;
   /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.
   bool may_send(const ClientSession& session, std::size_t octets) const;
-  /// To where the client was last heard; nothing when it has no address, or when the address has
-  /// not shown that it receives and its allowance is spent. What the client relies on from now on
-  /// waits until its session is saved.
+  /// Sends to the address where the client was last heard. Does nothing when the client has no
+  /// address, or when its address is not validated and has no allowance left. A packet on which the
+  /// client relies waits until its session is saved.
   void send(const ClientSession& session, Packet packet);
-  /// `radius` only matters behind a forwarder (R140). `promised`: the session to be saved before.
+  /// `radius` only matters behind a forwarder (R140). `promised`: the session that must be saved
+  /// before the packet leaves.
   void send(const Peer& to, const LocalAddress& from, Packet packet, std::uint8_t radius = 0,
             const ClientSession* promised = nullptr);
   /// Whether the network carries a message of `octets` (with the 1-octet Length) to this client
   /// (R8).
   bool fits(const ClientSession& session, std::size_t octets) const;
-  /// On every interface, or on the one with this index.
+  /// Sends on the interface with this index; 0: on every interface.
   void send_multicast(const Packet& packet, std::uint32_t interface = 0);
   void end(PingEnded ping) { actions_.push(std::move(ping)); }
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
   void count(Count what) { ++counts_[static_cast<std::size_t>(what)]; }
-  /// Something in the session that must survive a restart has changed.
+  /// Call when something in the session has changed that must survive a restart.
   void mark_changed(const ClientSession& session) {
     changed_.mark(session);
     if (!session.is_clean || session.note_hash != 0) noteworthy_.mark(session);
@@ -102,22 +103,23 @@ class Output {
   std::optional<Action> next_action() { return actions_.pop(); }
   Counters counters() const;
   bool has_changed() const { return changed_.has_any(); }
-  /// Client ids of about `max` changed sessions, first those whose answers wait; they are not
-  /// marked any more. on_saved() follows when they are saved.
+  /// Returns and unmarks about `max` changed sessions, by client id; those with waiting answers
+  /// come first. Call on_saved() when they are saved.
   std::vector<std::string> take_changed(std::size_t max);
 
-  /// Client ids of at most `max` sessions that have changed and whose notes may have.
+  /// Returns and unmarks at most `max` client ids of sessions whose notes may have changed.
   std::vector<std::string> take_noteworthy(std::size_t max) { return noteworthy_.take(max); }
   bool has_noteworthy() const { return noteworthy_.has_any(); }
 
-  /// From now on there is a store.
+  /// Call once when there is a store: answers on which clients rely then wait for it.
   void answer_when_saved() {
     has_store_ = true;
     unsaved_.begin();
   }
   bool has_unsaved_answers() const { return !unsaved_.empty(); }
+  /// See SnGateway::on_saved().
   void on_saved(bool is_saved, TimePoint now);
-  /// What waits goes out, and nothing waits until the next save.
+  /// Sends all waiting datagrams; none waits until the next successful save.
   void send_unsaved();
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about MQTT-SN (`mqttsn.*`); defaults as in config/gateway.json.
+// The `mqttsn.*` keys of the configuration; defaults as in config/gateway.json.
 #pragma once
 
 #include <algorithm>
@@ -19,12 +19,12 @@ struct PredefinedTopic {
   bool operator==(const PredefinedTopic&) const = default;
 };
 
-/// As otbr-agent and wpantund name what they make.
+/// Returns true for the names that otbr-agent and wpantund give their interfaces.
 inline bool is_thread_interface(std::string_view name) { return name.starts_with("wpan"); }
 
 enum class WhenFull : std::uint8_t { silent, reject };
 
-/// Which clients must show by DTLS who they are.
+/// The clients that must prove their identity over DTLS.
 enum class RequireIdentity : std::uint8_t { none, with_key, all };
 
 /// DTLS is on while there is a file of keys.
@@ -57,14 +57,14 @@ struct Settings {
   RequireIdentity require_identity = RequireIdentity::none;
   bool is_full_silent() const { return when_full == WhenFull::silent; }
   bool is_auto() const { return interface == "auto"; }
-  /// `mqttsn.interface` names the one interface that the sockets are bound to.
+  /// Returns true if `mqttsn.interface` names the one interface that the sockets are bound to.
   bool names_interface() const { return !is_auto() && interface != "*"; }
-  /// It stands for each address that this host has.
+  /// Returns true for an address that stands for all addresses of this host.
   static bool is_wildcard(std::string_view address) {
     return address.starts_with("[::]:") || address.starts_with("0.0.0.0:");
   }
   bool listens_widely() const { return std::any_of(listen.begin(), listen.end(), is_wildcard); }
-  /// Every network of this host is to reach the gateway, because the operator says so.
+  /// Returns true if the operator wants every network of this host to reach the gateway.
   bool is_open_to_all() const { return interface == "*" && listens_widely(); }
   bool operator==(const Settings&) const = default;
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a datagram to the class of its concern: who sent it, in what state that client is, and
-// whether the message fits there (MQTT-SN 1.2 section 6.14). Then what does not come from clients.
+// Routes each datagram to the class that handles it, by its sender, the state of that client, and
+// whether the message fits the state (MQTT-SN 1.2 section 6.14). Then the inputs that do not come
+// from clients.
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 
 #include <fmt/format.h>
@@ -18,18 +19,19 @@ bool is_one_of(const Packet& packet) {
   return (std::holds_alternative<Types>(packet) || ...);
 }
 
-/// Never meant for a gateway (R6).
+/// Returns true for messages that are never meant for a gateway (R6).
 bool is_for_clients(const Packet& packet) {
   return is_one_of<Advertise, GwInfo, Connack, WillTopicReq, WillMsgReq, Suback, Unsuback,
                    WillTopicResp, WillMsgResp>(packet);
 }
 
-/// Dropped when they come from a stranger; everything else is answered by DISCONNECT (R39).
+/// Returns true for messages that are dropped when they come from a stranger. All others are
+/// answered with DISCONNECT (R39).
 bool is_silent_from_strangers(const Packet& packet) {
   return is_one_of<Pingresp, WillTopic, WillMsg>(packet);
 }
 
-/// Answers to earlier requests of the gateway: they do not end a handshake (R29).
+/// Returns true for answers to earlier requests of the gateway, which do not end a handshake (R29).
 bool is_late_answer(const Packet& packet) {
   return is_one_of<Pingresp, Regack, Puback, Pubrec, Pubcomp>(packet);
 }
@@ -93,7 +95,8 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
   receive(arrival, std::move(*packet));
 }
 
-/// Whether a plain client, as far as it says who it is, must come over DTLS: it gets no answer.
+/// Returns true if the sender came over plain UDP but must come over DTLS; it gets no answer. Only
+/// CONNECT and PINGREQ name their client.
 bool SnGateway::lacks_identity(const Peer& peer, const Packet& packet, TimePoint now) {
   if (!peer.identity.empty() || rules_.required == RequireIdentity::none) return false;
   std::string client_id;
@@ -154,13 +157,13 @@ void SnGateway::follow_identity(const Arrival& arrival, const Packet& packet) {
   if (session && session->state() != ClientState::disconnected) sleep_.follow(*session, arrival);
 }
 
-/// A handshake may have made it active.
+/// Sends what the client at this address may get now: a handshake may have made it active.
 void SnGateway::advance_client_at(const Arrival& arrival) {
   if (ClientSession* session = clients_.find(arrival.peer))
     supervision_.advance(*session, arrival.now);
 }
 
-/// True when the message was the handshake's.
+/// Returns true if the message belonged to the handshake or ended it.
 bool SnGateway::receive_in_handshake(const Arrival& arrival, Packet& packet) {
   if (const auto* topic = std::get_if<WillTopic>(&packet)) {
     connecting_.on_willtopic(arrival, *topic);
@@ -190,7 +193,7 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   supervision_.advance(*session, arrival.now);
 }
 
-/// The connected client at this address; a lost one comes back by its first word (R113).
+/// Returns the connected client at this address. A lost one comes back with its message (R113).
 ClientSession* SnGateway::session_of(const Arrival& arrival) {
   ClientSession* session = clients_.find(arrival.peer);
   if (!session) return nullptr;
@@ -393,7 +396,7 @@ void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) 
   if (auto waited = roaming_.take(robot)) go_on(std::move(*waited), note, now);
 }
 
-/// Without a note the session is empty, and kept like one that goes on.
+/// Continues a CONNECT that has waited. Without a note the session starts empty, and is kept.
 void SnGateway::go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now) {
   const std::string& client_id = waited.connect.client_id;
   if (!clients_.find(client_id)) {
@@ -412,7 +415,7 @@ void SnGateway::go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint n
   for (const RobotMessage& message : waited.take_messages(now)) on_broker_message(message, now);
 }
 
-/// What another gateway says of a session is no more than the client itself could have said here.
+/// Reads a note, but takes from it only what the client itself could have requested here.
 std::optional<SessionSnapshot> SnGateway::read_note(const Roaming::WaitingConnect& waited,
                                                     ByteView note) const {
   if (note.empty() || note.size() > limits::max_note_octets) return std::nullopt;

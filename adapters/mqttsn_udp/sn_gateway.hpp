@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The MQTT-SN 1.2 gateway as a pure machine: datagrams, receipts, broker messages and time in,
-// actions out (daemon/core/protocol_machine.hpp). What clients say goes up over one broker
-// connection; what is said to a robot comes down over a session of its own (daemon/sessions).
-// Routes each message to the class of its concern; MqttsnAdapter is its shell.
+// actions out (daemon/core/protocol_machine.hpp). Messages of clients go up over one broker
+// connection; messages to a robot come down over the robot's own session (daemon/sessions). Routes
+// each message to the class that handles it; MqttsnAdapter is its shell.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -24,7 +24,7 @@ class SnGateway {
   SnGateway(const SnGateway&) = delete;
   SnGateway& operator=(const SnGateway&) = delete;
 
-  /// `identity`: the client id that a key has proven over DTLS; empty: it came over plain UDP.
+  /// `identity`: the client id that a key has proven over DTLS; empty over plain UDP.
   void on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes, TimePoint now,
                    const std::string& identity = {});
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
@@ -37,58 +37,59 @@ class SnGateway {
   std::optional<TimePoint> deadline() const;
   std::optional<Action> next_action() { return output_.next_action(); }
 
-  /// Messages to this address need no proof that it receives.
+  /// Marks this address as validated: messages to it need no proof that it receives.
   void validate(const IpAddress& address) { output_.validation.validate(address); }
 
-  /// Clients may not go by these names (a device speaks only for itself), unless the configuration
-  /// says so.
+  /// Refuses clients whose robot's name belongs to another mesh (a device speaks only for itself),
+  /// unless the configuration allows it.
   void refuse_names(const NameCheck& is_elsewhere) {
     uplink_.refuse_names(is_elsewhere);
     connecting_.refuse_names(is_elsewhere);
   }
 
-  /// The client ids that have a key. Before the first input; else reconfigure().
+  /// Sets the client ids that have a key. Call before the first input; later, call reconfigure().
   void use_identities(Identities identities) { rules_.identities = std::move(identities); }
-  /// The configuration was read again. Sessions go on, under other names where robots have others;
-  /// subscriptions that are not allowed any more end. A client that has to show its identity now
-  /// has to come again.
+  /// Applies a configuration that was read again. Sessions go on, under the new names of their
+  /// robots; subscriptions that are no longer allowed end. A client that must prove its identity
+  /// now has to connect again.
   void reconfigure(TopicPolicy policy, RobotNames names, Identities identities, TimePoint now);
 
   Counters counters() const;
   MeshPlaces places() const;
-  /// Nothing when no client has this name.
+  /// Returns nothing when no client has this name.
   std::optional<Presence> presence_of(const std::string& robot) const;
-  /// Messages waiting for this robot, the one in flight included.
+  /// Returns the number of messages that wait for this robot, including the one in flight.
   std::size_t queued_for(const std::string& robot) const;
 
-  /// Whether every MeshStep is reported, or only repeats.
+  /// Turns on the report of every MeshStep; else only repeats are reported.
   void on_trace(bool is_on) { output_.is_traced = is_on; }
-  /// Asked for each CONNECT that takes up a session which is not here.
+  /// `ask` is called for each CONNECT that resumes a session which is not here.
   void ask_where_served(Roaming::ServedElsewhere ask) { roaming_.ask(std::move(ask)); }
-  /// Another gateway serves the robot: its session ends here without a will and without a word, and
-  /// nothing about it is asked of the broker. Returns what was never on the air; commands that were
-  /// end as `timeout`.
+  /// Call when another gateway serves the robot. Ends its session here without a will, a packet or
+  /// a request to the broker. Returns the messages that were never on the air; commands that were
+  /// on the air end as `timeout`.
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
-  /// Ends the session of a robot that an operator does not want to see any more.
+  /// Ends the session of a robot that an operator wants forgotten.
   void forget(const std::string& robot, TimePoint now);
-  /// Answers NoteRequest: what the robot's former gateway knew, empty for nothing.
+  /// Answers NoteRequest with the note of the robot's former gateway; empty: there is none.
   void on_note(const std::string& robot, ByteView note, TimePoint now);
 
-  /// The daemon ends: what no session keeps and cannot be delivered any more is refused now.
+  /// Call when the daemon stops. Refuses undelivered messages that no session keeps.
   void on_stop(TimePoint now);
 
-  /// There is a store: answers on which clients rely wait until their sessions are saved.
+  /// Call once when there is a store: answers on which clients rely then wait until their sessions
+  /// are saved.
   void answer_when_saved() { output_.answer_when_saved(); }
   bool has_unsaved_answers() const { return output_.has_unsaved_answers(); }
-  /// What take_dirty() returned last is saved, or the store fails or hangs.
+  /// Call when the sessions of the last take_dirty() are saved, or when the store fails or hangs.
   void on_saved(bool is_saved, TimePoint now) { output_.on_saved(is_saved, now); }
   void send_unsaved() { output_.send_unsaved(); }
-  /// The clients whose sessions have changed or ended and were not taken yet, about `max`.
+  /// Returns about `max` client ids of sessions that have changed or ended and were not taken yet.
   std::vector<std::string> take_dirty(std::size_t max) { return output_.take_changed(max); }
   bool has_dirty() const { return output_.has_changed(); }
   void set_dirty(const std::string& client_id);
-  /// All sessions are to be taken again, for what changes too often to be marked each time (the
-  /// window of R76).
+  /// Marks all sessions, to save also what changes too often to be marked each time (the window of
+  /// R76).
   void set_all_dirty();
   /// Asks the robot for a sign of life; ends with PingEnded, which has this id.
   void ping(std::uint64_t id, const std::string& robot, TimePoint now) {

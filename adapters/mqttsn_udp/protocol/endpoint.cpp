@@ -21,7 +21,7 @@ bool has_link_local_scope(const IpAddress& to) {
   return to[0] == 0xff ? (to[1] & 0x0f) == link_local_scope : is_link_local(to);
 }
 
-/// Of the prefix that the locators have too: an endpoint identifier.
+/// Returns true for an endpoint identifier: an address with the prefix of the locators.
 bool is_mesh_local(const IpAddress& address, const std::vector<IpAddress>& candidates) {
   return std::any_of(candidates.begin(), candidates.end(), [&](const IpAddress& other) {
     return is_thread_locator(other) && !is_link_local(other) &&

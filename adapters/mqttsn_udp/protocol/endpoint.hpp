@@ -15,33 +15,33 @@
 
 namespace slamgw::mqttsn {
 
-// IP addresses as plain values, what kinds there are, and which of ours a message should leave from
+// IP addresses as plain values, their kinds, and the choice of our source address for a message
 // (R16). IPv4 addresses are IPv4-mapped (::ffff:a.b.c.d). Pure functions.
 
 /// In network byte order. All zero stands for no particular address.
 using IpAddress = std::array<std::uint8_t, 16>;
 
 bool is_ipv4(const IpAddress& address);
-/// IPv4's broadcast to everybody included.
+/// Also true for IPv4's limited broadcast, 255.255.255.255.
 bool is_multicast(const IpAddress& address);
 bool is_link_local(const IpAddress& address);
-/// The /64 that the address is in; of IPv4 the address itself.
+/// Returns the /64 of an IPv6 address, and an IPv4 address itself.
 IpAddress network_of(IpAddress address);
-/// An RLOC or ALOC (interface identifier 0000:00ff:fe00:xxxx): routing changes it, and OpenThread
-/// hands nothing that is sent to it to the host.
+/// Returns true for an RLOC or ALOC (interface identifier 0000:00ff:fe00:xxxx). Routing changes it,
+/// and OpenThread does not pass datagrams to it on to the host.
 bool is_thread_locator(const IpAddress& address);
 
-/// Which of an interface's addresses a message to `to` (unicast or multicast) should leave from:
-/// never a locator, link-local only towards link-local scope, then the longest common prefix; for a
-/// multicast, Thread's mesh-local EID, the one address that every robot can reach, before others.
-/// All zero: the kernel may choose. Nothing: it would have to choose a locator.
+/// Chooses the source for a message to `to` (unicast or multicast) among an interface's addresses:
+/// never a locator; link-local only towards link-local scope; then the longest common prefix. For a
+/// multicast, Thread's mesh-local EID comes first, because every robot can reach it. Returns all
+/// zero if the kernel may choose, nothing if it would have to choose a locator.
 std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
                                        const IpAddress& to);
 
 /// `fd00::1`, `192.0.2.7`.
 std::string to_string(const IpAddress& address);
 
-/// The other side.
+/// Address of the remote side.
 struct Endpoint {
   IpAddress address{};
   std::uint16_t port = 0;
@@ -53,7 +53,7 @@ struct Endpoint {
 struct LocalAddress {
   IpAddress address{};          ///< all zero: the kernel chooses
   std::uint32_t interface = 0;  ///< index; 0: any
-  std::uint8_t socket = 0;      ///< which of `mqttsn.listen`
+  std::uint8_t socket = 0;      ///< index in `mqttsn.listen` or `mqttsn.dtls.listen`
   auto operator<=>(const LocalAddress&) const = default;
 };
 
@@ -79,7 +79,7 @@ struct SendDatagram {
   LocalAddress from;
   Endpoint to;
   Bytes bytes;
-  std::string identity{};  ///< as that of Peer
+  std::string identity{};  ///< see Peer
 };
 
 struct PeerHash {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fields of each message, once for both ways. Every size rule of MQTT-SN 1.2 section 5.4 is
-// here and nowhere else; whether a message is welcome is for SnGateway to say.
+// The fields of each message, written once for reading and writing. Every size rule of MQTT-SN 1.2
+// section 5.4 is here and nowhere else. SnGateway decides whether a message is expected.
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 
 #include <array>
@@ -21,7 +21,7 @@ constexpr std::array<MsgType, std::variant_size_v<Packet>> types = {
     MsgType::pingreq,       MsgType::pingresp,       MsgType::disconnect,  MsgType::willtopicupd,
     MsgType::willtopicresp, MsgType::willmsgupd,     MsgType::willmsgresp};
 
-/// The Flags octet (section 5.3.4): where each part belongs that the message has.
+/// The Flags octet (section 5.3.4): a pointer to each field that the message has.
 struct Flags {
   static constexpr unsigned dup_bit = 0x80;
   static constexpr unsigned qos_shift = 5;
@@ -54,7 +54,7 @@ class FieldReader {
     take(text);
     is_malformed_ |= text.empty();
   }
-  /// Whether the fields that end with this one are there.
+  /// Returns true if octets are left: the optional fields that end with this one are there.
   bool has(const auto&) const { return in_.remaining() > 0; }
   bool is_done() const { return !is_malformed_ && in_.at_end(); }
 
@@ -123,7 +123,7 @@ void pass(auto& io, Connect& p) {
   io(Flags{.will = &p.will, .clean_session = &p.clean_session}, p.protocol, p.duration_s,
      p.client_id);
 }
-/// Nothing at all deletes the will; flags without a topic are malformed (R4).
+/// An empty message deletes the will; flags without a topic are malformed (R4).
 void pass_will_topic(auto& io, auto& p) {
   if (!io.has(p.topic)) return;
   io(Flags{.qos = &p.qos, .retain = &p.retain});
@@ -171,7 +171,7 @@ void pass(auto& io, auto& p) {
 
 constexpr std::uint8_t octet_of(MsgType type) { return static_cast<std::uint8_t>(type); }
 
-/// A message of this type without its fields; nothing for a type that is unknown or reserved.
+/// Returns an empty message of this type; nothing for a type that is unknown or reserved.
 template <std::size_t index = 0>
 std::optional<Packet> make(std::uint8_t type) {
   if constexpr (index < types.size()) {
@@ -181,7 +181,7 @@ std::optional<Packet> make(std::uint8_t type) {
   return std::nullopt;
 }
 
-/// Reads Length, in either form; the size of the whole message, or 0 when it is cut short.
+/// Reads Length, in either form. Returns the size of the whole message, or 0 if it is cut short.
 std::size_t read_length(ByteReader& in) {
   const std::uint8_t first = in.read_u8();
   return first == 0x01 ? in.read_u16_be() : first;

@@ -79,7 +79,7 @@ struct Connect {
   bool clean_session = false;
   std::uint8_t protocol = protocol_id;
   std::uint16_t duration_s = 0;  ///< keep-alive
-  std::string client_id;         ///< empty: to be refused (R31)
+  std::string client_id;         ///< empty: refused (R31)
 };
 struct Connack {
   ReturnCode code = ReturnCode::accepted;
@@ -132,7 +132,7 @@ struct Subscribe {
   WireQos qos = WireQos::zero;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t msg_id = 0;
-  std::string topic_name;      ///< for `normal` (and whatever came with `reserved`)
+  std::string topic_name;      ///< for `normal`, and the octets that came with `reserved`
   std::uint16_t topic_id = 0;  ///< for `predefined` and `short_name`
 };
 struct Suback {
@@ -151,11 +151,11 @@ struct Unsuback {
   std::uint16_t msg_id = 0;
 };
 struct Pingreq {
-  std::string client_id;  ///< empty: a plain one
+  std::string client_id;  ///< empty: a plain PINGREQ
 };
 struct Pingresp {};
 struct Disconnect {
-  std::optional<std::uint16_t> duration_s;  ///< a client's wish to sleep
+  std::optional<std::uint16_t> duration_s;  ///< a client's request to sleep
 };
 struct WillTopicUpd {
   WireQos qos = WireQos::zero;
@@ -185,12 +185,12 @@ enum class DecodeError : std::uint8_t {
   bad_encapsulation  ///< no node id, no inner message, or one inside another (R142)
 };
 
-/// One message, exactly filling `datagram`. An encapsulated one is `bad_encapsulation` here: take
-/// it apart with `decode_encapsulation` first.
+/// Decodes one message that fills `datagram` exactly. An encapsulated message gives
+/// `bad_encapsulation`: call `decode_encapsulation` first.
 Result<Packet, DecodeError> decode(ByteView datagram);
 
-/// The 1-octet Length up to 255 octets in total, the 3-octet one above (R2). Flag bits without
-/// meaning for a type are 0.
+/// Encodes with the 1-octet Length up to 255 octets in total, with the 3-octet Length above (R2).
+/// Flag bits without a meaning for the type are 0.
 Bytes encode(Packet packet);
 
 /// A forwarder's header (section 5.5): Length covers this header only.
