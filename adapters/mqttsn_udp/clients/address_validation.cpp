@@ -10,7 +10,7 @@ namespace slamgw::mqttsn {
 
 namespace {
 
-/// What a message of `octets` costs the network of its receiver.
+/// Returns the octets that a message costs its receiver's network, headers included.
 std::size_t with_headers(const IpAddress& address, std::size_t octets) {
   constexpr std::size_t ipv4_header_octets = 28;
   return octets + (is_ipv4(address) ? ipv4_header_octets : AddressValidation::max_header_octets);

@@ -26,17 +26,17 @@ class AddressValidation {
   static constexpr std::size_t max_header_octets = 48;
 
   bool is_validated(const IpAddress& address) const { return validated_.contains(address); }
-  /// The address has shown that it receives. At most `limits::max_validated_addresses` are known;
-  /// the oldest one has to show it again.
+  /// Call when the address has shown that it receives. At most `limits::max_validated_addresses`
+  /// are kept; the oldest address then has to show it again.
   void validate(const IpAddress& address);
 
-  /// `octets` are those of the message alone, here and below.
+  /// Here and below, `octets` count the message without IP and UDP headers.
   void on_received(const IpAddress& address, std::size_t octets);
   /// Whether a message of this size may go to this address now.
   bool may_send(const IpAddress& address, std::size_t octets) const;
   /// Octets, headers included, that may still be sent to an address that is not validated.
   std::uint32_t allowance(const IpAddress& address) const { return allowances_[place_of(address)]; }
-  /// From before a restart; no more than what is there already.
+  /// Restores the allowance from before a restart. A larger present allowance stays.
   void restore_allowance(const IpAddress& address, std::uint32_t octets);
   void on_sent(const IpAddress& address, std::size_t octets);
 

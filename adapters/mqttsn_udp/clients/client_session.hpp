@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the gateway keeps about one client (MQTT-SN 1.2 sections 6.3 and 6.14): values only. Each
-// part is changed by the class of its concern; ClientTable owns the sessions.
+// The gateway's record of one client (MQTT-SN 1.2 sections 6.3 and 6.14): values only. Each part is
+// changed by the class that handles it; ClientTable owns the sessions.
 #pragma once
 
 #include <map>
@@ -43,7 +43,7 @@ struct Subscription {
   Qos qos = Qos::at_most_once;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t topic_id = 0;  ///< 0 for wildcards and short names
-  std::uint16_t msg_id = 0;    ///< of the SUBSCRIBE that made it, to know its repetition
+  std::uint16_t msg_id = 0;    ///< of its SUBSCRIBE, to recognise a repetition
   std::optional<TimePoint> granted_at;
 };
 
@@ -53,11 +53,11 @@ struct InboundQos2 {
   std::uint64_t receipt_id = 0;  ///< 0: safe, PUBREC was sent
 };
 
-/// An answer that keeps its place while the broker thinks about a SUBSCRIBE before it (R64).
+/// An answer that keeps its place while an earlier SUBSCRIBE waits for the broker (R64).
 struct PendingAnswer {
   Packet packet;
   std::uint16_t msg_id = 0;
-  std::string filter;  ///< not empty: a SUBACK that waits for the broker's answer about it
+  std::string filter;  ///< not empty: the filter of a SUBACK that waits for the broker
 };
 
 class ClientSession {
@@ -68,19 +68,20 @@ class ClientSession {
   std::optional<Peer> peer;
   LocalAddress local;
   bool is_clean = true;
-  /// To something that only the owner of its address can have read; without it gives way first.
+  /// The client has answered something that only the owner of its address can have read. Clients
+  /// without such an answer lose their places first.
   bool has_answered = false;
-  bool uses_client_id = false;  ///< renamed, and calls its own topics by its client id
+  bool uses_client_id = false;  ///< the client is renamed, and its topics contain its client id
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};
   TimePoint last_heard{};
   TimePoint sign_of_life_reported{};      ///< when a sign of life was last reported
   std::uint64_t connect_fingerprint = 0;  ///< of the last CONNECT; 0 once something else came (R35)
   TimePoint connected_at{};
-  std::optional<Presence> reported_presence;  ///< the last one
-  std::size_t reported_peer = 0;  ///< and where: PeerHash of `peer`, which has 64 octets
+  std::optional<Presence> reported_presence;  ///< the last presence that was reported
+  std::size_t reported_peer = 0;              ///< PeerHash of `peer` at that report
   bool reported_contested = false;
-  /// CONNECTs from other addresses while it was active, since the first one of these.
+  /// CONNECTs from other addresses while the client was active, since `first_takeover`.
   unsigned takeovers = 0;
   TimePoint first_takeover{};
   TimePoint contested_until{};
@@ -89,7 +90,7 @@ class ClientSession {
   std::unique_ptr<Will> will;  ///< may be null
   TopicTable topics;
   std::map<std::string, Subscription, std::less<>> subscriptions;
-  std::size_t filter_octets = 0;  ///< of these, charged to the NameBudget
+  std::size_t filter_octets = 0;  ///< of `subscriptions`, charged to the NameBudget
   TokenBucket subscribe_rate;
   std::vector<PendingAnswer> answers;
   Delivery delivery;
@@ -97,6 +98,7 @@ class ClientSession {
   std::map<std::uint16_t, InboundQos2> inbound_qos2;
   std::size_t open_receipts = 0;
 
+  // The session's entries in the timer queues of ClientTable.
   std::optional<TimePoint> timer_armed;
   std::optional<TimePoint> evictable_armed;
   std::optional<TimePoint> word_armed;
@@ -105,7 +107,7 @@ class ClientSession {
   bool is_connected() const {
     return state_ != ClientState::disconnected && state_ != ClientState::lost;
   }
-  /// As TopicTable::assign(); no id is given anew that an open REGISTER or PUBLISH names.
+  /// Like TopicTable::assign(), but never reuses an id that an open REGISTER or PUBLISH names.
   std::optional<std::uint16_t> assign_topic(std::string_view name) {
     if (const auto known = topics.id_of(name)) return known;
     std::vector<std::uint16_t> in_use{delivery.last_qos0_id};

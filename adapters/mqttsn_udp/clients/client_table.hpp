@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The sessions, found by client id, by transport address and by robot. Ids are compared whole.
-// Makes room by forgetting who has been gone longest; changes nothing else in a session than its
-// binding.
+// Chooses the sessions that may be forgotten to make room. In a session it changes only the
+// binding, the robot's name, and the marks for its own queues.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +28,7 @@ namespace slamgw::mqttsn {
 template <class Key>
 class TimerQueue {
  public:
-  /// Fires at `at` or before: an entry that is already earlier stays, its owner checks again then.
+  /// Makes the key due at `at` or earlier. An earlier entry stays; its owner checks again then.
   void arm_by(std::optional<TimePoint>& armed, const Key& key, TimePoint at) {
     if (armed && *armed <= at) return;
     disarm(armed, key);
@@ -46,7 +46,7 @@ class TimerQueue {
     return entries_.begin()->first;
   }
 
-  /// The first key that is due, taken out; its owner resets `armed`.
+  /// Removes and returns the first key that is due; its owner must reset `armed`.
   std::optional<Key> pop_due(TimePoint now) {
     if (entries_.empty() || entries_.begin()->first > now) return std::nullopt;
     Key key = entries_.begin()->second;
@@ -63,10 +63,10 @@ class Unanswered {
  public:
   void add(const IpAddress& group, ClientSession& session);
   void remove(const IpAddress& group, ClientSession& session);
-  /// Some of the fullest group, the longest silent first, when it has at least two more members
-  /// than `own`.
+  /// Returns some clients of the fullest group, the longest silent first, if that group has at
+  /// least two more members than `own`.
   std::vector<ClientSession*> fullest(const IpAddress& own) const;
-  /// The fullest group and its size; 0 when there is none.
+  /// Returns the fullest group and its size; the size is 0 when there is none.
   std::pair<IpAddress, std::size_t> largest() const {
     if (by_size_.empty()) return {};
     return {by_size_.rbegin()->second, by_size_.rbegin()->first};
@@ -87,45 +87,48 @@ class ClientTable {
   ClientSession* find_robot(const std::string& robot) const;
   std::weak_ptr<ClientSession> weak(const ClientSession& session) const;
 
-  /// All sessions' names are charged to it.
+  /// The budget to which the names of all sessions are charged.
   NameBudget& names() { return names_; }
 
   bool is_full() const { return by_id_.size() >= max_clients_; }
   std::size_t size() const { return by_id_.size(); }
   ClientSession& create(const std::string& client_id, const std::string& robot);
-  /// Two sessions may swap their names, one after the other.
+  /// Gives the session's robot another name. Two sessions may swap names, one after the other.
   void rename(ClientSession& session, const std::string& robot);
-  /// The session ends here: `session` dangles afterwards.
+  /// Ends the session: `session` dangles afterwards.
   void erase(ClientSession& session);
 
-  /// From now on datagrams of `peer` are this client's; its former address is a stranger's (R36).
-  /// A DTLS handshake counts as an answer.
+  /// Makes datagrams of `peer` this client's; its former address becomes a stranger's (R36). A DTLS
+  /// handshake counts as an answer.
   void bind(ClientSession& session, const Peer& peer, const LocalAddress& local);
   void unbind(ClientSession& session);
 
-  /// Looks at the session at `at`, or before.
+  /// Makes pop_due() return the session at `at` or earlier.
   void wake_by(ClientSession& session, TimePoint at);
   std::optional<TimePoint> earliest() const { return timers_.earliest(); }
   ClientSession* pop_due(TimePoint now);
 
-  /// May be forgotten from `at` on when there is no room for others.
+  /// Lets evictable() return the session from `at` on.
   void set_evictable(ClientSession& session, TimePoint at);
   void set_needed(ClientSession& session);
+  /// Returns the longest gone session that may be forgotten to make room; null if there is none.
   ClientSession* evictable(TimePoint now);
   bool has_room(TimePoint now) const;
   void set_answered(ClientSession& session);
-  /// Its CONNECT was accepted: from now on it is expected to say something more.
+  /// Call when a CONNECT was accepted. The client should send something else within
+  /// limits::crowd_patience.
   void on_connected(ClientSession& session, TimePoint now);
   std::size_t unanswered() const { return size() - answered_; }
   /// Returns the address, or else the network (`fd00::/64`), that has most clients. Looks at all
   /// clients.
   MeshPlaces::Crowd largest_crowd() const;
-  /// The same of the clients that have not answered; cheap.
+  /// Returns the same for the clients that have not answered. Cheap.
   MeshPlaces::Crowd largest_unanswered_crowd() const;
-  /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
-  /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
-  /// least two more of them than the one of `peer`. The longest silent come first; some at a time.
-  /// Cheap when the result is empty, because an attacker can cause many calls.
+  /// Returns clients that lose their places to `peer` when no session can be forgotten. None of
+  /// them has answered yet. They are clients that sent nothing after their CONNECT. If there are
+  /// none, they are clients of one address or /64 that has at least two more of them than that of
+  /// `peer`, the longest silent first. At most limits::crowd_step. Cheap when the result is empty,
+  /// because an attacker can cause many calls.
   std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now);
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {
@@ -144,14 +147,14 @@ class ClientTable {
   std::unordered_map<std::string, ClientSession*> by_robot_;
   TimerQueue<ClientSession*> timers_;
   TimerQueue<ClientSession*> evictable_;
-  TimerQueue<ClientSession*> words_;  // when those that only connected may have to give way
+  TimerQueue<ClientSession*> words_;  // when clients that only connected may lose their places
   Unanswered by_address_;
   Unanswered by_network_;
 };
 
-/// The table of `slam-gatewayctl mqttsn clients`: a row for each client, by robot. `robot`: a row
-/// for that one alone, with its topics, subscriptions and the topics of the messages that wait for
-/// it; no row when it is unknown. `longest_wait`: `mqttsn.retry_interval_s`.
+/// Returns the table of `slam-gatewayctl mqttsn clients`: a row for each client, sorted by robot.
+/// With `robot`, only its row (none if it is unknown), with its topics, subscriptions and the
+/// topics of its waiting messages. `longest_wait`: `mqttsn.retry_interval_s`.
 nlohmann::json client_report(const ClientTable& clients, const std::optional<std::string>& robot,
                              Duration longest_wait, TimePoint now);
 

@@ -18,30 +18,31 @@
 
 namespace slamgw::mqttsn {
 
-/// How long one client's answers take, and so how long to wait before a request is repeated: the
-/// smoothed round trip and its variation (RFC 6298). Answers to repeated requests are ambiguous and
+/// The time to wait before a request to one client is repeated: learned from the smoothed round
+/// trip of its answers and the variation (RFC 6298). Answers to repeated requests are ambiguous and
 /// teach no round trip (Karn's rule).
 class RetransmissionTimeout {
  public:
-  /// Before the first answer: what RFC 7252 waits in networks of this kind (ACK_TIMEOUT).
+  /// The wait before the first answer: ACK_TIMEOUT of RFC 7252, for networks of this kind.
   static constexpr Duration initial = std::chrono::seconds{2};
   /// A Thread end device that sleeps between its polls hears a message up to a second late (the
   /// poll period of Nordic's sleepy MQTT-SN examples); RFC 6298 has the same lower bound.
   static constexpr Duration shortest = std::chrono::seconds{1};
-  /// Differences between round trips that are no news (G of RFC 6298).
+  /// Smaller differences between round trips do not matter (G of RFC 6298).
   static constexpr Duration granularity = std::chrono::milliseconds{100};
 
   /// The wait after the first transmission of a request, at most `longest`.
   Duration first(Duration longest) const;
-  /// The wait after repetition number `repeats` (from 1), `last` having brought no answer. A lost
-  /// datagram is the common reason of the first ones, so they come at an even pace; then it slows.
+  /// The wait after repetition number `repeats` (from 1), when the wait `last` brought no answer.
+  /// The first repetitions come at an even pace, because a lost datagram is their common reason;
+  /// then they slow down.
   static Duration next(Duration last, unsigned repeats, Duration longest);
 
-  /// The client has answered a request that was sent once.
+  /// Call when the client has answered a request that was sent once.
   void on_answer(Duration round_trip);
-  /// It has answered a request that was repeated, so long after the first and the last copy. Where
-  /// that is not how fast it answers a last copy, the next waits grow until they are long enough
-  /// for an answer to the first one, which is not ambiguous.
+  /// Call when the client has answered a repeated request, with the times since its first and its
+  /// last copy. Unless `since_last` fits an answer to the last copy, the next waits grow. They grow
+  /// until an answer to the first copy, which is not ambiguous, comes in time.
   void on_ambiguous_answer(Duration since_first, Duration since_last);
 
  private:
@@ -52,8 +53,8 @@ class RetransmissionTimeout {
 /// A message under `<prefix>/server/<robot>/<type>`, whose outcome is reported exactly once.
 struct Command {
   CommandId id = CommandId::none;  ///< none: from before a restart
-  std::string client_id;           ///< who is to carry it out
-  std::string robot;               ///< its name when the command came
+  std::string client_id;           ///< the client that is to carry it out
+  std::string robot;               ///< the robot's name when the command came
   std::string type;
   TimePoint came{};
   bool is_reported = false;
@@ -66,8 +67,8 @@ struct Outgoing {
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t predefined_id = 0;
   std::shared_ptr<Command> command;  ///< may be null
-  std::uint16_t msg_id = 0;          ///< not 0: it was sent under this id, and goes on with DUP
-  bool was_refused_once = false;     ///< "invalid topic id": sent again once (R86)
+  std::uint16_t msg_id = 0;       ///< not 0: it was sent under this id, and is sent again with DUP
+  bool was_refused_once = false;  ///< it was refused, and is sent again only once (R86)
   std::size_t octets() const { return message->topic.size() + message->payload.size(); }
   void rename(const NewName& new_name);
 };
@@ -103,7 +104,7 @@ struct Attempt {
   bool is_withheld = false;              ///< the last repeat did not leave: the allowance was spent
   std::optional<TimePoint> repeat_at{};  ///< nothing: it rests
 
-  /// Holds back what comes behind it; once a wait has brought no answer, others go on.
+  /// True until the first wait has brought no answer. A fresh request holds back the next ones.
   bool is_fresh() const { return repeats == 0; }
 };
 
@@ -120,51 +121,52 @@ struct Registering {
   Attempt attempt;
 };
 
-/// A topic of which the client does not answer; its messages wait, others go on.
+/// A topic whose messages the client does not answer. They wait; other topics go on.
 struct SetAside {
   std::string topic;
   unsigned failures = 0;             ///< each one doubles the pause
-  std::optional<TimePoint> until{};  ///< nothing: it is tried (again)
-  bool ends_when_heard = false;      ///< the client said nothing at all meanwhile: no other end
+  std::optional<TimePoint> until{};  ///< nothing: the topic is tried again
+  bool ends_when_heard = false;      ///< the client sent nothing at all: the pause has no other end
 };
 
 struct Delivery {
   DeliveryQueue queue;
-  std::unique_ptr<Publishing> publishing;  ///< null as a rule: 160 octets less
+  std::unique_ptr<Publishing> publishing;  ///< usually null, which saves 160 octets
   std::vector<Registering> registering;    ///< at most max_open_registers, at most one fresh
   /// PUBRELs that await their PUBCOMP: the client has the messages.
   std::vector<Attempt> releasing;   ///< at most max_open_releases, oldest first
   std::vector<SetAside> set_aside;  ///< at most max_set_aside, oldest first
-  /// MsgIds of QoS 2 commands that have failed: a late PUBREC must not have them carried out.
+  /// MsgIds of failed QoS 2 commands: a late PUBREC gets no PUBREL, so they are not carried out.
   std::vector<std::uint16_t> abandoned;  ///< at most max_abandoned, oldest first
   std::uint16_t last_msg_id = 0;
-  std::uint16_t base_msg_id = 0;  ///< those drawn behind it were sent to the present address only
+  std::uint16_t base_msg_id = 0;  ///< later MsgIds were sent to the present address only
   RetransmissionTimeout timeout;
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
-  bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)
+  bool is_stalled = false;                ///< a PUBLISH was not answered: rest until heard (R133)
   bool is_half_proven = false;            ///< a PINGREQ with the client id came from this address
-  bool refuses_dup = false;  ///< it answers 0x03 to a PUBLISH with DUP, as RIOT's emcute does
-  bool forgets_ids_asleep = false;      ///< of topics, as simon622's client does
-  bool is_set_aside_reported = false;   ///< the operator's notice, once for each client
-  std::size_t wake_budget = 0;          ///< messages that this wake-up may still bring (R122)
-  std::unique_ptr<Outgoing> last_qos0;  ///< for "invalid topic id" at QoS 0 (R86)
+  bool refuses_dup = false;               ///< the client answers 0x03 to DUP, as RIOT's emcute does
+  bool forgets_ids_asleep = false;        ///< the client forgets topic ids, as simon622's does
+  bool is_set_aside_reported = false;     ///< the operator had the notice, once for each client
+  std::size_t wake_budget = 0;            ///< messages that this wake-up may still bring (R122)
+  std::unique_ptr<Outgoing> last_qos0;    ///< for "invalid topic id" at QoS 0 (R86)
   std::uint16_t last_qos0_id = 0;
 
-  /// All of the above goes on under other topics.
+  /// Renames the topics of all of the above.
   void rename(const NewName& new_name);
 };
 
-// The MsgIds of the gateway's own requests to one client (R90): a space of its own for each.
+// The MsgIds of the gateway's own requests to one client (R90): each client has its own numbers.
 
-/// Unforeseeable numbers.
+/// Returns an unforeseeable number.
 using RandomSource = std::function<std::uint16_t()>;
 
-/// The next MsgIds follow an unforeseeable one: an answer to them shows that the client receives.
+/// Makes the next MsgIds follow `random`, which is unforeseeable: an answer to one of them shows
+/// that the client receives.
 void restart_message_ids(Delivery& delivery, std::uint16_t random);
 /// Whether this MsgId was drawn since restart_message_ids().
 bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id);
 
-/// Never 0, never one that still awaits its answer.
+/// Returns the next MsgId: never 0, never one that still awaits its answer.
 std::uint16_t next_message_id(Delivery& delivery);
 
 }  // namespace slamgw::mqttsn

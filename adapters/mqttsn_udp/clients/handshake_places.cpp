@@ -43,7 +43,7 @@ std::optional<Endpoint> HandshakePlaces::take_overdue(TimePoint now) {
   return overdue;
 }
 
-/// In this network; null: anywhere.
+/// Returns the oldest handshake of the fullest address in this network; null: in any network.
 Endpoint HandshakePlaces::oldest_of_fullest(const IpAddress* network) const {
   std::map<IpAddress, std::size_t> sizes;
   std::size_t largest = 0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may have a DTLS handshake under way: so many in all, at one address, and in one network. When
-// no place is free, the oldest handshake of the fullest address gives way, so an attacker with many
-// handshakes shuts out no robot. A handshake takes a few round trips and then leaves its place.
-// Pure.
+// The places for DTLS handshakes that are under way, limited in all, at one address, and in one
+// network. When no place is free, the oldest handshake of the fullest address loses its place, so
+// an attacker with many handshakes shuts out no robot. A handshake takes a few round trips and then
+// leaves its place. Pure.
 #pragma once
 
 #include <cstdint>
@@ -16,10 +16,11 @@ namespace slamgw::mqttsn {
 
 class HandshakePlaces {
  public:
-  /// `from` has none yet. Returns the one that gives way, which has no place any more.
+  /// Gives a place to `from`, which has none yet. Returns the handshake that lost its place, if
+  /// any.
   std::optional<Endpoint> add(const Endpoint& from, TimePoint now);
   void remove(const Endpoint& from);
-  /// Returns one that has taken too long, which has no place any more.
+  /// Removes and returns a handshake that has taken too long.
   std::optional<Endpoint> take_overdue(TimePoint now);
   std::size_t size() const { return by_age_.size(); }
 

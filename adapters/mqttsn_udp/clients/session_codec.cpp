@@ -17,15 +17,15 @@ constexpr unsigned version = 1;
 
 using std::chrono::milliseconds;
 
-/// The octets of a session may come from another gateway by way of the broker, and the library
-/// parses each level of CBOR on the stack: so depth and lengths are checked before, without
-/// recursion. What else is wrong with the octets the library finds out.
+/// Checks depth and lengths of CBOR without recursion. The octets may come from another gateway by
+/// way of the broker, and the library parses each level on the stack. The library finds all other
+/// errors.
 class CborBounds {
  public:
   explicit CborBounds(ByteView content) : left_(content) {}
 
-  /// At most `max_depth` deep, no string in pieces and no tag, and each length is within the
-  /// octets.
+  /// Returns true if the octets are at most `max_depth` deep, have no string in pieces and no tag,
+  /// and each length is within the octets.
   bool hold() {
     do {
       if (!take_item()) return false;
@@ -39,7 +39,7 @@ class CborBounds {
   static constexpr std::uint64_t until_break = UINT64_MAX;
   enum Major : unsigned { unsigned_type, negative, octets, text, array, map, tag, simple };
 
-  /// RFC 8949 section 3: three bits of major type, five that say where the argument is.
+  /// Takes one item (RFC 8949 section 3): three bits of major type, five that locate the argument.
   bool take_item() {
     constexpr unsigned indefinite = 31;
     if (left_.empty()) return false;
@@ -90,7 +90,7 @@ class CborBounds {
   std::vector<std::uint64_t> open_;  // for each level the items that are still to come
 };
 
-/// Of the monotonic clock; one that its type can't hold becomes the latest that we take.
+/// Reads a time of the monotonic clock; a time that the type can't hold becomes `latest_ms`.
 TimePoint clock_time(const Json& json) {
   constexpr std::uint64_t latest_ms = 1'000'000'000'000;  // 31 years after the host's start
   return TimePoint(milliseconds(std::min(json.get<std::uint64_t>(), latest_ms)));
@@ -178,8 +178,8 @@ SessionSnapshot to_session(const Json& json) {
   return out;
 }
 
-/// CBOR (RFC 8949) as it is written, without a tree of values before: each connection saves a
-/// session. Maps and arrays have no length in front (section 3.2.2); end() closes the innermost.
+/// Writes CBOR (RFC 8949) without a tree of values, because each connection saves a session. Maps
+/// and arrays have no length in front (section 3.2.2); end() closes the innermost.
 class CborWriter {
  public:
   CborWriter() { out_.reserve(short_text); }
@@ -203,21 +203,21 @@ class CborWriter {
     append(octets);
   }
 
-  /// A member of a map.
+  /// Writes a member of a map.
   template <class Value>
   void write(std::string_view name, const Value& value) {
     write(name);
     write(value);
   }
 
-  /// In no more memory than it needs: thousands may wait for the disk.
+  /// Returns the octets without spare memory, because thousands of sessions may wait for the disk.
   Bytes take() {
     out_.shrink_to_fit();
     return std::move(out_);
   }
 
  private:
-  /// Octets of a session with one topic, which is then written into one piece of memory.
+  /// Octets of a session with one topic: reserved, so that such a session is allocated once.
   static constexpr std::size_t short_text = 512;
   // Major types, section 3.1
   static constexpr std::uint8_t unsigned_type = 0x00;
@@ -225,8 +225,8 @@ class CborWriter {
   static constexpr std::uint8_t text_type = 0x60;
 
   void write_head(std::uint8_t type, std::uint64_t argument) {
-    constexpr unsigned in_head = 24;  // smaller ones are part of the first octet
-    unsigned size_code = 0;           // 2 to the power of it: octets that follow
+    constexpr unsigned in_head = 24;  // smaller arguments are part of the first octet
+    unsigned size_code = 0;           // 2 to this power: octets that follow
     while (size_code < 3 && argument >> (8U << size_code) != 0) ++size_code;
     if (argument < in_head) return out_.push_back(static_cast<std::uint8_t>(type | argument));
     out_.push_back(static_cast<std::uint8_t>(type | (in_head + size_code)));

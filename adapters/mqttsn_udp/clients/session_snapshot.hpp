@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a session survives a restart of the daemon (R47; docs/topics.md, promise 7), as
-// values that a store can write. Not: acknowledgements owed for messages that were not safe yet
-// (the robot repeats them).
+// The part of a session that survives a restart of the daemon (R47; docs/topics.md, promise 7), as
+// values that a store can write. Acknowledgements owed for messages that were not safe yet are left
+// out: the robot repeats these messages.
 #pragma once
 
 #include <chrono>
@@ -22,14 +22,14 @@ struct SubscriptionSnapshot {
   std::uint16_t topic_id = 0;
 };
 
-/// An undelivered QoS 1 or 2 message, the one that awaits its acknowledgement first.
+/// An undelivered QoS 1 or 2 message. The message that awaits its acknowledgement comes first.
 struct MessageSnapshot {
   BrokerMessage message;
   Qos qos = Qos::at_least_once;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t predefined_id = 0;
   std::uint16_t msg_id = 0;  ///< not 0: it was sent under this id
-  /// How long a command without an outcome has waited.
+  /// For a command without an outcome: how long it has waited.
   std::optional<std::chrono::milliseconds> command_age{};
 };
 
@@ -48,7 +48,7 @@ struct SessionSnapshot {
   std::optional<Peer> peer;
   LocalAddress local;
   bool is_validated = true;     ///< its address has shown that it receives
-  std::uint32_t allowance = 0;  ///< else: octets that may be sent there
+  std::uint32_t allowance = 0;  ///< if not: octets that may be sent there
   bool is_clean = true;
   bool has_answered = false;
   bool uses_client_id = false;
@@ -67,23 +67,24 @@ struct SessionSnapshot {
   std::optional<TimePoint> saved_at{};
 };
 
-/// A command whose outcome is owed, from what the disk had: checked.
+/// Returns the command of a stored message if its outcome is owed, else null. Checks the values
+/// from the disk.
 std::shared_ptr<Command> command_of(const MessageSnapshot& message, const SessionSnapshot& snapshot,
                                     TimePoint now);
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
-/// Removes commands that are younger than `limits::stored_command_age`. False: there are none.
+/// Removes commands younger than `limits::stored_command_age`. Returns false if there are none.
 bool leave_out_young_commands(SessionSnapshot& snapshot);
-/// What another gateway needs of it: names of topics, never messages. The client's address, ids and
-/// messages of this gateway are left out.
+/// Returns what another gateway needs to continue the session: keep-alive, will, subscriptions, and
+/// the topics that the client uses. Leaves out its address and all messages to it.
 SessionSnapshot to_note(const SessionSnapshot& snapshot);
-/// Fills a fresh session; its state, binding, timers and broker subscriptions are the caller's.
+/// Fills a fresh session. The caller sets its state, binding, timers and broker subscriptions.
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now);
 
-/// As octets for the store and for notes, and back: CBOR (RFC 8949) of a map with a `version`;
-/// members that this version does not know are ignored.
+/// Encodes a session for the store and for notes: CBOR (RFC 8949) of a map with a `version`. The
+/// decoder ignores members that it does not know.
 Bytes encode_session(const SessionSnapshot& snapshot);
-/// Nothing when the octets are damaged or of a newer version.
+/// Returns nothing if the octets are damaged or of another version.
 std::optional<SessionSnapshot> decode_session(ByteView content);
 
 }  // namespace slamgw::mqttsn

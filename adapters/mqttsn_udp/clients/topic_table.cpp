@@ -32,7 +32,7 @@ std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
   return id;
 }
 
-/// There is one: a table holds far fewer topics than there are ids.
+/// Always finds an id: a table holds far fewer topics than there are ids.
 std::uint16_t TopicTable::free_id(std::string_view name) const {
   static_assert(limits::max_topics_per_client < highest_topic_id);
   std::uint16_t id = wanted_id_(name);
@@ -107,7 +107,7 @@ std::vector<std::uint16_t>::const_iterator TopicTable::place_of(std::string_view
   });
 }
 
-/// Unless another id has this name already.
+/// Adds the id to by_name_, unless another id has its name already.
 void TopicTable::add_name(std::uint16_t id) {
   const std::string& name = *name_of(id);
   if (!id_of(name)) by_name_.insert(place_of(name), id);

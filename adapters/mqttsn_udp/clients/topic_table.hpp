@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
-// REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
-// gateway that knows an older session of it, or none, means the same topic there, or an unknown
-// one: CONNACK cannot say that a session is not there. An id that the client has asked for or
+// REGISTER and SUBSCRIBE (R61). Ids are made from the names, because CONNACK cannot say that a
+// session is not there. So a robot can continue at a gateway with an older session of it, or none:
+// its ids mean the same topics there, or unknown ones. An id that the client has asked for or
 // publishes with keeps its name while the session lives. When the table is full, the gateway reuses
 // the id of its own deliveries that was unused for longest.
 #pragma once
@@ -21,12 +21,12 @@
 namespace slamgw::mqttsn {
 
 /// The memory that topic names and filters of all clients may take together. Each client has a
-/// small part for itself, so that others can't leave it none; beyond that they share.
+/// small part that others can't take; the rest is shared.
 class NameBudget {
  public:
   /// Octets that a topic of this length takes with its place in the table.
   static constexpr std::size_t of_topic(std::size_t length) { return length + 128; }
-  /// The same for a subscription, which stands here and in the robot's session at the broker
+  /// Octets that a subscription takes: it stands here and in the robot's session at the broker
   /// (daemon/sessions).
   static constexpr std::size_t of_filter(std::size_t length) { return 2 * length + 512; }
 
@@ -35,8 +35,9 @@ class NameBudget {
     return held + octets <= limits::name_octets_for_each ||
            taken_ + octets <= limits::name_octets_together;
   }
-  /// The same for what was taken before a restart, by so many `clients` that are back: they come in
-  /// another order than then, and each had a small part of topics and one of filters for itself.
+  /// Whether `octets` that were held before a restart may be taken again, with this many `clients`
+  /// back. Clients return in another order, and each had a small part for topics and one for
+  /// filters.
   bool may_restore(std::size_t clients, std::size_t octets) const {
     return taken_ + octets <=
            limits::name_octets_together + 2 * clients * limits::name_octets_for_each;
@@ -48,15 +49,15 @@ class NameBudget {
   std::size_t taken_ = 0;
 };
 
-/// What a topic is called from now on; nothing when it keeps its name.
+/// Returns the new name of a topic; nothing when it keeps its name.
 using NewName = std::function<std::optional<std::string>(const std::string& topic)>;
 
-/// The id that a topic gets if no other one has it, from lowest_topic_id to highest_topic_id.
+/// Returns the id that a topic gets if it is free, from lowest_topic_id to highest_topic_id.
 using TopicIdOf = std::uint16_t (*)(std::string_view name);
 inline constexpr std::uint16_t lowest_topic_id = 1;
 inline constexpr std::uint16_t highest_topic_id = 0xfffe;  // section 5.3.11
-/// A hash: of 10 topics of a robot two want the same id once in 1500 times, and only then does it
-/// depend on who came first.
+/// A hash. Of 10 topics of a robot, two want the same id once in 1500 times. Only then do the ids
+/// depend on which topic came first.
 std::uint16_t topic_id_of(std::string_view name);
 
 class TopicTable {
@@ -66,45 +67,47 @@ class TopicTable {
   TopicTable& operator=(const TopicTable&) = delete;
   ~TopicTable() { clear(); }
 
-  /// Names are charged to `budget` from now on, which outlives the table.
+  /// Charges names to `budget` from now on; it must outlive the table.
   void charge(NameBudget& budget) { budget_ = &budget; }
-  /// Where the ids of new topics come from.
+  /// Sets the function that chooses the ids of new topics.
   void number_by(TopicIdOf wanted_id) { wanted_id_ = wanted_id; }
 
-  /// The id of `name`, assigned on first use. Nothing when the table is full and no topic can be
-  /// forgotten for it; never one whose id is `in_use`.
+  /// Returns the id of `name`, assigned on first use. Returns nothing when the table is full and no
+  /// topic can be forgotten for it. A topic whose id is `in_use` is never forgotten.
   std::optional<std::uint16_t> assign(std::string_view name,
                                       std::span<const std::uint16_t> in_use = {});
-  /// Nothing for an id that was never given out.
+  /// Returns null for an id that is not given out.
   const std::string* name_of(std::uint16_t id) const;
   std::optional<std::uint16_t> id_of(std::string_view name) const;
 
+  /// Call when the client may have forgotten its ids: each must be registered again.
   void forget_known();
-  /// The gateway publishes with this id.
+  /// Call when the gateway publishes with this id.
   void touch(std::uint16_t id);
 
   struct Topic {
     std::string name;
     std::uint16_t id = 0;
     bool is_known = false;   ///< the client has got this id in its present connection (R48, R65)
-    bool is_own = false;     ///< the client has asked for this id, or uses it: it keeps its meaning
+    bool is_own = false;     ///< the client has asked for this id, or uses it: keeps its meaning
     std::uint64_t used = 0;  ///< later uses have larger numbers
   };
-  /// Null for an id that was never given out.
+  /// Returns null for an id that is not given out.
   Topic* find(std::uint16_t id);
   const Topic* find(std::uint16_t id) const;
   /// In the order of their ids.
   const std::vector<Topic>& topics() const { return topics_; }
-  /// Ids keep their meaning under other names. A name may have several ids afterwards.
+  /// Renames topics under their ids. A name may have several ids afterwards.
   void rename(const NewName& new_name);
-  /// From before a restart, or from another gateway. Ignored if the id is none, or taken.
+  /// Adds a topic from before a restart, or from another gateway. Ignores it if its id is invalid
+  /// or taken, or the table is full.
   void restore(Topic topic);
   void clear();
 
  private:
   std::uint16_t free_id(std::string_view name) const;
   void erase(std::uint16_t id);
-  /// In by_name_: where `name` is, or belongs.
+  /// Returns the place in by_name_ where `name` is, or belongs.
   std::vector<std::uint16_t>::const_iterator place_of(std::string_view name) const;
   void add_name(std::uint16_t id);
   void remove_name(std::uint16_t id);
@@ -115,7 +118,7 @@ class TopicTable {
 
   TopicIdOf wanted_id_ = topic_id_of;
   std::vector<Topic> topics_;
-  /// One id for each name, in the order of names. A map would have each name once more.
+  /// One id for each name, in the order of names. A map would store each name a second time.
   std::vector<std::uint16_t> by_name_;
   std::uint64_t last_use_ = 0;
   std::size_t octets_ = 0;  // charged
