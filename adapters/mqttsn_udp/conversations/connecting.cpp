@@ -12,8 +12,8 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// What a CONNECT without CleanSession takes up: a session that was to be kept, or any that still
-/// goes on, as of a robot that wakes or has a new address (section 6.14, R36, R125).
+/// Returns true if a CONNECT without CleanSession resumes this session: it was to be kept, or it
+/// still goes on, as for a robot that wakes or has a new address (section 6.14, R36, R125).
 bool can_resume(const ClientSession& session) {
   return !session.is_clean || session.is_connected();
 }
@@ -44,8 +44,8 @@ void Connecting::on_connect(const Arrival& arrival, const Connect& connect) {
   complete(arrival, attempt, std::move(kept));
 }
 
-/// A client that the configuration names may have an address on another mesh too; any other must
-/// not go by the name of a robot there.
+/// A client that the configuration names may have an address on another mesh, too. Other clients
+/// must not use the name of a robot there.
 std::optional<std::string> Connecting::robot_of(const std::string& client_id) const {
   if (!is_valid_level(client_id)) return std::nullopt;
   auto robot = rules_.names.of_client(client_id);
@@ -63,7 +63,8 @@ std::optional<std::string> Connecting::robot_at(const Peer& peer,
   return robot_of(client_id);
 }
 
-/// The CONNACK was lost: it is sent again, and nothing that was registered since is wiped (R35).
+/// Returns true if the CONNECT is a copy because its CONNACK was lost. CONNACK is sent again, and
+/// nothing that was registered since is wiped (R35).
 bool Connecting::is_repetition(const Arrival& arrival, const Connect& connect) const {
   const ClientSession* session = clients_.find(arrival.peer);
   return session && session->client_id == connect.client_id &&
@@ -213,7 +214,8 @@ void Connecting::complete(const Arrival& arrival, const Attempt& attempt,
   output_.mark_changed(*session);
 }
 
-/// A robot that moves or starts again has a new address, too, but not again and again.
+/// Contests a client id whose address changes again and again. A robot that moves or starts again
+/// has a new address, too, but not that often.
 void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint now) {
   if (now - session.first_takeover > limits::contest_window) {
     session.first_takeover = now;

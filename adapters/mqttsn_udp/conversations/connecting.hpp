@@ -22,19 +22,20 @@ class Connecting : Conversation {
         guard_(guard) {}
 
   void on_connect(const Arrival& arrival, const Connect& connect);
-  /// The name that this client's robot goes by; nothing when it may not connect.
+  /// Returns the name of this client's robot; nothing when the client may not connect.
   std::optional<std::string> robot_of(const std::string& client_id) const;
-  /// The same, unless the configuration has another address for this client, or its key says that
-  /// it is another one.
+  /// Like robot_of(), but also returns nothing when the address or identity of `peer` may not use
+  /// this client id.
   std::optional<std::string> robot_at(const Peer& peer, const std::string& client_id) const;
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
-  /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
+  /// Call these only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
   void on_willtopic(const Arrival& arrival, const WillTopic& will);
   void on_willmsg(const Arrival& arrival, WillMsg will);
-  /// After the handshake: its CONNACK was lost when nothing else was heard since.
+  /// Handles a WILLMSG after the handshake. If nothing else was heard since, the CONNACK was lost
+  /// and is sent again.
   void on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now);
-  /// The attempt is forgotten, answered by DISCONNECT (R29).
+  /// Forgets the attempt and answers with DISCONNECT (R29).
   void abandon(const Peer& peer);
 
   std::optional<TimePoint> deadline() const { return timers_.earliest(); }
@@ -71,7 +72,7 @@ class Connecting : Conversation {
   FloodGuard& guard_;
   NameCheck is_elsewhere_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
-  std::map<std::uint64_t, Peer> strangers_;  // of these, whose client has no session; oldest first
+  std::map<std::uint64_t, Peer> strangers_;  // attempts whose client has no session; oldest first
   std::uint64_t last_stranger_ = 0;
   TimerQueue<Peer> timers_;
   TokenBucket contest_lines_[2];  // by whether the client is proven

@@ -13,8 +13,8 @@ bool FloodGuard::may_answer(const Peer& peer, TimePoint now) {
          all_.take(limits::strangers_burst, limits::strangers_per_second, now);
 }
 
-/// Unicast to the source: a multicast GWINFO misses clients on other ports, behind routers, and
-/// sleepy ones (R15).
+/// Answers the source by unicast: a multicast GWINFO misses clients on other ports, behind routers,
+/// and sleepy ones (R15).
 void Discovery::on_searchgw(const Arrival& arrival, std::uint8_t radius) {
   if (!is_broker_up_ || !clients_.has_room(arrival.now)) return;  // R20
   if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
@@ -31,7 +31,7 @@ void Discovery::on_interface(std::uint32_t index) {
   if (is_broker_up_ && is_advertised()) output_.send_multicast(advertisement(), index);
 }
 
-/// A search finds the port for plain UDP.
+/// Returns false if all clients must use DTLS: an ADVERTISE leads them to the port for plain UDP.
 bool Discovery::is_advertised() const {
   return settings_.multicast_group && settings_.require_identity != RequireIdentity::all;
 }

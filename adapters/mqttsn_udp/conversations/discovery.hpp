@@ -12,7 +12,7 @@
 
 namespace slamgw::mqttsn {
 
-/// How many answers strangers get: a small burst each, then a few a second, and a bound on all of
+/// Limits the answers to strangers: a small burst each, then a few a second, and a bound on all of
 /// them together (R21, R39). Sources share a fixed number of places by hash, so a flood of
 /// addresses costs no memory.
 class FloodGuard {
@@ -30,10 +30,10 @@ class Discovery : Conversation {
   Discovery(const Conversation& common, FloodGuard& guard) : Conversation(common), guard_(guard) {}
 
   void on_searchgw(const Arrival& arrival, std::uint8_t radius);
-  /// The broker is back: an ADVERTISE at once (R11, R12).
+  /// Sends an ADVERTISE at once when the broker is back (R11, R12).
   void on_broker_link(bool is_up, TimePoint now);
-  /// A network interface, or its lasting address, has appeared: an ADVERTISE there, if clients
-  /// could be served (R11).
+  /// Call when a network interface, or its lasting address, has appeared. Sends an ADVERTISE there
+  /// if clients could be served (R11).
   void on_interface(std::uint32_t index);
   std::optional<TimePoint> deadline() const { return next_advertise_; }
   void on_deadline(TimePoint now);

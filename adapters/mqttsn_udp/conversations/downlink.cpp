@@ -11,7 +11,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// A message that was lost on its way is sent again to these, later.
+/// Returns true if messages that were lost on their way are sent again to this client later.
 bool is_kept(const ClientSession& session) {
   return !session.is_clean || session.state() == ClientState::awake;
 }
@@ -20,8 +20,8 @@ std::size_t publish_octets(const Outgoing& outgoing) {
   return 7 + outgoing.message->payload.size();
 }
 
-/// The message that was published under this MsgId and not acknowledged yet; it leaves `delivery`.
-/// One that was given up and waits for its next try counts: its acknowledgement was late.
+/// Removes and returns the message that was published under this MsgId and not acknowledged yet. It
+/// may have been given up and wait for its next try: its acknowledgement was late.
 std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t msg_id) {
   if (delivery.publishing && delivery.publishing->attempt.msg_id == msg_id)
     return std::exchange(delivery.publishing, nullptr)->what;
@@ -30,8 +30,8 @@ std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t ms
   return delivery.queue.take(static_cast<std::size_t>(waiting - delivery.queue.begin()));
 }
 
-/// Which message goes when there is no room: one whose topic is set aside, else the oldest QoS 0,
-/// else the oldest (R117).
+/// Returns the message to drop when there is no room: one whose topic is set aside, else the oldest
+/// of QoS 0, else the oldest (R117).
 std::size_t least_useful(const Delivery& delivery) {
   const auto index_of = [&](auto found) {
     return static_cast<std::size_t>(found - delivery.queue.begin());
@@ -44,7 +44,7 @@ std::size_t least_useful(const Delivery& delivery) {
   return qos0 != delivery.queue.end() ? index_of(qos0) : 0;
 }
 
-/// A PUBREC that still comes for it must not have it carried out.
+/// Remembers a failed QoS 2 command, so that a late PUBREC does not lead to its execution.
 void remember_abandoned(Delivery& delivery, const Outgoing& outgoing) {
   if (!outgoing.command || outgoing.qos != Qos::exactly_once || outgoing.msg_id == 0) return;
   if (delivery.abandoned.size() >= limits::max_abandoned)
@@ -52,7 +52,7 @@ void remember_abandoned(Delivery& delivery, const Outgoing& outgoing) {
   delivery.abandoned.push_back(outgoing.msg_id);
 }
 
-/// For a command whose time is over while it waits.
+/// Returns why a command was not sent before its time was over.
 std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bool is_held) {
   const Delivery& delivery = session.delivery;
   if (waiting.msg_id != 0) return "no acknowledgement";
@@ -71,8 +71,8 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bo
 
 }  // namespace
 
-/// The broker may know better than the session here what the robot has subscribed to: it came from
-/// another gateway, and the note about that is lost.
+/// A kept session gets messages without a matching subscription, too. The robot may have come from
+/// another gateway whose note is lost; then the broker knows its subscriptions better.
 void Downlink::on_broker_message(ClientSession& session, const RobotMessage& incoming,
                                  TimePoint now) {
   const BrokerMessage& message = incoming.message;
@@ -121,7 +121,7 @@ void Downlink::pump(ClientSession& session, TimePoint now) {
   if (is_stopping_) refuse_unkept(session, now);
 }
 
-/// SUBACK goes before what the subscription causes (R98), so open answers hold delivery back.
+/// SUBACK comes before the messages of its subscription (R98), so open answers hold delivery back.
 bool Downlink::may_send(const ClientSession& session) const {
   const Delivery& delivery = session.delivery;
   const bool is_listening = session.state() == ClientState::active ||
@@ -129,8 +129,8 @@ bool Downlink::may_send(const ClientSession& session) const {
   return is_listening && session.answers.empty() && !delivery.is_stalled && !delivery.paused_until;
 }
 
-/// Publishes the first message that can go. A command waits for an earlier one whose topic is being
-/// registered; nothing else waits for a registration.
+/// Publishes the first message that is ready. A command waits for an earlier command whose topic is
+/// being registered; no other message waits for another's registration.
 bool Downlink::send_next(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (delivery.publishing || Release::is_fresh(delivery)) return false;
@@ -160,7 +160,7 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
   return false;
 }
 
-/// The datagram that just came may pay for what the allowance had held back, or for a probe.
+/// Repeats withheld requests: the datagram that just came may pay for them, or for a probe.
 void Downlink::resume_withheld(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   registration_.resume_withheld(session);
@@ -177,9 +177,9 @@ void Downlink::repeat(ClientSession& session, Publishing& open) {
   transmit(session, open.what, open.topic_id, open.attempt.msg_id);
 }
 
-/// What asks for an answer may use up the allowance of an address that has not shown that it
-/// receives. Other messages leave enough for a REGISTER; when one stays unanswered, they end unless
-/// the client pings by its name.
+/// Returns true if the allowance of an address that is not validated lets this message leave. QoS 1
+/// and 2 may use it up, because they ask for an answer. QoS 0 leaves enough for a REGISTER. While a
+/// REGISTER is unanswered, QoS 0 waits unless the client pings by its name.
 bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const {
   if (output_.is_validated(session)) return true;
   std::size_t octets = publish_octets(outgoing);
@@ -211,7 +211,7 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now)
       Publishing{std::move(outgoing), topic_id, begin_attempt(settings_, delivery, msg_id, now)});
 }
 
-/// With DUP when the message was sent before, unless the client refuses that.
+/// Sends the PUBLISH, with DUP if it was sent before, unless the client refuses DUP.
 void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
                         std::uint16_t msg_id) {
   const bool is_dup = outgoing.msg_id != 0 && !session.delivery.refuses_dup;
@@ -236,7 +236,7 @@ void Downlink::on_address(ClientSession& session) {
   if (random_ && !output_.is_validated(session)) restart_message_ids(session.delivery, random_());
 }
 
-/// The client has read a MsgId that was sent to this address and to no other.
+/// Validates the client's address, if the answered MsgId was sent to this address only.
 void Downlink::on_answer(ClientSession& session, std::uint16_t msg_id) {
   if (!session.peer || !is_since_restart(session.delivery, msg_id)) return;
   output_.validation.validate(session.peer->endpoint.address);
@@ -340,7 +340,7 @@ void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
   session.delivery.queue.push_front(std::move(outgoing));
 }
 
-/// "Congestion": this client is left alone for T_WAIT, then gets it again.
+/// Leaves a client that said "congestion" alone for T_WAIT; then its messages are sent again.
 void Downlink::pause(ClientSession& session, TimePoint now) {
   session.delivery.paused_until = now + limits::t_wait;
   rest(session);
@@ -390,8 +390,8 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
   return is_silent;
 }
 
-/// A client that said nothing at all rests until it is heard (R133). One that answers other things
-/// is spared this topic.
+/// Gives up the open PUBLISH. A client that sent nothing at all rests until it is heard (R133). If
+/// it sent something else, only this topic is set aside.
 bool Downlink::give_up(ClientSession& session, TimePoint now) {
   output_.count(Count::deliveries_given_up);
   const Publishing open = *std::exchange(session.delivery.publishing, nullptr);
@@ -408,7 +408,8 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
   return !was_heard;
 }
 
-/// Messages on a topic whose REGISTER stays unanswered stay for clients that keep their messages.
+/// Drops messages on a topic whose REGISTER stays unanswered, except those of QoS 1 and 2 for
+/// clients whose messages are kept.
 void Downlink::drop_unregistered(ClientSession& session, const std::string& topic, TimePoint now) {
   output_.count(Count::deliveries_given_up);
   drop_if(session, "the robot did not answer the registration of this topic", now,
@@ -434,7 +435,7 @@ void Downlink::drop_volatile(ClientSession& session, const std::string& why, Tim
   keep_in_bounds(session, now);
 }
 
-/// No REGACK comes any more: what waits for one is in the queue.
+/// No REGACK comes any more, so messages that wait for a REGACK are refused, too.
 void Downlink::refuse_unkept(ClientSession& session, TimePoint now) {
   rest(session);
   drop_if(session, "the gateway ends before the robot could take it", now,
@@ -576,7 +577,7 @@ void CommandWatch::adopt(const std::shared_ptr<Command>& command) {
 void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult result,
                        std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
-  // After a restart it is not reported again; a delivery has marked its session already.
+  // After a restart the outcome is not reported again. A delivery has marked its session already.
   if (const ClientSession* session = clients_.find(command->client_id);
       session && result != CommandResult::delivered)
     output_.mark_changed(*session);

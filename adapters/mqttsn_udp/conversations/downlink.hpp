@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Messages on their way to one client: the queue, PUBLISH, its acknowledgement and repetition
-// (MQTT-SN 1.2 sections 6.6, 6.10, 6.13). One PUBLISH of QoS 1 or 2 at a time for each client, each
-// client by itself (R91, R147); messages of one topic keep their order. What the client does not
-// answer holds nothing else back for longer than one wait: see TopicRegistration and Release.
+// (MQTT-SN 1.2 sections 6.6, 6.10, 6.13). Each client has one PUBLISH of QoS 1 or 2 at a time,
+// independent of other clients (R91, R147). Messages of one topic keep their order. An unanswered
+// REGISTER or PUBREL holds others back for one wait at most: see TopicRegistration and Release.
 #pragma once
 
 #include <deque>
@@ -17,29 +17,29 @@
 
 namespace slamgw::mqttsn {
 
-/// Tells the outcome of each command exactly once: when the robot has it, when it can't get it, or
-/// when 30 s are over. Knows nothing of the delivery, which the gateway withdraws then.
+/// Reports the outcome of each command exactly once: when the robot has it, when it can't get it,
+/// or when 30 s are over. Does not know the delivery: the caller of pop_overdue() withdraws it.
 class CommandWatch : Conversation {
  public:
   explicit CommandWatch(const Conversation& common) : Conversation(common) {}
 
-  /// A command that no client can carry out. Nothing happens when `id` is none.
+  /// Refuses a command that no client can carry out. Does nothing when `id` is none.
   void refuse(const BrokerMessage& message, CommandId id, std::string why);
-  /// Null when `message` is no command for this client's robot.
+  /// Watches a command. Returns null when `message` is not a command for this client's robot.
   std::shared_ptr<Command> begin(const ClientSession& session, const BrokerMessage& message,
                                  CommandId id, TimePoint now);
-  /// From before a restart of the daemon: its outcome is still owed.
+  /// Watches `command`, which may be from before a restart of the daemon: its outcome is owed.
   void adopt(const std::shared_ptr<Command>& command);
-  /// `command` may be null.
+  /// Reports the outcome, unless it is reported already. `command` may be null.
   void end(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
            TimePoint now);
 
   std::optional<TimePoint> deadline() const;
-  /// A command whose time is over; `end()` reports its outcome. Null when there is none.
+  /// Removes and returns a command whose time is over, for `end()`. Null when there is none.
   std::shared_ptr<Command> pop_overdue(TimePoint now);
 
  private:
-  std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
+  std::deque<std::shared_ptr<Command>> open_;  // by the time they came, so by deadline
 };
 
 class Downlink : Conversation {
@@ -53,7 +53,7 @@ class Downlink : Conversation {
         release_(common),
         random_(std::move(random)) {}
 
-  /// Takes the message, or says why not. `pump()` sends it.
+  /// Queues the message, or refuses it with a reason. `pump()` sends it.
   void on_broker_message(ClientSession& session, const RobotMessage& incoming, TimePoint now);
   /// Sends what may be sent now.
   void pump(ClientSession& session, TimePoint now);
@@ -63,39 +63,41 @@ class Downlink : Conversation {
   void on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint now);
   void on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now);
 
-  /// The client has another address. Unless that has shown that it receives, its first answer to a
-  /// new request will.
+  /// Call when the client has another address. If that is not validated, the client's first answer
+  /// to a new request validates it.
   void on_address(ClientSession& session);
-  /// A PINGREQ that names the client: half a proof that its owner is at this address. Whoever knows
-  /// the id can forge it, so it buys no octets; QoS 0 no longer waits for an unanswered REGISTER.
+  /// Call for a PINGREQ that names the client: half a proof that its owner is at this address. A
+  /// sender who knows the id can forge it, so it buys no octets; but QoS 0 no longer waits for an
+  /// unanswered REGISTER.
   static void on_named_ping(ClientSession& session) { session.delivery.is_half_proven = true; }
-  /// A sign of life: what rested for want of an answer goes on at the next pump (R133).
+  /// Call when the client is heard: deliveries that rest go on at the next pump (R133).
   void on_heard(ClientSession& session);
-  /// The client begins a new connection within its session: it may have forgotten everything.
+  /// Call when the client connects again within its session: it may have forgotten everything.
   void on_reconnect(ClientSession& session);
-  /// From now on nothing is sent; what awaits an answer is kept (R116).
+  /// Sends nothing more; messages that await an answer are kept (R116).
   void rest(ClientSession& session);
-  /// Whether an answer is awaited, so that an awake client must go on listening.
+  /// Whether the client owes an answer. An awake client must go on listening then.
   bool is_awaiting(const ClientSession& session) const;
 
   void drop_all(ClientSession& session, const std::string& why, TimePoint now);
-  /// QoS 0 does not outlive the connection.
+  /// Refuses messages of QoS 0, which do not outlive the connection.
   void drop_volatile(ClientSession& session, const std::string& why, TimePoint now);
-  /// The client has no longer this filter: what only it asked for goes (R104).
+  /// Refuses messages that only this filter asked for; the client no longer has it (R104).
   void drop_unwanted(ClientSession& session, const std::string& filter, TimePoint now);
-  /// Another gateway serves the robot now. Returns what was never on the air; other commands end as
-  /// `timeout`, and nothing is left.
+  /// Call when another gateway serves the robot. Returns the messages that were never on the air;
+  /// other commands end as `timeout`. The queue is empty afterwards.
   std::vector<WaitingMessage> take_unsent(ClientSession& session, TimePoint now);
-  /// The command's time is over: it is not sent (again). Why it has not arrived.
+  /// Stops sending a command whose time is over. Returns why it has not arrived.
   std::string withdraw(ClientSession& session, const Command& command);
 
-  /// The daemon ends: from now on refuse_unkept() follows each message.
+  /// Call when the daemon stops. From now on refuse_unkept() follows each pump().
   void on_stop() { is_stopping_ = true; }
-  /// What could not be sent and no snapshot keeps (QoS 0) is refused; nothing is sent any more.
+  /// Stops sending, and refuses unsent messages that no snapshot keeps (QoS 0).
   void refuse_unkept(ClientSession& session, TimePoint now);
 
   std::optional<TimePoint> next_time(const ClientSession& session) const;
-  /// Repeats what is due. True when a request was given up and the client said nothing meanwhile.
+  /// Repeats requests that are due. Returns true if one was given up and the client sent nothing
+  /// since it began.
   bool on_time(ClientSession& session, TimePoint now);
 
  private:

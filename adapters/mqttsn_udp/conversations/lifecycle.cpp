@@ -102,8 +102,8 @@ bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
   return true;
 }
 
-/// Of a client that has not answered nothing is kept, its presence and its session at the broker
-/// included.
+/// Forgets the session. Of a client that has not answered, its presence and its session at the
+/// broker are forgotten, too.
 void Lifecycle::evict(ClientSession& session, TimePoint now) {
   output_.count(Count::clients_evicted);
   const SessionEvicted evicted{Mesh::thread, session.robot};

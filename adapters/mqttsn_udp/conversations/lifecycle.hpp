@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The states of a client and what each transition brings with it (MQTT-SN 1.2 section 6.14):
-// presence, what is kept and what is forgotten.
+// The states of a client and the effects of each transition (MQTT-SN 1.2 section 6.14): presence,
+// and what is kept and forgotten.
 #pragma once
 
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
@@ -20,29 +20,31 @@ class Lifecycle : Conversation {
         uplink_(uplink),
         wills_(wills) {}
 
-  /// Any valid message from the client (R109).
+  /// Call for any valid message from the client (R109).
   void on_heard(ClientSession& session, TimePoint now);
-  /// A repeated CONNECT, which is no evidence that the robot is here.
+  /// Call for a repeated CONNECT, which does not prove that the robot is here.
   void on_connect_again(ClientSession& session, TimePoint now);
-  /// The one writer of the state; presence follows it.
+  /// Sets the state, which nothing else does, and reports the presence that follows from it.
   void enter(ClientSession& session, ClientState state, TimePoint now);
-  /// A lost client is heard again (R113). False when it is not lost, or may not come back.
+  /// Brings back a lost client that is heard again (R113). Returns false if it is not lost, or may
+  /// not come back.
   bool revive(ClientSession& session, TimePoint now);
   /// These two may end the session: it must not be used afterwards.
   void disconnect(ClientSession& session, TimePoint now);
   void lose(ClientSession& session, TimePoint now);
-  /// Another client speaks from its address now (R37). May end the session.
+  /// Takes the address of a client away, as when another client sends from it (R37). A client that
+  /// was active is lost. May end the session.
   void displace(ClientSession& session, TimePoint now);
   /// Ends the session: commands that wait are refused with `why`.
   void expel(ClientSession& session, const std::string& why, TimePoint now);
-  /// As if it had never been connected: subscriptions, will, ids, messages (R42, R43). Its commands
-  /// are refused with `why`. The robot's session at the broker stays as it is.
+  /// Forgets subscriptions, will, ids and messages, as if the client had never connected (R42,
+  /// R43). Its commands are refused with `why`. The robot's session at the broker stays as it is.
   void clean(ClientSession& session, const std::string& why, TimePoint now);
-  /// Another gateway serves the robot: its session ends without a will and without a word. Returns
-  /// what was never on the air.
+  /// Call when another gateway serves the robot. Ends its session here without a will or a packet.
+  /// Returns the messages that were never on the air.
   std::vector<WaitingMessage> give_up(ClientSession& session, TimePoint now);
-  /// A place for a new client at `peer`, by forgetting the longest gone, then who has not shown
-  /// that it receives (ClientTable::crowd); false when there is none.
+  /// Makes a place for a new client at `peer`: forgets the longest gone clients, then clients that
+  /// have not shown that they receive (ClientTable::crowd). Returns false if that is impossible.
   bool make_room(const Peer& peer, TimePoint now);
 
   void report_presence(ClientSession& session, Presence presence, TimePoint now);

@@ -9,7 +9,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// Why a client in this state can't be asked; empty when it can.
+/// Returns why a client in this state can't be asked; empty if it can.
 std::string_view obstacle(ClientState state) {
   switch (state) {
     case ClientState::active: break;
@@ -34,7 +34,7 @@ void OperatorPings::ask(std::uint64_t id, const std::string& robot, TimePoint no
   open_.push_back(ping);
 }
 
-/// It answers all that are open, because it names none.
+/// A PINGRESP answers all open pings of its client, because it names none of them.
 void OperatorPings::on_pingresp(const ClientSession& session, TimePoint now) {
   const auto is_answered = [&](const Open& ping) { return ping.robot == session.robot; };
   for (const Open& ping : open_)

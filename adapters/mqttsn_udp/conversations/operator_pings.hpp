@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// OperatorPings on an operator's word: a PINGREQ without a client id to an active client, which may
+// Pings on request of an operator: a PINGREQ without a client id to an active client, which may
 // answer with PINGRESP (MQTT-SN 1.2 section 6.11). Many clients do not. Called by SnGateway. Pure.
 #pragma once
 

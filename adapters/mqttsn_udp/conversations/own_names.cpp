@@ -35,7 +35,7 @@ std::string to_client_name(const TopicScheme& scheme, const ClientSession& sessi
 
 namespace {
 
-/// A client that has both names of a filter gets its messages at the higher QoS.
+/// Renames the filters. If the client has both names of a filter, the higher QoS counts.
 void rename_filters(ClientSession& session, const NewName& new_name) {
   std::map<std::string, Subscription, std::less<>> renamed;
   for (auto at = session.subscriptions.begin(); at != session.subscriptions.end();) {

@@ -10,20 +10,19 @@
 
 namespace slamgw::mqttsn {
 
-/// `<prefix>/robot/<from>/...` or `<prefix>/server/<from>/...` with `to` in the place of `from`;
-/// nothing for any other topic or filter.
+/// Returns `<prefix>/robot/<from>/...` or `<prefix>/server/<from>/...` with `to` in the place of
+/// `from`; nothing for any other topic or filter.
 std::optional<std::string> replace_robot(const TopicScheme& scheme, std::string_view topic,
                                          std::string_view from, std::string_view to);
 
-/// The topic or filter as the broker knows it. Takes note when the client uses its client id.
+/// Returns the topic or filter as the broker knows it. Notes if the client uses its client id.
 std::string to_broker_name(const TopicScheme& scheme, ClientSession& session, std::string topic);
-/// The topic as the client calls it.
+/// Returns the topic as the client names it.
 std::string to_client_name(const TopicScheme& scheme, const ClientSession& session,
                            const std::string& topic);
 
-/// The client's robot was called `from` and is called `to`: all that the session keeps of its own
-/// topics goes on under the new name, and the client is spoken to as before. Leaves the robot's
-/// name itself and all indexes to the caller.
+/// Renames the client's robot from `from` to `to` in all topics that the session keeps. The client
+/// sees its topics as before. The caller changes the robot's name itself and all indexes.
 void rename_topics(const TopicScheme& scheme, ClientSession& session, std::string_view from,
                    const std::string& to);
 

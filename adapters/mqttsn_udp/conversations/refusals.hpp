@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tells an operator what clients are refused: once for each client and kind of refusal, however
-// often it tries, and within a budget for proven clients and one for all others. Each refusal is
-// counted.
+// Logs for an operator what clients are refused: once for each client and kind of refusal, however
+// often it tries. There is a budget of lines for proven clients and one for all others. Each
+// refusal is counted.
 #pragma once
 
 #include <cstdint>
@@ -20,11 +20,11 @@ class Refusals {
  public:
   Refusals(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
 
-  /// `who` is a client id, or an address where that is not known; `robot` may be empty. `what` is
-  /// counted in any case; `text` says what was refused and what would allow it.
+  /// `who` is the client's id, or its address if the id is not known; `robot` may be empty. `what`
+  /// is counted in any case; `text` says what was refused and what would allow it.
   void on_refusal(Count what, std::string_view who, std::string text, const std::string& robot,
                   TimePoint now);
-  /// The rules are others now: what is refused by them is news.
+  /// Call when the rules have changed: refusals by the new rules are logged again.
   void forget_all();
 
  private:

@@ -90,7 +90,7 @@ void RepeatFilter::add(const Entry& entry) {
 
 void RepeatFilter::clear() { *this = {}; }
 
-/// Removed in halves, so that each entry is moved a bounded number of times.
+/// Removes entries in halves, so that each entry is moved a bounded number of times.
 void RepeatFilter::pop_front() {
   ++gone_;
   if (2 * gone_ < entries_.size()) return;
@@ -104,7 +104,7 @@ void RepeatFilter::erase(std::size_t begin, std::size_t end) {
   };
   entries_.erase(of(entries_, begin), of(entries_, end));
   msg_ids_.erase(of(msg_ids_, begin), of(msg_ids_, end));
-  // A client that goes on as before fills what it has again and again.
+  // A client that goes on as before needs this memory again.
   if (4 * entries_.size() > entries_.capacity()) return;
   entries_.shrink_to_fit();
   msg_ids_.shrink_to_fit();

@@ -28,27 +28,27 @@ class RepeatFilter {
  public:
   struct Entry {
     std::uint64_t fingerprint = 0;
-    TimePoint since{};             ///< it came or, later, was acknowledged
+    TimePoint since{};             ///< when it came, later when it was acknowledged
     std::uint64_t receipt_id = 0;  ///< 0: acknowledged
     std::uint16_t topic_id = 0;
     std::uint16_t msg_id = 0;
     std::uint8_t repeats = 0;  ///< without DUP, since it was acknowledged
   };
 
-  /// The message that this one repeats, or nothing; forgets what is older than the window.
+  /// Returns the message that this one repeats, or null. Forgets messages older than the window.
   /// `fingerprint` is that of `publish`.
   const Entry* find(const Publish& publish, std::uint64_t fingerprint, TimePoint now);
-  /// REGISTER and SUBSCRIBE show too how the client makes its MsgIds.
+  /// Call for REGISTER and SUBSCRIBE, which also show how the client makes its MsgIds.
   void on_request(std::uint16_t msg_id);
-  /// A new message.
+  /// Adds a new message.
   void add(const Entry& entry);
-  /// The message is acknowledged. False when none waits for this receipt.
+  /// Marks the message as acknowledged. Returns false if none waits for this receipt.
   bool on_safe(std::uint64_t receipt_id, TimePoint now);
-  /// Forgets it: its repetition is a new message.
+  /// Forgets the message: its repetition is a new message.
   std::optional<Entry> on_refused(std::uint64_t receipt_id);
   void clear();
-  /// The client gives each message a MsgId of its own, one behind the other. Worth keeping over a
-  /// restart: else the first messages that it repeats without DUP would go up twice.
+  /// True if the client gives each message its own MsgId, one after the other. This is kept over a
+  /// restart: else the first messages that the client repeats without DUP would go up twice.
   bool counts_ids() const;
   void set_counts_ids();
   /// Oldest first; some may be older than the window.
@@ -59,17 +59,17 @@ class RepeatFilter {
   std::size_t size() const { return entries_.size() - gone_; }
   void pop_front();
   void erase(std::size_t begin, std::size_t end);
-  /// entries_.rend() when there is none.
+  /// Returns entries_.rend() when there is none.
   std::vector<Entry>::reverse_iterator find_receipt(std::uint64_t receipt_id);
 
-  // No std::deque: an empty one has 576 octets, for each of thousands of clients.
+  // Not a std::deque: an empty one has 576 octets, for each of thousands of clients.
   std::vector<Entry> entries_;          // oldest first
-  std::vector<std::uint16_t> msg_ids_;  // of entries_: what is looked through for each message
+  std::vector<std::uint16_t> msg_ids_;  // of entries_; searched for each message
   std::size_t gone_ = 0;                // at the front of both, not yet removed
   std::uint16_t last_msg_id_ = 0;       // of a request or new message
   std::uint16_t counted_ids_ = 0;       // small steps to the next one, up to min_counted_ids
-  bool reuses_ids_ = false;             // the last new message's MsgId was that of another
-  bool sets_dup_ = false;               // on repetitions
+  bool reuses_ids_ = false;             // the last new message had the MsgId of another
+  bool sets_dup_ = false;               // the client marks repetitions
 };
 
 }  // namespace slamgw::mqttsn

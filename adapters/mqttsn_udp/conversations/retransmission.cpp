@@ -88,8 +88,8 @@ void Release::resume(ClientSession& session, TimePoint now) {
   }
 }
 
-/// One that is given up rests when the client said nothing at all; else it is forgotten, and only a
-/// PUBREC has it sent again (R92).
+/// A PUBREL that is given up rests if the client sent nothing at all. Otherwise it is forgotten,
+/// and only a PUBREC brings it back (R92).
 bool Release::on_time(ClientSession& session, TimePoint now) {
   bool is_silent = false;
   const auto is_over = [&](Attempt& open) {

@@ -69,7 +69,7 @@ std::optional<TimePoint> Roaming::deadline() const {
   return waiting_.front().until;
 }
 
-/// At once after a change, for on_deadline() to see when it came.
+/// Returns a time in the past after a change: on_deadline() then starts the interval at once.
 std::optional<TimePoint> Notes::deadline() const {
   if (!output_.has_noteworthy()) return std::nullopt;
   return due_.value_or(TimePoint{});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots that come from another gateway (docs/fleet.md). A CONNECT that takes up a session which is
-// not here waits for the note about it; then it goes the way of any CONNECT. What comes for the
-// robot meanwhile waits with it.
+// Robots that come from another gateway (docs/fleet.md). A CONNECT that resumes a session which is
+// not here waits for the note about it, and is then handled like any CONNECT. Messages for the
+// robot wait with it.
 #pragma once
 
 #include <deque>
@@ -24,8 +24,8 @@ class Roaming : Conversation {
     Connect connect;
     std::string robot;
     TimePoint until{};
-    std::vector<std::pair<TimePoint, RobotMessage>> messages{};  ///< and when each came
-    /// The messages, each with the time that it has waited.
+    std::vector<std::pair<TimePoint, RobotMessage>> messages{};  ///< with the time when each came
+    /// Removes and returns the messages, each with the time that it has waited.
     std::vector<RobotMessage> take_messages(TimePoint now);
   };
   /// Whether another gateway serves the robot, or has served it.
@@ -34,13 +34,14 @@ class Roaming : Conversation {
   explicit Roaming(const Conversation& common) : Conversation(common) {}
 
   void ask(ServedElsewhere served_elsewhere) { served_elsewhere_ = std::move(served_elsewhere); }
-  /// True when the CONNECT waits: the client's session may be at another gateway, or an earlier
-  /// CONNECT from this address waits, whose place it takes.
+  /// Returns true if the CONNECT waits, because the client's session may be at another gateway. A
+  /// CONNECT from an address where one waits takes its place, or is dropped if the client id
+  /// differs.
   bool takes(const Arrival& arrival, const Connect& connect);
-  /// True when the message waits with its robot's CONNECT.
+  /// Returns true if the message waits with its robot's CONNECT.
   bool keep(const RobotMessage& message, TimePoint now);
   bool is_waiting(const std::string& robot) const;
-  /// The robot's CONNECT, if one waits.
+  /// Removes and returns the robot's CONNECT, if one waits.
   std::optional<WaitingConnect> take(const std::string& robot);
   std::optional<WaitingConnect> take_overdue(TimePoint now);
   std::optional<TimePoint> deadline() const;
@@ -51,7 +52,7 @@ class Roaming : Conversation {
 };
 
 /// Reports the note with which another gateway can continue a kept session (CleanSession 0). A
-/// changed note waits a little, so that what a client sets up together is one note.
+/// changed note waits a little, so that one note has all that a client sets up together.
 class Notes : Conversation {
  public:
   explicit Notes(const Conversation& common) : Conversation(common) {}
@@ -65,8 +66,8 @@ class Notes : Conversation {
   std::optional<TimePoint> due_;  // nothing: no change was seen since the last notes
 };
 
-/// A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon,
-/// or from another gateway's note (R47; docs/topics.md, promise 7).
+/// Turns sessions into snapshots and restores them: over a restart of the daemon, or from another
+/// gateway's note (R47; docs/topics.md, promise 7).
 class Restoring : Conversation {
  public:
   Restoring(const Conversation& common, Subscriptions& subscriptions, CommandWatch& commands,
@@ -80,14 +81,15 @@ class Restoring : Conversation {
         connecting_(connecting),
         supervision_(supervision) {}
 
-  /// Nothing: there is no such session (any more).
+  /// Returns nothing if there is no such session.
   std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
-  /// The client goes on as if nothing had happened. False when it can't be taken (known already, no
-  /// room, or its client id is now another robot's name); its commands are refused then.
+  /// Continues the session; the client notices nothing. Returns false if the session can't be
+  /// taken: it is known already, there is no room, or the client's id or address is now another
+  /// robot's. Its commands are refused then.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
-  /// Of a note from before a restart: it may have been changed by another gateway since, so only a
-  /// change here is a reason for a new one.
+  /// Stands for the hash of a note from before a restart. Another gateway may have changed the note
+  /// since, so only a change here is a reason for a new one.
   static constexpr std::uint64_t unknown_note_hash = 1;
 
  private:
@@ -102,8 +104,8 @@ class Restoring : Conversation {
   Supervision& supervision_;
 };
 
-/// The configuration gives robots other names while their clients are connected: each session goes
-/// on under the new name, unnoticed by its client.
+/// Renames robots when the configuration gives them other names while their clients are connected.
+/// Each session goes on under the new name, unnoticed by its client.
 class Renaming : Conversation {
  public:
   Renaming(const Conversation& common, Subscriptions& subscriptions, Lifecycle& lifecycle,
@@ -113,11 +115,11 @@ class Renaming : Conversation {
         lifecycle_(lifecycle),
         connecting_(connecting) {}
 
-  /// NameRules has new names. Disconnects a client whose id is now another robot's name.
+  /// Call when NameRules has new names. Disconnects a client whose id is now another robot's name.
   void on_names(TimePoint now);
 
  private:
-  /// A session, and what its robot is called from now on.
+  /// A session and the new name of its robot.
   struct Renamed {
     ClientSession* session = nullptr;
     std::string robot;

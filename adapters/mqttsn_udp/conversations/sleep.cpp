@@ -39,7 +39,7 @@ void Sleep::settle(ClientSession& session, TimePoint now) {
   sleep_again(session, now);
 }
 
-/// No PINGRESP: a client that does not answer may not listen any longer.
+/// Sends no PINGRESP: a client that does not answer may have stopped listening.
 void Sleep::on_unanswered(ClientSession& session, TimePoint now) {
   if (session.state() == ClientState::awake) sleep_again(session, now);
 }
@@ -85,7 +85,8 @@ void Supervision::expire_commands(TimePoint now) {
   for (ClientSession* session : waiting) advance(*session, now);
 }
 
-/// An awake client is supervised by the repetitions of what it is sent.
+/// Returns when the client counts as lost. An awake client is supervised by repeated requests
+/// instead.
 std::optional<TimePoint> Supervision::lost_at(const ClientSession& session) const {
   std::chrono::seconds duration{0};
   switch (session.state()) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a client falls asleep, wakes, and gets what has waited for it; and the timers of all clients,
-// with the step that follows each event of one. Called by SnGateway. Pure.
+// Sleeping clients: how a client falls asleep, wakes, and gets the messages that waited for it.
+// Also the timers of all clients, and the step that follows each event of a client. Called by
+// SnGateway. Pure.
 #pragma once
 
 #include <chrono>
@@ -19,20 +20,20 @@ class Sleep : Conversation {
   Sleep(const Conversation& common, Downlink& downlink, Lifecycle& lifecycle)
       : Conversation(common), downlink_(downlink), lifecycle_(lifecycle) {}
 
-  /// DISCONNECT with a duration: nothing is sent from now on, messages wait (R114, R116, R126).
+  /// Handles DISCONNECT with a duration: sends nothing more, and messages wait (R114, R116, R126).
   void fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
-  /// PINGREQ: what waits is sent, and some of what comes meanwhile (R118, R122). A repeated PINGREQ
-  /// changes nothing (R123).
+  /// Handles PINGREQ: sends the messages that wait, and some that come while the client is awake
+  /// (R118, R122). A repeated PINGREQ changes nothing (R123).
   void wake(ClientSession& session, TimePoint now);
   static bool is_asleep(const ClientSession& session) {
     return presence_of(session.state()) == Presence::asleep;
   }
-  /// Its PINGREQ came from this address, perhaps a new one (R118).
+  /// Binds the session to the address from which its client sends now, perhaps a new one (R118).
   void follow(ClientSession& session, const Arrival& arrival);
-  /// After each step of the delivery: with nothing left to send or to await, PINGRESP lets the
-  /// client sleep again for the same duration (R119, R120).
+  /// Call after each step of the delivery. When nothing is left to send or to await, PINGRESP lets
+  /// the client sleep again for the same duration (R119, R120).
   void settle(ClientSession& session, TimePoint now);
-  /// The awake client has left something unanswered; messages wait for its next PINGREQ (R124).
+  /// Call when an awake client does not answer. Messages wait for its next PINGREQ (R124).
   void on_unanswered(ClientSession& session, TimePoint now);
 
  private:
@@ -43,8 +44,8 @@ class Sleep : Conversation {
 };
 
 /// Handles the timers of clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
-/// requests are repeated, commands expire. Also the step that follows each event of a client:
-/// it is sent what may be sent.
+/// requests are repeated, commands expire. Also sends, after each event of a client, what may be
+/// sent to it.
 class Supervision : Conversation {
  public:
   Supervision(const Conversation& common, CommandWatch& commands, Downlink& downlink,

@@ -65,7 +65,7 @@ const Subscription* Subscriptions::best_match(const ClientSession& session,
   return best;
 }
 
-/// No answer is owed to us any more.
+/// Releases waiting SUBACKs, too: the broker does not answer for this filter any more.
 void Subscriptions::drop(ClientSession& session, const std::string& filter) {
   const auto node = session.subscriptions.extract(filter);
   if (node.empty()) return;
@@ -220,7 +220,8 @@ void Subscriptions::refuse(ClientSession& session, const Subscribe& request, Ret
   answers_.answer(session, suback);
 }
 
-/// A SUBSCRIBE whose SUBACK was lost (R99): nothing new, so no retained messages again.
+/// Returns true if the SUBACK of this SUBSCRIBE was lost (R99): it is not a new request, so
+/// retained messages are not sent again.
 bool Subscriptions::is_repetition(const ClientSession& session, const Subscribe& request,
                                   const std::string& filter, TimePoint now) const {
   const auto known = session.subscriptions.find(filter);
@@ -277,7 +278,7 @@ void Answers::release(ClientSession& session, const std::string& filter, bool gr
     output_.send(session, std::move(session.answers.front().packet));
     session.answers.erase(session.answers.begin());
   }
-  if (session.answers.empty()) session.answers = {};  // its memory too
+  if (session.answers.empty()) session.answers = {};  // frees its memory, too
 }
 
 }  // namespace slamgw::mqttsn

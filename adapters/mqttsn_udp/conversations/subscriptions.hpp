@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SUBSCRIBE and UNSUBSCRIBE (MQTT-SN 1.2 section 6.9): which filters a client has, and what its
-// robot's session at the broker is asked for. Delivery is Downlink's.
+// SUBSCRIBE and UNSUBSCRIBE (MQTT-SN 1.2 section 6.9): the filters of a client, and the requests
+// for them to its robot's session at the broker. Downlink delivers the messages.
 #pragma once
 
 #include <string>
@@ -17,15 +17,15 @@ class Answers : Conversation {
  public:
   explicit Answers(const Conversation& common) : Conversation(common) {}
 
-  /// False when too many answers wait: the request should be ignored, its sender repeats it.
+  /// Returns false when too many answers wait. Ignore the request then: its sender repeats it.
   bool has_room(const ClientSession& session) const;
   void answer(ClientSession& session, Packet packet);
-  /// The request finds no room: `congestion` says so, unless `when_full` is silent.
+  /// Answers a request that finds no room with `congestion`, unless `when_full` is silent.
   void refuse_for_room(ClientSession& session, Packet congestion);
-  /// `suback` waits for the broker's answer about `filter`.
+  /// Holds `suback` back until the broker has answered about `filter`.
   void hold(ClientSession& session, const std::string& filter, const Suback& suback);
   bool is_held(const ClientSession& session, std::uint16_t msg_id) const;
-  /// The broker's answer: for all that wait for it.
+  /// Applies the broker's answer to all SUBACKs that wait for it.
   void release(ClientSession& session, const std::string& filter, bool granted);
 };
 
@@ -35,27 +35,27 @@ class Subscriptions : Conversation {
       : Conversation(common), answers_(answers) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
-  /// The filter that the client no longer has, if it had it.
+  /// Returns the filter that the client no longer has, if it had it.
   std::optional<std::string> on_unsubscribe(ClientSession& session, const Unsubscribe& request);
-  /// The broker's answer about one of the session's filters.
+  /// Handles the broker's answer about one of the session's filters.
   void on_subscribe_result(ClientSession& session, const std::string& filter, bool granted,
                            TimePoint now);
 
-  /// Of the subscriptions that match, the one with the highest QoS (R87, R103); null without any.
+  /// Returns the matching subscription with the highest QoS (R87, R103); null if none matches.
   static const Subscription* best_match(const ClientSession& session, const std::string& topic);
   void drop(ClientSession& session, const std::string& filter);
   void drop_all(ClientSession& session);
-  /// Those that the topic policy does not allow (any more).
+  /// Drops the filters that the topic policy does not allow any more.
   void drop_forbidden(ClientSession& session);
-  /// As drop_all(), but the broker keeps them.
+  /// Like drop_all(), but the broker keeps the filters.
   void forget_all(ClientSession& session);
-  /// The session comes back, from the store or from another gateway. `are_standing`: the robot's
-  /// session at the broker has its subscriptions.
+  /// Asks the broker for the filters of a session that comes back, from the store or from another
+  /// gateway. `are_standing`: the robot's session at the broker has them already.
   void restore(ClientSession& session, bool are_standing, TimePoint now);
 
-  /// A rename: the robot's former name gives up all filters before ...
+  /// Call before a rename: the robot's former name gives up all filters.
   void suspend(ClientSession& session);
-  /// ... and its new name asks for them afterwards.
+  /// Call after a rename: the robot's new name asks for all filters.
   void resume(ClientSession& session, TimePoint now);
 
  private:
@@ -63,7 +63,7 @@ class Subscriptions : Conversation {
     std::string filter;
     std::uint16_t topic_id = 0;
   };
-  /// What the client means by the request, or why it can't have it.
+  /// Returns the filter and id that the client asks for, or why it can't have them.
   Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request, TimePoint now);
   const std::string* name(ClientSession& session, TopicIdType type, std::uint16_t topic_id,
                           const std::string& topic_name, std::string& storage) const;

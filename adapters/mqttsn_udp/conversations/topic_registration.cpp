@@ -13,12 +13,12 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// `delivery.set_aside.end()` when the topic never was.
+/// Returns `delivery.set_aside.end()` when the topic was never set aside.
 auto find_set_aside(Delivery& delivery, const std::string& topic) {
   return std::ranges::find(delivery.set_aside, topic, &SetAside::topic);
 }
 
-/// The failures of a topic whose pause is over are forgotten first.
+/// Forgets one topic if there are too many: one whose pause is over, else the oldest.
 void make_room(std::vector<SetAside>& set_aside) {
   if (set_aside.size() < limits::max_set_aside) return;
   const auto is_over = [](const SetAside& entry) { return !entry.until; };
@@ -69,7 +69,8 @@ void TopicRegistration::probe(ClientSession& session, TimePoint now) {
 
 std::size_t TopicRegistration::probe_octets() const { return 6 + probe_topic().size(); }
 
-/// The first level of all topics: every client that asked for some of them in full has paid for it.
+/// Returns the first level of all topics. An address that has sent a full topic name has enough
+/// allowance for this one.
 std::string TopicRegistration::probe_topic() const {
   const std::string& root = rules_.policy.scheme().robot_root();
   return root.substr(0, root.find('/'));

@@ -28,25 +28,25 @@ class TopicRegistration : Conversation {
   /// Sends the repeats that the allowance has held back.
   void resume_withheld(ClientSession& session);
   std::size_t probe_octets() const;
-  /// Of an outgoing message that is ready, which uses it now.
+  /// Returns the topic id of a message that is ready, and marks the id as used.
   static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
 
-  /// The topic that the answer decides about; nothing when no REGISTER is open (R68) or the client
-  /// is congested.
+  /// Returns the topic of the answered REGISTER; nothing when no such REGISTER is open (R68) or the
+  /// client is congested.
   std::optional<std::string> on_regack(ClientSession& session, const Regack& regack, TimePoint now);
 
   struct Unanswered {
     std::string topic;       ///< set aside from now on
-    bool was_heard = false;  ///< the client said something else meanwhile
+    bool was_heard = false;  ///< the client sent something else since
   };
-  /// Repeats what is due, and gives up what was repeated often enough.
+  /// Repeats REGISTERs that are due. Gives up and returns those that were repeated often enough.
   std::vector<Unanswered> on_time(ClientSession& session, TimePoint now);
   static std::optional<TimePoint> next_time(const Delivery& delivery);
 
-  /// The client leaves this topic's messages unanswered, since `begun`.
+  /// Sets aside a topic whose messages the client has left unanswered since `begun`.
   void set_aside(ClientSession& session, const std::string& topic, TimePoint begun, TimePoint now);
   static bool is_set_aside(const Delivery& delivery, const std::string& topic);
-  /// The client was heard: topics are tried again that had waited for any sign of life.
+  /// Call when the client is heard: topics that waited for any sign of life are tried again.
   static void on_heard(Delivery& delivery);
 
  private:

@@ -100,7 +100,8 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
                       .is_proven = session && session->has_answered});
 }
 
-/// Whether the configuration, the form of the name or another mesh gives it to a robot elsewhere.
+/// Returns true if the name belongs to a robot elsewhere: by the configuration, by its form, or
+/// because another mesh has it.
 bool Uplink::is_foreign(const std::string& robot) const {
   if (robot.empty()) return false;
   const auto& configured = rules_.names.configured();
@@ -189,7 +190,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
                        (known == session.inbound_qos2.end() &&
                         session.inbound_qos2.size() >= limits::max_inbound_qos2);
   if (is_full) return refuse(session, publish, ReturnCode::congestion);
-  // Another message under the same MsgId: the client has given up the former.
+  // If the MsgId is known, its message differs: the client has given up the former message.
   const Receipt receipt = open_receipt(session, publish);
   session.inbound_qos2[publish.msg_id] = {mark, receipt.id};
   output_.mark_changed(session);
@@ -253,7 +254,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
                         .receipt = {Mesh::thread, receipt_id}});
 }
 
-/// Not acknowledged, so the robot keeps it; its repetition is a new message.
+/// Leaves the message unacknowledged, so that the robot keeps it. Its repetition is a new message.
 void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
   output_.count(Count::receipts_refused);
   const bool was_qos1 = session.repeats.on_refused(receipt_id).has_value();
@@ -318,8 +319,8 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
   answers_.refuse_for_room(session, Regack{0, request.msg_id, ReturnCode::congestion});
 }
 
-/// A robot registers the topics of others, and those of its commands, to listen to them; its own
-/// only to publish, though it may listen to them as well.
+/// Returns true if the robot registers the topic in order to listen: topics of others, and those of
+/// its commands. Its own topics are for publishing, though it may listen to them as well.
 bool InboundRegistration::may_listen_to(const ClientSession& session,
                                         const std::string& topic) const {
   return !topic.starts_with(own_root(session)) &&
@@ -330,7 +331,7 @@ std::string InboundRegistration::own_root(const ClientSession& session) const {
   return rules_.policy.scheme().robot_root() + session.robot + "/";
 }
 
-/// Each type of a robot costs all who listen to it a topic id.
+/// Each type of a robot costs a topic id of each client that listens to the robot.
 bool InboundRegistration::makes_too_many_types(ClientSession& session, const std::string& topic,
                                                TimePoint now) {
   const std::string own = own_root(session);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PUBLISH from clients (MQTT-SN 1.2 section 6.6): up as a Report with a receipt; acknowledged when
-// the receipt fires, never before. Repetitions go up once (R75, R76).
+// PUBLISH from clients (MQTT-SN 1.2 section 6.6): goes up as a Report with a receipt, and is
+// acknowledged when the receipt fires, never before. Repetitions do not go up again (R75, R76).
 #pragma once
 
 #include <functional>
@@ -13,7 +13,7 @@
 
 namespace slamgw::mqttsn {
 
-/// Whether a robot of another mesh goes by this name.
+/// Returns true if a robot of another mesh has this name.
 using NameCheck = std::function<bool(const std::string& robot)>;
 
 class Uplink : Conversation {
@@ -22,15 +22,15 @@ class Uplink : Conversation {
 
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
   void on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now);
-  /// QoS -1: from anywhere, `session` may be null; never answered (R81).
+  /// Handles QoS -1 from any address; `session` may be null. Never answered (R81).
   void on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
                               TimePoint now);
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  /// By the topic policy; a refusal is counted, and logged once for each device.
+  /// Asks the topic policy. A refusal is counted, and logged once for each client.
   bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
-  /// A new session: MsgIds start again.
+  /// Call for a new session: its MsgIds start again.
   void forget(ClientSession& session);
 
  private:
@@ -61,7 +61,7 @@ class Uplink : Conversation {
       open_;  // bounded by max_open_receipts for each client
 };
 
-/// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the other way round.
+/// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the opposite direction.
 class InboundRegistration : Conversation {
  public:
   InboundRegistration(const Conversation& common, Answers& answers, Uplink& uplink)

@@ -13,13 +13,13 @@ class Wills : Conversation {
  public:
   explicit Wills(const Conversation& common) : Conversation(common) {}
 
-  /// The will's topic as the broker knows it; nothing when this client may not have such a will
-  /// (R55), which is counted and logged.
+  /// Returns the will's topic as the broker knows it. Returns nothing if this client may not have
+  /// such a will (R55), which is counted and logged.
   std::optional<std::string> allowed_topic(const std::string& client_id, const std::string& robot,
                                            const std::string& topic, WireQos qos, TimePoint now);
   void on_willtopicupd(ClientSession& session, const WillTopicUpd& update, TimePoint now);
   void on_willmsgupd(ClientSession& session, WillMsgUpd update);
-  /// The client is lost. The will itself stays: the next CONNECT decides about it.
+  /// Publishes the will of a lost client. The will itself stays: the next CONNECT decides about it.
   void publish(const ClientSession& session);
 };
 
