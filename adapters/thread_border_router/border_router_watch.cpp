@@ -56,7 +56,7 @@ std::string to_document(const NodeFacts& facts) {
   return escape_unprintable(document.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
-/// Takes out what Thread does not have.
+/// Removes values that Thread does not have.
 void check(NodeFacts& facts) {
   constexpr std::array<std::string_view, 5> roles{"disabled", "detached", "child", "router",
                                                   "leader"};

@@ -16,18 +16,18 @@
 
 namespace slamgw::border_router {
 
-/// A node that this one hears itself: an entry of NeighborTable, which lists children, too.
+/// A node that otbr-agent hears itself: an entry of NeighborTable, which lists children, too.
 struct Neighbour {
   /// OpenThread's word for "not measured".
   static constexpr std::int8_t no_rssi = 127;
 
   std::uint64_t extended_address = 0;
   std::uint16_t rloc16 = 0;
-  std::uint8_t link_quality = 0;  ///< 0 to 3, of what it sends
+  std::uint8_t link_quality = 0;  ///< 0 to 3, of the frames from it
   std::int8_t rssi_average_dbm = no_rssi;
   std::int8_t rssi_last_dbm = no_rssi;
   std::uint16_t frame_errors = 0;  ///< 0xffff: each frame to it fails
-  bool is_always_on = false;       ///< its receiver, so it does not sleep
+  bool is_always_on = false;       ///< its receiver is always on: it does not sleep
   bool is_child = false;
 };
 
@@ -45,13 +45,13 @@ struct NodeFacts {
   std::optional<std::uint32_t> partition_id{};
   std::optional<std::uint8_t> leader_router_id{};
   std::optional<std::vector<Neighbour>> neighbours{};  ///< at most max_neighbours
-  std::uint64_t left_out = 0;                          ///< neighbours beyond them
-  std::string problem{};  ///< what an operator should know of it; may be empty
+  std::uint64_t left_out = 0;                          ///< neighbours beyond max_neighbours
+  std::string problem{};                               ///< a problem for the operator; may be empty
 };
 
 /// Ask otbr-agent; the answer is on_read().
 struct ReadNode {};
-/// Publish it retained; empty: take it back.
+/// Publish the document retained; empty: remove it.
 struct PublishDocument {
   std::string json;
 };
@@ -60,16 +60,16 @@ using WatchAction = std::variant<ReadNode, PublishDocument, Notice>;
 class BorderRouterWatch {
  public:
   static constexpr std::chrono::seconds interval{10};
-  /// From a change that otbr-agent reports to the reading.
+  /// Delay from a change that otbr-agent reports to the next reading.
   static constexpr std::chrono::seconds settling{1};
 
   /// Publishes the document again after each connection to the broker.
   void on_broker_link(bool is_up);
-  /// otbr-agent is on the bus.
+  /// Call when otbr-agent is on the bus.
   void on_came(TimePoint now) { read_at_ = now; }
-  /// otbr-agent is not there, or no longer.
+  /// Call when otbr-agent is not on the bus, or has left it.
   void on_gone();
-  /// otbr-agent reports a change, as of its role.
+  /// Call when otbr-agent reports a change, such as its role.
   void on_changed(TimePoint now);
   void on_read(NodeFacts facts, TimePoint now);
 
@@ -85,10 +85,10 @@ class BorderRouterWatch {
 
   ActionQueue<WatchAction> actions_;
   bool is_broker_up_ = false;
-  std::optional<TimePoint> read_at_;  ///< nothing while it is read, or not there
+  std::optional<TimePoint> read_at_;  ///< nothing while otbr-agent is read, or is not there
   std::string role_;
   bool is_announced_ = false;  ///< the log says that otbr-agent is there
-  std::string problem_;        ///< that the log has
+  std::string problem_;        ///< the last one in the log
   // Nothing: not known yet. Empty: there is no otbr-agent.
   std::optional<std::string> document_;
   std::optional<std::string> published_;  ///< over this connection to the broker

@@ -17,17 +17,17 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// Forward secrecy is for robots that ask for it alone; CCM8 is what the smallest of them have.
+/// Forward secrecy is only for robots that offer nothing else. The smallest robots have CCM8.
 constexpr const char* cipher_suites =
     "PSK-AES128-GCM-SHA256:ECDHE-PSK-CHACHA20-POLY1305:ECDHE-PSK-AES128-CBC-SHA256:"
     "PSK-AES128-CCM8:PSK-AES128-CCM";
 constexpr std::chrono::milliseconds retransmission_tick{200};
 /// A cookie is good for the rest of its window and for the next one.
 constexpr std::chrono::seconds cookie_window{30};
-/// Copies of a ClientHello that the network delivers later make another handshake, which ends by
-/// itself; so does a robot that has no good random numbers and starts again.
+/// A copy of a ClientHello is ignored for this long. A later copy begins another handshake, which
+/// ends by itself; so a robot without good random numbers can start again.
 constexpr std::chrono::seconds copies_are_late{10};
-/// Retransmissions of a client's last flight make a few; OpenSSL would keep a hundred.
+/// Retransmissions of a client's last flight bring a few; OpenSSL would keep a hundred.
 constexpr unsigned max_early_records = 8;
 
 // The header of a record (RFC 6347 section 4.1), and of the ClientHello in it (section 4.2.2).
@@ -37,7 +37,7 @@ constexpr std::size_t length_offset = 11;
 constexpr std::uint8_t handshake_type = 22;
 constexpr std::uint8_t client_hello_type = 1;
 constexpr std::size_t random_offset = record_header_octets + 12 + 2;
-/// So that a HelloVerifyRequest is no longer than what asks for it.
+/// Shorter ClientHellos are ignored, so that a HelloVerifyRequest is not longer than its request.
 constexpr std::size_t min_hello_octets = record_header_octets + 12 + 3 + 32;
 
 std::size_t read_u16(ByteView bytes, std::size_t at) {
@@ -49,7 +49,7 @@ bool is_client_hello(ByteView bytes) {
          read_u16(bytes, epoch_offset) == 0 && bytes[record_header_octets] == client_hello_type;
 }
 
-/// Octets of the first record with its header; all that is left when it claims more.
+/// Returns the size of the first record with its header; all that is left if it claims more.
 std::size_t first_record(ByteView bytes) {
   if (bytes.size() < record_header_octets) return bytes.size();
   return std::min(bytes.size(), record_header_octets + read_u16(bytes, length_offset));
@@ -66,7 +66,7 @@ void feed(SSL* ssl, ByteView bytes) {
   BIO_write(SSL_get_rbio(ssl), bytes.data(), static_cast<int>(bytes.size()));
 }
 
-/// A connection at rest needs no buffers, which are 34 KiB.
+/// Allocates the buffers of a connection only while it is in use: they take 34 KiB.
 class Buffers {
  public:
   explicit Buffers(SSL* ssl) : ssl_(ssl) {
@@ -86,7 +86,7 @@ class Buffers {
 
 std::string text_of(const Endpoint& endpoint) { return to_string(Peer{endpoint, {}}); }
 
-/// What the client claims to be, before or after it has proven it.
+/// Returns the identity that the client claims, before or after it has proven it.
 std::string claimed_identity(const SSL* ssl) {
   const char* const identity = SSL_get_psk_identity(ssl);
   return identity ? std::string(identity).substr(0, limits::max_logged_id_octets) : std::string();
@@ -126,8 +126,8 @@ DtlsPort::Ssl DtlsPort::make_ssl() const {
   return ssl;
 }
 
-/// Of the client whose ClientHello is being looked at, so that only a client that receives there
-/// can have it.
+/// Returns the cookie of the client whose ClientHello is being read. Only a client that receives at
+/// that address can know it.
 std::array<std::uint8_t, 32> DtlsPort::cookie(std::int64_t window) const {
   ByteWriter who;
   who.write(ByteView(helloing_->address)).write_u16_be(helloing_->port);
@@ -179,8 +179,8 @@ void DtlsPort::add(std::shared_ptr<UdpSocket> socket) {
   sockets_.back()->start(std::bind_front(&DtlsPort::on_datagram, this), index);
 }
 
-/// A ClientHello changes nothing for the connection that its address has: another one begins
-/// beside it (RFC 6347 section 4.2.8). All else may belong to either.
+/// A ClientHello does not change the connection that its address has: another one begins beside it
+/// (RFC 6347 section 4.2.8). All other datagrams may belong to either.
 void DtlsPort::on_datagram(const UdpSocket::Datagram& datagram) {
   if (datagram.bytes.empty() || datagram.is_truncated || is_multicast(datagram.to.address)) return;
   if (is_client_hello(datagram.bytes)) return on_hello(datagram);
@@ -218,7 +218,7 @@ void DtlsPort::on_hello(const UdpSocket::Datagram& hello) {
   ERR_clear_error();
 }
 
-/// The client receives at its address.
+/// Begins a handshake with a client that receives at its address: its cookie shows this.
 void DtlsPort::begin(const UdpSocket::Datagram& hello, const ClientRandom& random) {
   const Endpoint& from = hello.from;
   if (handshakes_.erase(from) > 0) {  // it has started again
@@ -247,7 +247,7 @@ void DtlsPort::advance(Connections::iterator handshake, ByteView bytes) {
   if (error != SSL_ERROR_WANT_READ) fail(handshake, "it was refused");
 }
 
-/// The newest connection of an identity is the robot's; one that it had before ends.
+/// Makes the newest connection of an identity the robot's, and ends its former one.
 void DtlsPort::establish(Connections::iterator handshake) {
   const Endpoint from = handshake->first;
   Connection connection = std::move(handshake->second);
@@ -280,9 +280,9 @@ void DtlsPort::read(Connections::iterator connection, const UdpSocket::Datagram&
   if (error != SSL_ERROR_WANT_READ) end(connection);
 }
 
-/// One at a time: OpenSSL drops what follows a record that it does not take, and the repetition of
-/// a client's last flight begins with such records. Only what is genuine says where the client
-/// writes to.
+/// Reads one record at a time: OpenSSL drops what follows a record that it does not take, and the
+/// repetition of a client's last flight begins with such records. Only a genuine record sets the
+/// local address, to which the client writes.
 int DtlsPort::read_record(Connection& connection, const UdpSocket::Datagram& record) {
   SSL* const ssl = connection.ssl.get();
   const std::string identity = connection.identity;
@@ -369,7 +369,7 @@ void DtlsPort::fail(Connections::iterator handshake, const std::string& why) {
                .is_proven = false});
 }
 
-/// As few datagrams as there may be, each of whole records.
+/// Sends what OpenSSL has written, in as few datagrams as possible, each of whole records.
 void DtlsPort::send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint& to) {
   char* data = nullptr;
   const long size = BIO_get_mem_data(SSL_get_wbio(ssl), &data);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// DTLS 1.2 with pre-shared keys (RFC 6347, RFC 4279) on UDP sockets of its own: hands on what
-// clients say together with the identity that their key proves, and encrypts what they are told.
-// Knows nothing of MQTT-SN. I/O shell of OpenSSL; owned by MqttsnAdapter. Loop's thread only.
+// DTLS 1.2 with pre-shared keys (RFC 6347, RFC 4279) on its own UDP sockets. Passes on what it
+// decrypts, with the identity that the client's key proves, and encrypts the answers. Knows nothing
+// of MQTT-SN. I/O shell of OpenSSL; owned by MqttsnAdapter. Loop's thread only.
 #pragma once
 
 #include <openssl/ssl.h>
@@ -26,7 +26,7 @@ namespace slamgw::mqttsn {
 
 class DtlsPort {
  public:
-  /// `datagram` with what the client has encrypted in its place.
+  /// Called with `datagram`, whose octets are decrypted.
   using Receive =
       std::function<void(const UdpSocket::Datagram& datagram, const std::string& identity)>;
   using Tell = std::function<void(Notice)>;
@@ -39,14 +39,14 @@ class DtlsPort {
   /// Receives from this socket, too.
   void add(std::shared_ptr<UdpSocket> socket);
   const std::vector<std::shared_ptr<UdpSocket>>& sockets() const { return sockets_; }
-  /// They are closed; connections wait for others.
+  /// Call when the sockets are closed. Connections stay, and wait for new sockets.
   void forget_sockets() { sockets_.clear(); }
 
-  /// False when this client has no connection there, or is too long for a record.
+  /// Returns false if this client has no connection there, or if `bytes` do not fit a record.
   bool send(const Endpoint& to, const std::string& identity, ByteView bytes);
-  /// Ends connections whose key is another one now, or has gone.
+  /// Ends connections whose key has changed or is gone, and all handshakes.
   void use_keys(RobotKeys keys);
-  /// Tells all clients that their connections end: they make new ones at once.
+  /// Ends all connections with a close alert, so that clients make new ones at once.
   void end_connections();
   Counters counters() const;
 
@@ -92,10 +92,10 @@ class DtlsPort {
   std::unique_ptr<SSL_CTX, FreedBy<SSL_CTX_free>> context_;
   std::array<std::uint8_t, 32> cookie_secret_{};
   std::vector<std::shared_ptr<UdpSocket>> sockets_;
-  Ssl listener_;                        ///< answers ClientHellos until one has a good cookie
-  const Endpoint* helloing_ = nullptr;  ///< who sent it
+  Ssl listener_;                        ///< answers ClientHellos until one has a valid cookie
+  const Endpoint* helloing_ = nullptr;  ///< the sender of the ClientHello that is being read
   Connections handshakes_;              ///< places_ bounds them
-  Connections established_;             ///< one for each identity at most
+  Connections established_;             ///< at most one for each identity
   std::map<std::string, Endpoint> endpoint_of_;  ///< of `established_`, by identity
   HandshakePlaces places_;
   std::array<std::uint8_t, 2048> plain_{};

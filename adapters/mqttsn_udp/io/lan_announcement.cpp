@@ -5,8 +5,8 @@
 
 #include <utility>
 
-// As avahi-common/defs.h asks under "How to Register Services" and "How to Write a Client That Can
-// Deal with Daemon Restarts".
+// Follows avahi-common/defs.h, "How to Register Services" and "How to Write a Client That Can Deal
+// with Daemon Restarts".
 namespace slamgw::mqttsn {
 namespace {
 
@@ -68,7 +68,7 @@ void LanAnnouncement::on_avahi(const std::string& fault) {
   call_.reset(slot);
 }
 
-/// The host's name is another one, or is certain only now: the records name it.
+/// Adds the service again when the host's name has changed or become certain: records contain it.
 int LanAnnouncement::on_host_name(sd_bus_message* message, void* self, sd_bus_error*) {
   LanAnnouncement& announcement = *static_cast<LanAnnouncement*>(self);
   int state = 0;
@@ -95,7 +95,7 @@ int LanAnnouncement::on_group(sd_bus_message* reply, void* self, sd_bus_error*) 
   return 0;
 }
 
-/// Avahi takes these calls in order. Without an entry Commit fails, and nothing follows.
+/// Avahi takes these calls in order. If AddService fails, Commit fails, too, with no effect.
 void LanAnnouncement::add() {
   sd_bus* const bus = connection_.bus();
   const auto call = [&](const char* member) {
@@ -115,7 +115,7 @@ void LanAnnouncement::add() {
   call_.reset(slot);
 }
 
-/// Another service of this host may have the name.
+/// A collision here means that another service of this host has the name.
 int LanAnnouncement::on_added(sd_bus_message* reply, void* self, sd_bus_error*) {
   LanAnnouncement& announcement = *static_cast<LanAnnouncement*>(self);
   const sd_bus_error* const error = sd_bus_message_get_error(reply);

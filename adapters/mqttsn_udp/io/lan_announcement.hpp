@@ -14,8 +14,8 @@ namespace slamgw::mqttsn {
 
 class LanAnnouncement {
  public:
-  /// Names that are tried when others have the service's name. Beyond it, Avahi's next start or
-  /// change of the host's name begins again.
+  /// Most names that are tried when others have the service's name. After them, Avahi's next start
+  /// or a change of the host's name begins again.
   static constexpr int max_names = 20;
 
   struct Service {
@@ -29,7 +29,7 @@ class LanAnnouncement {
   LanAnnouncement(boost::asio::io_context& io, std::string bus_address,
                   std::function<void(Notice)> report);
 
-  /// From now on, whenever Avahi is there.
+  /// Announces the service now, and again whenever Avahi comes back.
   void announce(Service service);
   void withdraw();
 
@@ -50,7 +50,7 @@ class LanAnnouncement {
   std::string group_;     ///< path of the entry group; empty: there is none
   int name_number_ = 1;   ///< of the name that is tried
   std::string reported_;  ///< the last line, which is not repeated
-  // Without them, answers of an Avahi that is gone would count.
+  // Reset when Avahi is gone, so that its answers do not count.
   SdBusSlot host_names_;
   SdBusSlot states_;
   SdBusSlot call_;

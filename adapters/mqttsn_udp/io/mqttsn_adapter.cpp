@@ -15,11 +15,11 @@ namespace {
 
 namespace asio = boost::asio;
 
-/// After the kernel says that an interface has changed: more will have changed by then.
+/// Delay of a check after the kernel reports a change of an interface: more changes follow.
 constexpr std::chrono::milliseconds change_settles{100};
-/// Where the kernel does not say; and it may drop what it says.
+/// Interval of checks without a report: the kernel may report nothing, or drop a report.
 constexpr std::chrono::seconds watch_interval{10};
-/// `, [::]:47193`, with the port that the kernel has chosen.
+/// Returns `, [::]:47193`, with the port that the kernel has chosen.
 std::string place_of(const char* before, const std::string& listen, const UdpSocket& socket) {
   return fmt::format("{}{}:{}", before, listen.substr(0, listen.rfind(':')), socket.port());
 }
@@ -91,7 +91,7 @@ void MqttsnAdapter::stop_listening() {
   MeshShell::stop_listening();
 }
 
-/// No goodbye to plain clients, and the sockets stay open to the very end: they are to notice
+/// Plain clients get no goodbye, and the sockets stay open to the very end, so that they notice
 /// nothing of a restart. A DTLS connection cannot outlive the daemon.
 void MqttsnAdapter::stop() {
   driver_->send_unsaved();  // the keeper saves all
@@ -124,7 +124,7 @@ void MqttsnAdapter::open() {
   if (announcement_) announce_on_lan();
 }
 
-/// The configuration is refused unless one of the addresses is a wildcard.
+/// One of the addresses is a wildcard: without one, the configuration is refused.
 void MqttsnAdapter::announce_on_lan() {
   const auto is_ipv4 = [](const std::string& listen) { return !listen.starts_with('['); };
   const auto wide = std::ranges::find_if(settings_.listen, Settings::is_wildcard);
@@ -181,14 +181,15 @@ void MqttsnAdapter::close() {
       if (descriptors_) descriptors_->drop(kept_name(listen));
 }
 
-/// Those for DTLS come last.
+/// Returns all sockets; those for DTLS come last.
 std::vector<std::shared_ptr<UdpSocket>> MqttsnAdapter::all_sockets() const {
   std::vector<std::shared_ptr<UdpSocket>> all = sockets_;
   if (dtls_) all.insert(all.end(), dtls_->sockets().begin(), dtls_->sockets().end());
   return all;
 }
 
-/// Says all that a kept socket must fit and cannot be asked for. systemd allows no colons.
+/// The name contains all that a kept socket must fit and that cannot be read from it. systemd
+/// allows no colons.
 std::string MqttsnAdapter::kept_name(const std::string& listen) const {
   std::string name =
       fmt::format("mqttsn,{},{},{}", listen, bound_to(), settings_.multicast_group.value_or(""));
@@ -316,7 +317,7 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
   }
 }
 
-/// A client does not wait for what the others make of its CONNECT.
+/// Sends answers before the event is handled, so that a client does not wait for that.
 void MqttsnAdapter::perform(MeshEvent& event) {
   save_for_answers();
   for (const auto& socket : sockets_) socket->flush_answers();
@@ -325,7 +326,7 @@ void MqttsnAdapter::perform(MeshEvent& event) {
   listener_.on_mesh_event(std::move(event));
 }
 
-/// Requests that came together share a write.
+/// Waits for the last of the requests that came together, so that they share a write.
 void MqttsnAdapter::save_for_answers() {
   const auto is_amid = [](const auto& socket) { return socket->is_amid_others(); };
   if (keeper_ && std::none_of(sockets_.begin(), sockets_.end(), is_amid))
@@ -351,7 +352,7 @@ void MqttsnAdapter::check_interfaces_in(Duration delay) {
   });
 }
 
-/// A socket is bound to an interface by its index: one that was made anew needs new sockets.
+/// A socket is bound to an interface by its index: an interface made again needs new sockets.
 void MqttsnAdapter::follow_interface() {
   const std::uint32_t index = index_of_interface();
   if (index == interface_index_ && (index == 0 || !sockets_.empty())) return;
@@ -367,8 +368,8 @@ void MqttsnAdapter::follow_interface() {
   }
 }
 
-/// Joins the group on each interface that has not joined it yet, and introduces the gateway where
-/// it has not been heard under its present address (R11).
+/// Joins the group on each interface that has not joined it yet. Advertises the gateway on
+/// interfaces where it was not advertised from its present address (R11).
 void MqttsnAdapter::serve_multicast() {
   const auto group = asio::ip::make_address(*settings_.multicast_group);
   std::erase_if(advertised_from_, [&](const auto& past) {
@@ -388,7 +389,7 @@ void MqttsnAdapter::serve_multicast() {
   }
 }
 
-/// Nothing while the interface only has addresses that do not last.
+/// Returns nothing while the interface only has addresses that do not last.
 std::optional<IpAddress> MqttsnAdapter::lasting_address(const NetworkInterface& interface) const {
   const auto group = asio::ip::make_address(*settings_.multicast_group);
   return choose_source(interface.addresses, from_asio({group, 0}).address);
@@ -401,7 +402,7 @@ const NetworkInterface* MqttsnAdapter::find_interface(std::uint32_t index) const
 }
 
 bool MqttsnAdapter::is_served(std::uint32_t interface) const {
-  if (only_thread_.empty()) return true;  // or the socket is bound to the one that is
+  if (only_thread_.empty()) return true;  // or the socket is bound to the served one
   if (const NetworkInterface* const known = find_interface(interface))
     return known->is_loopback || is_thread_interface(known->name);
   char name[IF_NAMESIZE] = {};  // it was made since the last check
@@ -417,7 +418,8 @@ std::string MqttsnAdapter::bound_to() const {
   return settings_.names_interface() ? settings_.interface : "";
 }
 
-/// With `auto`, the names of those that are there, and nothing else but loopback is served.
+/// Returns, with `auto`, the present Thread interfaces. If there are any, only these and loopback
+/// are served.
 std::string MqttsnAdapter::thread_interfaces() const {
   std::string names;
   for (const NetworkInterface& interface : interfaces_) {
@@ -427,7 +429,7 @@ std::string MqttsnAdapter::thread_interfaces() const {
   return names;
 }
 
-/// Of `mqttsn.interface`; 0 when there is none (now).
+/// Returns the index of `mqttsn.interface`; 0 when there is no such interface (now).
 std::uint32_t MqttsnAdapter::index_of_interface() const {
   for (const NetworkInterface& interface : interfaces_) {
     if (interface.name == settings_.interface) return interface.index;

@@ -43,17 +43,17 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   Counters counters() const override;
   std::optional<MeshPlaces> places() const override { return driver().machine().places(); }
 
-  /// Before start(): clients may not go by the names of other meshes' robots.
+  /// Call before start(). Clients may not use the names of other meshes' robots.
   void refuse_names(const NameCheck& is_elsewhere) { gateway_.refuse_names(is_elsewhere); }
-  /// As that of SnGateway.
+  /// See SnGateway.
   void ask_where_served(Roaming::ServedElsewhere ask) { gateway_.ask_where_served(std::move(ask)); }
 
-  /// As that of SnGateway. `done` is called once.
+  /// See SnGateway. `done` is called once.
   void ping(const std::string& robot, OrderDone done);
-  /// As that of SnGateway.
+  /// See SnGateway.
   nlohmann::json report(const std::optional<std::string>& robot) const;
 
-  /// `topics.*`, `robots` and their keys, read again.
+  /// Applies `topics.*`, `robots` and their keys, which were read again.
   void reconfigure(TopicPolicy policy, RobotNames names, RobotKeys keys);
 
  private:
@@ -74,7 +74,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::shared_ptr<UdpSocket> open_dtls_socket(const std::string& listen, int kept);
   std::vector<std::shared_ptr<UdpSocket>> all_sockets() const;
   std::string kept_name(const std::string& listen) const;
-  /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
+  /// Follows interfaces that come and go, also that of `mqttsn.interface` (R19).
   void watch_interfaces();
   void check_interfaces_in(Duration delay);
   void follow_interface();
@@ -102,7 +102,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
   std::unique_ptr<DtlsPort> dtls_;                   // null without keys_file
   std::optional<LanAnnouncement> announcement_;      // none without `mqttsn.announce`
-  std::string where_;                                // what the sockets listen on
+  std::string where_;                                // the addresses that the sockets listen on
   std::uint32_t interface_index_ = 0;                // of `mqttsn.interface`; 0: it is away
   std::string only_thread_;  // names of the interfaces served beside loopback; empty: all are
   std::vector<NetworkInterface> interfaces_;            // as of the last check
@@ -111,7 +111,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   boost::asio::steady_timer watch_timer_;
   std::map<std::uint64_t, OrderDone> pings_;  // by their ids
   std::uint64_t last_ping_ = 0;
-  std::uint64_t sends_failed_ = 0;  ///< for want of a socket, and on sockets that were closed
+  std::uint64_t sends_failed_ = 0;  ///< without a socket, and on sockets that were closed
   std::uint64_t truncated_ = 0;
   std::uint64_t unserved_ = 0;
   LogThrottle unserved_lines_{std::chrono::minutes{1}};

@@ -41,7 +41,7 @@ std::vector<NetworkInterface> read_network_interfaces() {
     if (family == AF_INET || family == AF_INET6)
       interface.addresses.push_back(from_sockaddr(*i->ifa_addr).address);
   }
-  // One that vanished meanwhile has no index any more.
+  // An interface that has just vanished has no index any more.
   std::erase_if(interfaces, [](const NetworkInterface& gone) { return gone.index == 0; });
   return interfaces;
 }

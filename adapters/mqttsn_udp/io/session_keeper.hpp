@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Brings sessions from the store at start, and changed ones to it: at once where an answer waits
-// for that; a few at a time, not faster than the store writes, so that a burst of changes costs the
-// loop little. Owned by MqttsnAdapter.
+// Restores sessions from the store at start, and saves changed ones. Sessions are saved at once
+// where an answer waits for that. Others are saved a few at a time, not faster than the store
+// writes, so that a burst of changes costs the loop little. Owned by MqttsnAdapter.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -18,7 +18,7 @@ namespace slamgw::mqttsn {
 
 class SessionKeeper {
  public:
-  /// From a change for which no answer waits to its writing: more will have changed by then.
+  /// Delay of a write for which no answer waits, so that it contains more changes.
   static constexpr std::chrono::milliseconds interval{50};
   static constexpr std::size_t sessions_a_write = 256;
   /// A write that takes longer no longer holds answers back: robots repeat a request after 8 s.
@@ -31,11 +31,12 @@ class SessionKeeper {
   SessionKeeper(const SessionKeeper&) = delete;
   SessionKeeper& operator=(const SessionKeeper&) = delete;
 
-  /// Once, before the first datagram. Nothing when there was no session to restore.
+  /// Restores the sessions. Call once, before the first datagram. Returns nothing when there was no
+  /// session to restore.
   std::optional<Notice> restore(TimePoint now);
-  /// Something may have changed; costs nothing when it has not.
+  /// Call when something may have changed; costs nothing when nothing has.
   void save_soon();
-  /// Now, if answers wait and the store is free.
+  /// Saves now, if answers wait and the store is free.
   void save_for_answers();
   /// Saves all sessions, also what changes too often to be saved each time.
   void stop();
@@ -52,7 +53,7 @@ class SessionKeeper {
   boost::asio::steady_timer timer_;
   boost::asio::steady_timer patience_timer_;
   boost::asio::steady_timer later_timer_;
-  std::vector<std::string> later_;  ///< with commands that were too young
+  std::vector<std::string> later_;  ///< client ids with commands that were too young
   bool is_stopping_ = false;
   bool is_armed_ = false;
   bool is_watching_ = false;  // while answers wait

@@ -106,16 +106,16 @@ namespace {
 namespace asio = boost::asio;
 using asio::ip::udp;
 
-/// Larger than anything that MQTT-SN carries over a mesh, so that too long is noticed (R9).
+/// Larger than any MQTT-SN message on a mesh, so that longer ones are noticed (R9).
 constexpr std::size_t buffer_octets = 2048;
-/// The kernel's default holds some 277 small datagrams; what it grants may be less.
+/// The kernel's default holds some 277 small datagrams; the kernel may grant less than this.
 constexpr int receive_buffer_octets = 4 * 1024 * 1024;
 /// A flood must not keep the loop from everything else.
 constexpr int max_batches_per_wake_up = 4;
 /// Radius 0, "the whole network" (R18).
 constexpr int multicast_hops = 16;
 constexpr std::size_t control_octets = 256;
-/// Where Nordic's clients expect their gateway (R22), so that of a border router made for them.
+/// The port where Nordic's clients expect their gateway (R22). Border routers made for them use it.
 constexpr unsigned nordic_port = 47193;
 
 udp::endpoint parse_listen(const std::string& listen) {
@@ -146,8 +146,8 @@ std::optional<int> flag(int descriptor, int level, int option) {
   return value;
 }
 
-/// The interface that a socket is bound to; nothing when that is gone, also when another one has
-/// got its name.
+/// Returns the interface that a socket is bound to. Returns nothing when that is gone, even if
+/// another interface has its name now.
 std::optional<std::string> bound_interface(int descriptor) {
   char name[IFNAMSIZ] = {};
   socklen_t size = sizeof name;
@@ -196,7 +196,7 @@ void read_control(msghdr& header, LocalAddress& to, std::uint32_t& kernel_drops)
   }
 }
 
-/// What to do about it, where that is known.
+/// Returns advice about this error, if there is any.
 std::string advise(const boost::system::error_code& error, unsigned port) {
   if (error == asio::error::address_in_use) {
     const std::string_view whose =
@@ -215,7 +215,7 @@ std::string advise(const boost::system::error_code& error, unsigned port) {
 
 }  // namespace
 
-/// What one call to the kernel brings: at full rate they come in dozens.
+/// The datagrams that one call to the kernel brings: at full rate they come in dozens.
 struct UdpSocket::Incoming {
   static constexpr int size = 16;
 
@@ -237,8 +237,8 @@ struct UdpSocket::Incoming {
     }
     renew(size);
   }
-  /// The kernel has written into the first `count`. The others stay out of the processor's cache:
-  /// one datagram at a time is usual.
+  /// Resets the first `count` headers, into which the kernel has written. The others stay out of
+  /// the processor's cache: one datagram at a time is usual.
   void renew(int count) {
     for (int i = 0; i < count; ++i) {
       msghdr& header = headers[i].msg_hdr;
@@ -248,7 +248,7 @@ struct UdpSocket::Incoming {
   }
 };
 
-/// What one call to the kernel takes.
+/// The datagrams that one call to the kernel takes.
 struct UdpSocket::Outgoing {
   static constexpr unsigned size = 64;
 
@@ -280,7 +280,7 @@ void UdpSocket::open(const udp::endpoint& endpoint, const std::string& interface
   takes_ipv4_too_ = is_ipv6_ && endpoint.address().is_unspecified();
   is_taken_over_ = kept >= 0 && is_bound_as(kept, endpoint, takes_ipv4_too_, interface);
   if (kept >= 0 && !is_taken_over_) ::close(kept);
-  // By assign(): Asio then removes it from epoll by itself, where a kept duplicate would stay.
+  // After assign(), Asio itself removes the descriptor from epoll, where a duplicate would stay.
   const int descriptor =
       is_taken_over_ ? kept : ::socket(endpoint.protocol().family(), SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (descriptor < 0) throw boost::system::system_error(errno, boost::system::system_category());
@@ -341,7 +341,7 @@ void UdpSocket::wait() {
                      });
 }
 
-/// What is answered at once goes out at the end of this, without a turn of the loop.
+/// Sends immediate answers at the end, without another turn of the loop.
 void UdpSocket::receive_batches() {
   is_receiving_ = true;
   for (int i = 0; i < max_batches_per_wake_up && receive_batch(); ++i) {
@@ -350,8 +350,8 @@ void UdpSocket::receive_batches() {
   flush();
 }
 
-/// False when nothing more is waiting. Errors of earlier sends (a port unreachable) come up here
-/// too and mean nothing for a server.
+/// Returns false when nothing more is waiting. Errors of earlier sends (a port unreachable) appear
+/// here, too, and mean nothing for a server.
 bool UdpSocket::receive_batch() {
   if (!socket_.is_open() || !receive_) return false;
   mmsghdr* const headers = incoming_->headers;

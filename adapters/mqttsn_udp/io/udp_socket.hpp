@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One datagram as sendmsg(2) and sendmmsg(2) want it: the address that it goes to, the local
-// address that it leaves from, and its octets.
+// UDP sockets that know to which local address each datagram came, and send from a given one; and
+// the datagrams that they send.
 #pragma once
 
 #include <netinet/in.h>
@@ -20,16 +20,18 @@
 
 namespace slamgw::mqttsn {
 
-/// Points into itself: filled in where it stays.
+/// One datagram as sendmsg(2) and sendmmsg(2) want it: the address that it goes to, the local
+/// address that it leaves from, and its octets. Points into itself, so it stays where it is filled.
 class OutgoingDatagram {
  public:
   OutgoingDatagram() = default;
   OutgoingDatagram(const OutgoingDatagram&) = delete;
   OutgoingDatagram& operator=(const OutgoingDatagram&) = delete;
 
-  /// `is_ipv6_socket`: IPv4 addresses are IPv4-mapped there, and IPv6 ones unusable elsewhere.
+  /// `is_ipv6_socket`: such a socket takes IPv4 addresses IPv4-mapped. Others can't use IPv6
+  /// addresses.
   void fill(bool is_ipv6_socket, const Endpoint& to, const LocalAddress& from, Bytes bytes);
-  /// For another attempt: the kernel chooses the interface. False when it does already.
+  /// Lets the kernel choose the interface, for another attempt. Returns false if it did already.
   bool forget_interface();
   const msghdr& header() const { return header_; }
 
@@ -69,41 +71,41 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
             int kept = -1);
   ~UdpSocket();
 
-  /// From now on `receive` is called for each datagram, a bounded number each time the loop comes
-  /// by. It may call `send`. `number`: which socket each datagram came to (LocalAddress).
+  /// Calls `receive` for each datagram from now on, a bounded number in each turn of the loop.
+  /// `receive` may call `send`. `number` becomes LocalAddress::socket of each datagram.
   void start(Receive receive, std::uint8_t number = 0);
-  /// `send` still works.
+  /// Receives nothing more; `send` still works.
   void stop_receiving();
   void close();
 
-  /// Never blocks: what the kernel does not take is lost, as datagrams are. False then.
+  /// Never blocks. Returns false if the kernel does not take the datagram, which is then lost.
   bool send(const Endpoint& to, const LocalAddress& from, Bytes bytes);
-  /// After the present handler of the loop, with others, for which one call to the kernel is
-  /// enough. can_reach(to.address) holds. When the interface does not take it, the kernel chooses.
+  /// Sends after the present handler of the loop, together with others by one call to the kernel.
+  /// can_reach(to.address) must hold. If the interface does not take it, the kernel chooses one.
   void send_soon(const Endpoint& to, const LocalAddress& from, Bytes bytes);
-  /// Does now what send_soon() has put off.
+  /// Sends now what send_soon() has put off.
   void flush();
-  /// The same once the last datagram of those that came together is being received, so that answers
-  /// to them leave together, and before what else they cause. Nothing happens at other times.
+  /// Flushes only while the last datagram of those that came together is being received. So answers
+  /// to them leave together, and before anything else that they cause.
   void flush_answers() {
     if (is_at_last_) flush();
   }
-  /// While more of the datagrams that came together are to be received.
+  /// True while more of the datagrams that came together are to be received.
   bool is_amid_others() const { return is_receiving_ && !is_at_last_; }
-  /// Joins `group` there; true also when it had been joined before.
+  /// Joins `group` on this interface. Returns true also when it was joined before.
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
   void leave(const boost::asio::ip::address& group, std::uint32_t interface);
 
   std::uint16_t port() const { return port_; }
   int descriptor() { return socket_.native_handle(); }
   bool is_taken_over() const { return is_taken_over_; }
-  /// By its family; a socket on `[::]` reaches IPv4 too.
+  /// Checks the family of the address; a socket on `[::]` reaches IPv4, too.
   bool can_reach(const IpAddress& to) const {
     return is_ipv4(to) ? !is_ipv6_ || takes_ipv4_too_ : is_ipv6_;
   }
   /// Datagrams that the kernel had to drop because we were too slow.
   std::uint32_t kernel_drops() const { return kernel_drops_; }
-  /// Of send_soon().
+  /// Datagrams of send_soon() that could not be sent.
   std::uint64_t sends_failed() const { return sends_failed_; }
 
  private:

@@ -39,7 +39,7 @@ bool read_leader(sd_bus_message* message, const char* type, NodeFacts& facts) {
   return true;
 }
 
-/// False at the end of the table. The signal strengths travel as octets.
+/// Returns false at the end of the table. D-Bus carries the signal strengths as octets.
 bool read_neighbour(sd_bus_message* message, Neighbour& to) {
   std::uint32_t age_s = 0, frame_counter = 0, mle_frame_counter = 0;
   std::uint8_t average = 0, last = 0;
@@ -150,8 +150,8 @@ int BorderRouter::on_reply(sd_bus_message* reply, void* call, sd_bus_error*) {
   return 0;
 }
 
-/// A property that cannot be had in the present state (a detached node has no leader) is an error,
-/// which is no problem; but each state has a role.
+/// An error is normal for a property that the present state does not have: a detached node has no
+/// leader. But each state has a role.
 void BorderRouter::take(const Property& property, sd_bus_message* reply) {
   if (const sd_bus_error* const error = sd_bus_message_get_error(reply)) {
     if (property.name == properties.front().name)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The I/O shell of BorderRouterWatch: reads otbr-agent's properties over D-Bus, one by one. Others
-// are keys, so it never asks for all of them, nor looks into what a signal carries. Loop's thread
-// only.
+// The I/O shell of BorderRouterWatch: reads otbr-agent's properties over D-Bus, one by one. Other
+// properties are keys. So it never asks for all of them, and does not read what a signal carries.
+// Loop's thread only.
 #pragma once
 
 #include <array>
@@ -17,14 +17,14 @@ namespace slamgw::border_router {
 
 class BorderRouter {
  public:
-  /// `publish` as PublishDocument says. `bus_address`: as for BusConnection.
+  /// `publish` takes the document of PublishDocument. `bus_address`: as for BusConnection.
   BorderRouter(boost::asio::io_context& io, std::function<void(const std::string& json)> publish,
                std::function<void(Notice&)> report, std::string bus_address = {});
 
   void start() { connection_.open(); }
   void stop();
   void on_broker_link(bool is_up) { driver_->on_broker_link(is_up); }
-  /// As BorderRouterWatch.
+  /// See BorderRouterWatch.
   const std::string& role() const { return watch_.role(); }
 
  private:
