@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bounds of the machine that are no configuration keys, each with its reason.
+// Bounds of the machine that are not configuration keys, each with its reason.
 #pragma once
 
 #include <chrono>
@@ -15,8 +15,8 @@ constexpr std::size_t max_datagram_octets = 1232;
 /// most: header, initialization vector, padding and the SHA-256 code.
 constexpr std::size_t max_dtls_record_octets = 1200;
 constexpr std::size_t max_dtls_overhead_octets = 80;
-/// Bounds for DTLS handshakes that are under way, which take up to 300 KiB each: in all, in one /64
-/// (perhaps the one of all robots), and at one address.
+/// Most DTLS handshakes under way: in all, in one /64 (perhaps that of all robots), and at one
+/// address. Each takes up to 300 KiB.
 constexpr std::size_t max_dtls_handshakes = 256;
 constexpr std::size_t max_dtls_handshakes_of_network = 128;
 constexpr std::size_t max_dtls_handshakes_of_address = 8;

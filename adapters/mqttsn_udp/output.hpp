@@ -25,7 +25,7 @@ enum class Count : std::uint8_t {
   datagrams_in,
   datagrams_out,
   malformed,   ///< dropped by the decoder, for any reason
-  oversized,   ///< of these: larger than the network carries (R9)
+  oversized,   ///< malformed, because larger than the network carries (R9)
   unexpected,  ///< well-formed, but not from a client or not now (R6)
   strangers,   ///< messages that need a session and had none (R39)
   unanswered,  ///< answers to strangers that the rate limit kept back (R21)
@@ -52,7 +52,7 @@ enum class Count : std::uint8_t {
   subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
   answered_unsaved,     ///< datagrams whose session was not saved in time
   banned,               ///< datagrams from banned addresses
-  identity_missing,     ///< of clients that must come over DTLS (`mqttsn.require_identity`)
+  identity_missing,     ///< datagrams that must come over DTLS (`mqttsn.require_identity`)
   last_ = identity_missing,
 };
 

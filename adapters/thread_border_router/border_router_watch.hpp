@@ -71,6 +71,7 @@ class BorderRouterWatch {
   void on_gone();
   /// Call when otbr-agent reports a change, such as its role.
   void on_changed(TimePoint now);
+  /// Answers ReadNode.
   void on_read(NodeFacts facts, TimePoint now);
 
   std::optional<WatchAction> next_action() { return actions_.pop(); }

@@ -117,7 +117,7 @@ class ClientSession {
   }
 
  private:
-  friend class Lifecycle;  // the one writer
+  friend class Lifecycle;  // nothing else writes state_
 
   ClientState state_ = ClientState::disconnected;
 };

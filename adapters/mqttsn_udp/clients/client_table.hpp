@@ -23,7 +23,7 @@
 namespace slamgw::mqttsn {
 
 // Deadlines of many owners, ordered, so that neither a tick nor a message visits all clients. An
-// owner has at most one entry and keeps its time (`armed`), so nothing stale stays behind.
+// owner has at most one entry and keeps its time (`armed`), so no stale entry stays.
 
 template <class Key>
 class TimerQueue {
@@ -110,9 +110,11 @@ class ClientTable {
 
   /// Lets evictable() return the session from `at` on.
   void set_evictable(ClientSession& session, TimePoint at);
+  /// Undoes set_evictable().
   void set_needed(ClientSession& session);
   /// Returns the longest gone session that may be forgotten to make room; null if there is none.
   ClientSession* evictable(TimePoint now);
+  /// Whether a new client may find a place; make_room() of Lifecycle decides.
   bool has_room(TimePoint now) const;
   void set_answered(ClientSession& session);
   /// Call when a CONNECT was accepted. The client should send something else within
@@ -125,10 +127,10 @@ class ClientTable {
   /// Returns the same for the clients that have not answered. Cheap.
   MeshPlaces::Crowd largest_unanswered_crowd() const;
   /// Returns clients that lose their places to `peer` when no session can be forgotten. None of
-  /// them has answered yet. They are clients that sent nothing after their CONNECT. If there are
-  /// none, they are clients of one address or /64 that has at least two more of them than that of
-  /// `peer`, the longest silent first. At most limits::crowd_step. Cheap when the result is empty,
-  /// because an attacker can cause many calls.
+  /// them has answered yet. Clients that sent nothing after their CONNECT come first. Without them,
+  /// the result is the longest silent clients of one address or /64, which must have at least two
+  /// more than that of `peer`. At most limits::crowd_step. Cheap when the result is empty, because
+  /// an attacker can cause many calls.
   std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now);
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {

@@ -148,7 +148,7 @@ struct Delivery {
   bool forgets_ids_asleep = false;        ///< the client forgets topic ids, as simon622's does
   bool is_set_aside_reported = false;     ///< the operator had the notice, once for each client
   std::size_t wake_budget = 0;            ///< messages that this wake-up may still bring (R122)
-  std::unique_ptr<Outgoing> last_qos0;    ///< for "invalid topic id" at QoS 0 (R86)
+  std::unique_ptr<Outgoing> last_qos0;    ///< to repeat after "invalid topic id" (R86)
   std::uint16_t last_qos0_id = 0;
 
   /// Renames the topics of all of the above.

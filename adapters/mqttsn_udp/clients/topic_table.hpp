@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
 // REGISTER and SUBSCRIBE (R61). Ids are made from the names, because CONNACK cannot say that a
-// session is not there. So a robot can continue at a gateway with an older session of it, or none:
-// its ids mean the same topics there, or unknown ones. An id that the client has asked for or
+// session is not there. A robot may continue at a gateway with an older session of it, or none. Its
+// ids then mean the same topics there, or unknown ones. An id that the client has asked for or
 // publishes with keeps its name while the session lives. When the table is full, the gateway reuses
 // the id of its own deliveries that was unused for longest.
 #pragma once
@@ -95,7 +95,7 @@ class TopicTable {
   /// Returns null for an id that is not given out.
   Topic* find(std::uint16_t id);
   const Topic* find(std::uint16_t id) const;
-  /// In the order of their ids.
+  /// Returns the topics in the order of their ids.
   const std::vector<Topic>& topics() const { return topics_; }
   /// Renames topics under their ids. A name may have several ids afterwards.
   void rename(const NewName& new_name);

@@ -12,8 +12,8 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// Returns true if a CONNECT without CleanSession resumes this session: it was to be kept, or it
-/// still goes on, as for a robot that wakes or has a new address (section 6.14, R36, R125).
+/// Returns true if a CONNECT without CleanSession resumes this session (section 6.14, R36, R125).
+/// It was to be kept, or it still goes on: the robot wakes or has a new address.
 bool can_resume(const ClientSession& session) {
   return !session.is_clean || session.is_connected();
 }
@@ -141,8 +141,8 @@ void Connecting::begin(const Arrival& arrival, Attempt attempt) {
   prompt(peer, added, arrival.now);
 }
 
-/// An attacker who makes up client ids must not shut out robots: a handshake takes one round trip,
-/// so the oldest unfinished one of a stranger is the least likely to be honest.
+/// An attacker who makes up client ids must not shut out robots. A handshake takes one round trip,
+/// so a stranger's oldest unfinished handshake is the least likely to be honest.
 bool Connecting::make_room() {
   if (attempts_.size() < limits::max_handshakes) return true;
   if (strangers_.empty()) return false;

@@ -52,7 +52,7 @@ class Connecting : Conversation {
     Will will;
     unsigned repeats = 0;
     std::optional<TimePoint> armed;
-    std::uint64_t stranger = 0;  // its key in strangers_; 0: a session is known here
+    std::uint64_t stranger = 0;  // key in strangers_; 0: the client has a session here
   };
 
   bool is_repetition(const Arrival& arrival, const Connect& connect) const;
@@ -75,7 +75,7 @@ class Connecting : Conversation {
   std::map<std::uint64_t, Peer> strangers_;  // attempts whose client has no session; oldest first
   std::uint64_t last_stranger_ = 0;
   TimerQueue<Peer> timers_;
-  TokenBucket contest_lines_[2];  // by whether the client is proven
+  TokenBucket contest_lines_[2];  // index: whether the client is proven
 };
 
 }  // namespace slamgw::mqttsn

@@ -267,7 +267,7 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   drop_if(session, "the robot refused the topic", now, [&](const Outgoing& waiting) {
     return waiting.topic_id_type == TopicIdType::normal && waiting.message->topic == *topic;
   });
-  subscriptions_.drop(session, *topic);  // only an exact one has this name (R67)
+  subscriptions_.drop(session, *topic);  // no wildcard has this name (R67)
 }
 
 void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint now) {
@@ -301,7 +301,7 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
   finish(session, *answered, CommandResult::refused, "the robot refused it", now);
 }
 
-/// With PUBREC the client has taken over the message.
+/// PUBREC means that the client has taken over the message.
 void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (std::ranges::count(delivery.abandoned, pubrec.msg_id) > 0) return;

@@ -79,6 +79,7 @@ class Downlink : Conversation {
   /// Whether the client owes an answer. An awake client must go on listening then.
   bool is_awaiting(const ClientSession& session) const;
 
+  /// Refuses all messages with `why`, and forgets requests that await an answer.
   void drop_all(ClientSession& session, const std::string& why, TimePoint now);
   /// Refuses messages of QoS 0, which do not outlive the connection.
   void drop_volatile(ClientSession& session, const std::string& why, TimePoint now);

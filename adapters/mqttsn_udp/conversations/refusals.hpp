@@ -35,7 +35,7 @@ class Refusals {
 
   const ClientTable& clients_;
   Output& output_;
-  Lines lines_[2];  // by whether the client is proven
+  Lines lines_[2];  // index: whether the client is proven
   // Hashes of kind and client; at most max_logged_refusals.
   std::unordered_set<std::uint64_t> logged_;
   std::deque<std::uint64_t> oldest_first_;

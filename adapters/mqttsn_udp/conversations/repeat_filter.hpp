@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recognises the repetition of a QoS 1 message (and of a QoS 2 message that is complete) by client,
 // MsgId, topic and payload (R76). Common clients repeat without DUP, and robots send steps that
-// must not count twice; but some clients use one MsgId for everything, and say the same thing
-// often.
+// must not count twice. But some clients use one MsgId for everything, and often send equal
+// messages.
 //
-// An equal message is a repetition while the first is not acknowledged. In the window after that it
-// is one when it has DUP. Without DUP it is one when the client counts its MsgIds, or when it comes
-// so late after PUBACK that a lost PUBACK explains it, but no more often than clients repeat. Such
-// a loss is not assumed after PUBCOMP, nor of clients that set DUP. A client that has just used a
-// MsgId twice sends new messages. In doubt a message goes up twice.
+// An equal message is a repetition while the first copy is not acknowledged. In the window after
+// that, a copy with DUP is a repetition. A copy without DUP is a repetition if the client counts
+// its MsgIds, or if the copy comes so late after PUBACK that a lost PUBACK explains it. Such a loss
+// is not assumed after PUBCOMP, nor of clients that set DUP. A client that has just used a MsgId
+// twice, or has sent more copies than clients repeat, sends new messages. In doubt a message goes
+// up twice.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +23,7 @@ namespace slamgw::mqttsn {
 
 /// FNV-1a over topic id, its type, QoS, retain and the payload; not over DUP and MsgId. Never 0.
 std::uint64_t fingerprint(const Publish& publish);
-std::uint64_t fingerprint(ByteView bytes);
+std::uint64_t fingerprint(ByteView bytes);  ///< over all octets; never 0
 
 class RepeatFilter {
  public:

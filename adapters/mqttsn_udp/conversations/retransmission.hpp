@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Repeats requests that a client does not answer (MQTT-SN 1.2 section 6.13, R133): first after the
-// wait that the client's answers have taught, then ever more slowly, up to `retry_interval`. A
-// request is given up after `retry_interval` times (`retry_count` + 1), however short the first
-// waits are. So the keys of the configuration keep their meaning.
+// Repeats requests that a client does not answer (MQTT-SN 1.2 section 6.13, R133). The first wait
+// is learned from the client's answers; later waits grow up to `retry_interval`. A request is given
+// up after `retry_interval` times (`retry_count` + 1), however short the first waits are. So the
+// keys of the configuration keep their meaning.
 #pragma once
 
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
@@ -31,6 +31,7 @@ class Release : Conversation {
  public:
   explicit Release(const Conversation& common) : Conversation(common) {}
 
+  /// Sends the first PUBREL.
   void begin(ClientSession& session, std::uint16_t msg_id, TimePoint now);
   /// Answers a repeated PUBREC; the repetitions go on as they were. Returns false if there is no
   /// such release.

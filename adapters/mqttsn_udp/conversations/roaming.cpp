@@ -156,7 +156,7 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
   return true;
 }
 
-/// All former names are left before new ones are taken: robots may swap theirs.
+/// Leaves all former names before it takes new ones, because robots may swap names.
 void Renaming::on_names(TimePoint now) {
   std::vector<ClientSession*> gone;
   std::vector<ClientSession*> unproven;  // their keys have come or gone

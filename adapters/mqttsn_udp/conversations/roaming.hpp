@@ -43,6 +43,7 @@ class Roaming : Conversation {
   bool is_waiting(const std::string& robot) const;
   /// Removes and returns the robot's CONNECT, if one waits.
   std::optional<WaitingConnect> take(const std::string& robot);
+  /// Removes and returns a CONNECT whose note did not come in time.
   std::optional<WaitingConnect> take_overdue(TimePoint now);
   std::optional<TimePoint> deadline() const;
 
@@ -83,9 +84,8 @@ class Restoring : Conversation {
 
   /// Returns nothing if there is no such session.
   std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
-  /// Continues the session; the client notices nothing. Returns false if the session can't be
-  /// taken: it is known already, there is no room, or the client's id or address is now another
-  /// robot's. Its commands are refused then.
+  /// Continues the session; the client notices nothing. Returns false, and refuses its commands, if
+  /// it is known already, there is no room, or its client id or address is now another robot's.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
   /// Stands for the hash of a note from before a restart. Another gateway may have changed the note

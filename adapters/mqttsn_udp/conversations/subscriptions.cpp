@@ -25,7 +25,7 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   if (!session.subscriptions.contains(filter)) charge(session, filter);
   const auto qos = static_cast<Qos>(request.qos);
   session.subscriptions[filter] = {qos, request.topic_id_type, wish->topic_id, request.msg_id, {}};
-  TopicTable::Topic* const topic = session.topics.find(wish->topic_id);  // a wildcard has none
+  TopicTable::Topic* const topic = session.topics.find(wish->topic_id);  // null for wildcards
   if (topic && request.topic_id_type == TopicIdType::normal) topic->is_known = true;
   output_.mark_changed(session);
   answers_.hold(session, filter, answer);

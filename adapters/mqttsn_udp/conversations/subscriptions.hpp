@@ -19,6 +19,7 @@ class Answers : Conversation {
 
   /// Returns false when too many answers wait. Ignore the request then: its sender repeats it.
   bool has_room(const ClientSession& session) const;
+  /// Sends the answer, or queues it behind answers that wait.
   void answer(ClientSession& session, Packet packet);
   /// Answers a request that finds no room with `congestion`, unless `when_full` is silent.
   void refuse_for_room(ClientSession& session, Packet congestion);
@@ -43,6 +44,7 @@ class Subscriptions : Conversation {
 
   /// Returns the matching subscription with the highest QoS (R87, R103); null if none matches.
   static const Subscription* best_match(const ClientSession& session, const std::string& topic);
+  /// Ends the subscription, at the broker, too.
   void drop(ClientSession& session, const std::string& filter);
   void drop_all(ClientSession& session);
   /// Drops the filters that the topic policy does not allow any more.

@@ -27,6 +27,7 @@ class TopicRegistration : Conversation {
   void probe(ClientSession& session, TimePoint now);
   /// Sends the repeats that the allowance has held back.
   void resume_withheld(ClientSession& session);
+  /// Returns the size of the REGISTER that probe() sends.
   std::size_t probe_octets() const;
   /// Returns the topic id of a message that is ready, and marks the id as used.
   static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);

@@ -56,11 +56,11 @@ class DtlsPort {
 
   struct Connection {
     Ssl ssl;
-    LocalAddress local;     ///< where its last datagram came to
+    LocalAddress local;     ///< to which its last datagram came
     ClientRandom random{};  ///< of the ClientHello that began it
     TimePoint began{};
     std::string identity{};      ///< proven; empty during the handshake
-    unsigned early_records = 0;  ///< encrypted ones during the handshake, which OpenSSL keeps
+    unsigned early_records = 0;  ///< encrypted ones in the handshake, which OpenSSL keeps
   };
   using Connections = std::map<Endpoint, Connection>;
 

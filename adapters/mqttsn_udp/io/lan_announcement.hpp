@@ -21,7 +21,7 @@ class LanAnnouncement {
   struct Service {
     std::string name;  ///< at most 50 octets; " #2" and so on follows when another has it
     std::uint16_t port = 0;
-    int interface = 0;  ///< its index; 0: each one
+    int interface = 0;  ///< index; 0: every interface
     bool is_ipv4_only = false;
   };
 
@@ -48,7 +48,7 @@ class LanAnnouncement {
   BusConnection connection_;
   Service service_;
   std::string group_;     ///< path of the entry group; empty: there is none
-  int name_number_ = 1;   ///< of the name that is tried
+  int name_number_ = 1;   ///< of the name that is being tried
   std::string reported_;  ///< the last line, which is not repeated
   // Reset when Avahi is gone, so that its answers do not count.
   SdBusSlot host_names_;

@@ -29,7 +29,7 @@ namespace slamgw::mqttsn {
 class MqttsnAdapter final : public MeshShell<SnGateway> {
  public:
   /// `sessions` and `descriptors` may be null: no session, or socket, outlives the daemon then.
-  /// They and `listener` outlive the adapter.
+  /// Both and `listener` must outlive the adapter.
   MqttsnAdapter(boost::asio::io_context& io, Settings settings, TopicPolicy policy,
                 RobotNames names, MeshListener& listener, SessionStore* sessions = nullptr,
                 DescriptorStore* descriptors = nullptr, RobotKeys keys = {});
@@ -106,7 +106,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::uint32_t interface_index_ = 0;                // of `mqttsn.interface`; 0: it is away
   std::string only_thread_;  // names of the interfaces served beside loopback; empty: all are
   std::vector<NetworkInterface> interfaces_;            // as of the last check
-  std::map<std::uint32_t, IpAddress> advertised_from_;  // by interface; the last successful ones
+  std::map<std::uint32_t, IpAddress> advertised_from_;  // last success, by interface
   std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;
   std::map<std::uint64_t, OrderDone> pings_;  // by their ids

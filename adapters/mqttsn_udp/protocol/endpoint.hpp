@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a datagram came from and where it arrived: plain values that the machine keeps and
-// compares, and the shell turns into socket addresses.
+// The remote and the local address of a datagram: plain values that the machine keeps and compares,
+// and that the shell turns into socket addresses.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ namespace slamgw::mqttsn {
 // IP addresses as plain values, their kinds, and the choice of our source address for a message
 // (R16). IPv4 addresses are IPv4-mapped (::ffff:a.b.c.d). Pure functions.
 
-/// In network byte order. All zero stands for no particular address.
+/// An IP address in network byte order. All zero stands for no particular address.
 using IpAddress = std::array<std::uint8_t, 16>;
 
 bool is_ipv4(const IpAddress& address);
@@ -67,7 +67,7 @@ struct Peer {
   auto operator<=>(const Peer&) const = default;
 };
 
-/// Where a message came from and to, and when.
+/// The source, the local address and the time of a message.
 struct Arrival {
   Peer peer;
   LocalAddress local;

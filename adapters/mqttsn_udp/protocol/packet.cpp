@@ -11,7 +11,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// In the order of the alternatives of Packet.
+/// The types in the order of Packet's alternatives.
 constexpr std::array<MsgType, std::variant_size_v<Packet>> types = {
     MsgType::advertise,     MsgType::searchgw,       MsgType::gwinfo,      MsgType::connect,
     MsgType::connack,       MsgType::willtopicreq,   MsgType::willtopic,   MsgType::willmsgreq,

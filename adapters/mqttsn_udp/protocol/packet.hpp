@@ -65,7 +65,7 @@ constexpr std::uint8_t protocol_id = 0x01;
 
 struct Advertise {
   std::uint8_t gateway_id = 0;
-  std::uint16_t duration_s = 0;  ///< until the next one
+  std::uint16_t duration_s = 0;  ///< until the next ADVERTISE
 };
 struct SearchGw {
   std::uint8_t radius = 0;  ///< 0: the whole network

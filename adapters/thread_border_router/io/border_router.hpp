@@ -47,8 +47,8 @@ class BorderRouter {
   MachineDriver<BorderRouterWatch> driver_;
   BusConnection connection_;
   std::array<Call, property_count> calls_;
-  NodeFacts facts_;          ///< of the answers that have come
-  std::size_t waiting_ = 0;  ///< for this many answers
+  NodeFacts facts_;          ///< from the answers so far
+  std::size_t waiting_ = 0;  ///< answers that have not come yet
 };
 
 }  // namespace slamgw::border_router
