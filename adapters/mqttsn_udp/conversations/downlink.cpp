@@ -179,7 +179,7 @@ void Downlink::repeat(ClientSession& session, Publishing& open) {
 
 /// Returns true if the allowance of an address that is not validated lets this message leave. QoS 1
 /// and 2 may use it up, because they ask for an answer. QoS 0 leaves enough for a REGISTER. While a
-/// REGISTER is unanswered, QoS 0 waits unless the client pings by its name.
+/// REGISTER is unanswered, QoS 0 waits unless the client has pinged with its id.
 bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const {
   if (output_.is_validated(session)) return true;
   std::size_t octets = publish_octets(outgoing);
@@ -267,7 +267,7 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   drop_if(session, "the robot refused the topic", now, [&](const Outgoing& waiting) {
     return waiting.topic_id_type == TopicIdType::normal && waiting.message->topic == *topic;
   });
-  subscriptions_.drop(session, *topic);  // no wildcard has this name (R67)
+  subscriptions_.drop(session, *topic);  // only an exact filter has this name (R67)
 }
 
 void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint now) {

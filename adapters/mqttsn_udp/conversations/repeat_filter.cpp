@@ -71,7 +71,7 @@ void RepeatFilter::set_counts_ids() { counted_ids_ = limits::min_counted_ids; }
 
 void RepeatFilter::on_request(std::uint16_t msg_id) {
   constexpr int longest_step = 2;      // one request may be lost
-  constexpr int furthest_behind = 16;  // a late copy says nothing
+  constexpr int furthest_behind = 16;  // late copies do not count
   const auto step = static_cast<std::int16_t>(msg_id - last_msg_id_);
   if (step > 0 && step <= longest_step && counted_ids_ < limits::min_counted_ids) ++counted_ids_;
   if (step > 0 || step < -furthest_behind) last_msg_id_ = msg_id;
@@ -80,7 +80,7 @@ void RepeatFilter::on_request(std::uint16_t msg_id) {
 void RepeatFilter::add(const Entry& entry) {
   const auto begin = msg_ids_.begin() + static_cast<std::ptrdiff_t>(gone_);
   const bool is_reused = std::find(begin, msg_ids_.end(), entry.msg_id) != msg_ids_.end();
-  if (is_reused && reuses_ids_) counted_ids_ = 0;  // once alone may be a copy made by the network
+  if (is_reused && reuses_ids_) counted_ids_ = 0;  // one alone may be a copy made by the network
   reuses_ids_ = is_reused;
   on_request(entry.msg_id);
   if (size() >= limits::max_repeats) pop_front();
