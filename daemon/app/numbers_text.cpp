@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <functional>
 #include <iterator>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
 
+#include "daemon/core/announcements.hpp"
 #include "daemon/core/utf8.hpp"
 
 namespace slamgw {
@@ -30,13 +30,6 @@ std::vector<const Row*> choose(const std::map<std::string, Robot>& robots) {
                            [](const Row* row) { return row->second.last_seen; });
   rows.resize(max_robots_in_numbers);
   return rows;
-}
-
-std::string quoted(const std::string& id) {
-  const auto is_plain = [](char c) { return c >= ' ' && c <= '~' && c != '"' && c != '\\'; };
-  if (std::ranges::all_of(id, is_plain)) return '"' + id + '"';
-  return escape_unprintable(
-      nlohmann::json(id).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 template <class Number>
@@ -73,10 +66,10 @@ void append(const Row& row, TimePoint now, fmt::memory_buffer& text) {
       FMT_COMPILE(R"({}:{{"up":{},"down":{},"repeats":{},"gaps":{},"rate_hz":{}.{:02},)"
                   R"("latency_p50_us":{},"latency_p99_us":{},"rssi_dbm":{},"hops":{},"ttl":{},)"
                   R"("last_heard":"{}","mesh":"{}")"),
-      quoted(id), robot.numbers.up(), robot.numbers.down(), robot.numbers.repeats(),
-      robot.numbers.gaps(), hundredths / 100, hundredths % 100, or_null(p50), or_null(p99),
-      or_null(radio.rssi_dbm), or_null(radio.hops), or_null(radio.ttl), to_iso8601(robot.last_seen),
-      to_string(robot.mesh()));
+      escape_unprintable(json_string(id)), robot.numbers.up(), robot.numbers.down(),
+      robot.numbers.repeats(), robot.numbers.gaps(), hundredths / 100, hundredths % 100,
+      or_null(p50), or_null(p99), or_null(radio.rssi_dbm), or_null(radio.hops), or_null(radio.ttl),
+      to_iso8601(robot.last_seen), to_string(robot.mesh()));
   append_meshes(robot, text);
 }
 

@@ -9,16 +9,14 @@
 // Formatted directly, without a tree of JSON values: this runs for each robot that comes and each
 // command that ends. Keys are in the order of docs/topics.md.
 namespace slamgw {
-namespace {
 
-/// Returns `text` as a JSON string. Nearly every text only needs quotation marks around it.
 std::string json_string(std::string_view text) {
   const bool is_plain = std::ranges::all_of(
       text, [](char c) { return c >= ' ' && c <= '~' && c != '"' && c != '\\'; });
-  return is_plain ? fmt::format("\"{}\"", text) : nlohmann::json(text).dump();
+  return is_plain
+             ? fmt::format("\"{}\"", text)
+             : nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
-
-}  // namespace
 
 std::string presence_json(const Robot& robot) {
   const MeshPresence& presence = robot.presence();

@@ -4,12 +4,15 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/robot_registry.hpp"
 
 namespace slamgw {
 
+/// Returns `text` as a JSON string. Octets that are not UTF-8 become U+FFFD.
+std::string json_string(std::string_view text);
 /// The payload of `robots/<id>`.
 std::string presence_json(const Robot& robot);
 /// The payload of `commands/<id>`.

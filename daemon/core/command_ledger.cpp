@@ -46,7 +46,7 @@ std::vector<StrayCommands::Stray> StrayCommands::take_overdue(TimePoint now) {
   std::vector<Stray> overdue;
   while (!waiting_.empty()) {
     const bool is_over_bound = waiting_.size() > max_waiting || octets_ > max_octets;
-    if (!is_over_bound && now - waiting_.front().came < patience) break;
+    if (!is_over_bound && now - waiting_.front().came < wait_) break;
     octets_ -= waiting_.front().message.payload.size();
     overdue.push_back(std::move(waiting_.front()));
     waiting_.pop_front();
@@ -65,7 +65,7 @@ std::vector<StrayCommands::Stray> StrayCommands::take_for(std::string_view robot
 
 std::optional<TimePoint> StrayCommands::deadline() const {
   if (waiting_.empty()) return std::nullopt;
-  return waiting_.front().came + patience;
+  return waiting_.front().came + wait_;
 }
 
 }  // namespace slamgw

@@ -68,12 +68,13 @@ class CommandLedger {
   OpenCommands open_;
 };
 
-/// Holds commands for names that no robot has. Such a robot may become known a moment later, so
-/// each command waits for `patience` before it is refused. Pure; part of Gateway. Used only at the
+/// Holds commands that no gateway has a session for. Such a robot may become known a moment later,
+/// so each command waits for a while before it is refused. Pure; part of Gateway. Used only at the
 /// first gateway of a broker by name.
 class StrayCommands {
  public:
-  /// With the 29 s that a mesh may take afterwards, a command still ends within 30 s.
+  /// For names that no robot has. With the 29 s that a mesh may take afterwards, a command still
+  /// ends within 30 s.
   static constexpr std::chrono::milliseconds patience{500};
   /// A command is refused after this time at the latest: while the broker comes and goes, no
   /// gateway ever knows all robots.
@@ -89,6 +90,9 @@ class StrayCommands {
     TimePoint came{};
   };
 
+  /// Commands wait here for `wait`.
+  explicit StrayCommands(Duration wait) : wait_(wait) {}
+
   void add(BrokerMessage message, std::string_view robot, TimePoint now);
   /// Removes and returns commands that have waited long enough or are beyond the bounds, oldest
   /// first.
@@ -102,6 +106,7 @@ class StrayCommands {
   std::optional<TimePoint> deadline() const;
 
  private:
+  const Duration wait_;
   std::deque<Stray> waiting_;  // in the order of arrival
   std::size_t octets_ = 0;     // of all waiting payloads
 };

@@ -94,16 +94,18 @@ void Commands::on_handed_on(CommandId command) {
   actions_.push(CommandHandedOn{command});
 }
 
-void Commands::on_session_begun(const std::string& robot, const Now& now) {
-  for (StrayCommands::Stray& stray : strays_.take_for(robot)) {
-    stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
-    deliver({robot, std::move(stray.message)}, now);
+void Commands::on_session_held(const std::string& robot, bool was_present, const Now& now) {
+  for (StrayCommands* const waiting : {&before_session_, &strays_}) {
+    for (StrayCommands::Stray& stray : waiting->take_for(robot)) {
+      stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
+      if (!was_present) deliver({robot, std::move(stray.message)}, now);
+    }
   }
 }
 
 void Commands::on_stop(const Now& now) {
   for (const StrayCommands::Stray& stray : strays_.take_overdue(TimePoint::max()))
-    refuse_stray(stray, now);
+    if (!awaits_session(stray.robot)) refuse_stray(stray, now);
 }
 
 std::optional<TimePoint> Commands::deadline() const {
@@ -112,7 +114,7 @@ std::optional<TimePoint> Commands::deadline() const {
     const TimePoint latest = *strays - StrayCommands::patience + StrayCommands::longest;
     strays = settled_at_ ? std::min(std::max(*strays, *settled_at_), latest) : latest;
   }
-  return earlier(ledger_.deadline(), strays);
+  return earlier(ledger_.deadline(), earlier(strays, before_session_.deadline()));
 }
 
 void Commands::on_deadline(const Now& now) {
@@ -184,13 +186,29 @@ void Commands::refuse_strays(const Now& now) {
   const bool is_settled = settled_at_ && now.mono >= *settled_at_;
   constexpr Duration more = StrayCommands::longest - StrayCommands::patience;
   const TimePoint overdue_at = is_settled ? now.mono : now.mono - more;
-  for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) refuse_stray(stray, now);
+  for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) {
+    if (awaits_session(stray.robot)) {
+      stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
+      before_session_.add(std::move(stray.message), stray.robot, now.mono);
+    } else {
+      refuse_stray(stray, now);
+    }
+  }
+  for (const StrayCommands::Stray& stray : before_session_.take_overdue(now.mono))
+    refuse_stray(stray, now);
 }
 
-/// Refuses nothing for a robot that has become known since: its session brings the next command.
+/// Returns true for a robot of this gateway whose session no gateway holds: a new session will not
+/// bring what came before it.
+bool Commands::awaits_session(const std::string& robot) const {
+  return directory_.registry.find(robot) && !directory_.places.is_shown(robot) &&
+         !directory_.places.is_refused(robot);
+}
+
+/// Refuses nothing for a robot whose session some gateway holds: the session brings the command.
 void Commands::refuse_stray(const StrayCommands::Stray& stray, const Now& now) {
   const bool is_known = directory_.is_known(stray.robot);
-  if (is_known && !directory_.places.is_refused(stray.robot)) return;
+  if (directory_.places.is_shown(stray.robot) && !directory_.places.is_refused(stray.robot)) return;
   const auto waited = std::chrono::duration_cast<std::chrono::milliseconds>(now.mono - stray.came);
   const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
   ++counts_.down;

@@ -48,11 +48,16 @@ class Commands {
   /// `settled_at`: when other gateways' robots are known, so that a name without a robot can be
   /// refused; nothing while the broker is offline.
   void on_broker_link(std::optional<TimePoint> settled_at) { settled_at_ = settled_at; }
-  /// Delivers the stray commands for a robot whose session is new: the session does not bring them.
-  void on_session_begun(const std::string& robot, const Now& now);
+  /// The stray commands for this robot wait no longer. A session that `was_present` brings them;
+  /// for a new session they are delivered here.
+  void on_session_held(const std::string& robot, bool was_present, const Now& now);
   /// Drops all stray commands. Call when the gateway stops hearing commands for all names.
-  void forget_strays() { strays_.clear(); }
-  /// Refuses the stray commands that still wait.
+  void forget_strays() {
+    strays_.clear();
+    before_session_.clear();
+  }
+  /// Refuses the stray commands that still wait, except for this gateway's robots: after a restart
+  /// their sessions may bring them.
   void on_stop(const Now& now);
 
   std::size_t open() const { return ledger_.size(); }
@@ -65,6 +70,7 @@ class Commands {
   CommandId deliver(RobotMessage message, const Now& now);
   void refuse(const Command& command, const Now& now);
   void refuse_strays(const Now& now);
+  bool awaits_session(const std::string& robot) const;
   void refuse_stray(const StrayCommands::Stray& stray, const Now& now);
   void refuse_unknown(CommandOutcome outcome, const Now& now, const Sender& sender);
   void conclude(CommandOutcome outcome, const Sender& sender);
@@ -76,7 +82,8 @@ class Commands {
   RobotDirectory& directory_;
   GatewayActions& actions_;
   CommandLedger ledger_;
-  StrayCommands strays_;
+  StrayCommands strays_{StrayCommands::patience};
+  StrayCommands before_session_{StrayCommands::longest};  // of this gateway's robots
   std::optional<TimePoint> settled_at_;
   LogThrottle unknown_throttle_;
   Counts counts_;

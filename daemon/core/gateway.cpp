@@ -235,7 +235,7 @@ void Gateway::on_session_held(const std::string& robot, bool was_present,
                               const std::string& dead_owner, const Now& now) {
   presence_.on_session_held(robot, dead_owner, now);
   if (auto will = presence_.take_will(robot)) pass_up(std::move(*will), now);
-  if (!was_present) commands_.on_session_begun(robot, now);
+  commands_.on_session_held(robot, was_present, now);
 }
 
 void Gateway::on_configured(std::set<std::string> robots, const Now&) {

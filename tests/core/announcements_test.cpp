@@ -24,5 +24,9 @@ TEST(Announcements, AnOutcomeIsJsonWhateverTheTypeIsCalled) {
   }
 }
 
+TEST(Announcements, TextThatIsNotUtf8BecomesJsonAllTheSame) {
+  EXPECT_EQ(json_string("a\xff\xfe z"), "\"a\xef\xbf\xbd\xef\xbf\xbd z\"");
+}
+
 }  // namespace
 }  // namespace slamgw

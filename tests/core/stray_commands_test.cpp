@@ -135,11 +135,10 @@ TEST_F(StrayCommandsTest, HaveAnOutcomeInTimeWhileTheBrokerComesAndGoes) {
 }
 
 TEST_F(StrayCommandsTest, AreNotThoseForRobotsThatSomeGatewayKnows) {
-  say(PresenceChange{Mesh::thread, "here", Presence::offline, "a"});
   held.insert("held");
   elsewhere.insert("theirs");
   left.insert("orphan");
-  for (const char* robot : {"here", "held", "theirs", "orphan"}) server_sends(robot);
+  for (const char* robot : {"held", "theirs", "orphan"}) server_sends(robot);
   EXPECT_TRUE(delivered.empty()) << "the robot's session brings it";
   wait(1min);
   EXPECT_TRUE(outcomes.empty());
@@ -149,6 +148,8 @@ TEST_F(StrayCommandsTest, AreDroppedWhenTheRobotBecomesKnownElsewhere) {
   for (const char* robot : {"here", "held", "theirs"}) server_sends(robot);
   say(PresenceChange{Mesh::thread, "here", Presence::online, "a"});
   session_comes("held", /*was_present=*/true);
+  wait(StrayCommands::patience);
+  session_comes("here", /*was_present=*/true);
   elsewhere.insert("theirs");
   wait(1min);
   EXPECT_TRUE(delivered.empty());
@@ -170,6 +171,35 @@ TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionIsHeldAMomentLaterInTheirOrd
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/other");
   EXPECT_EQ(delivered.size(), 2u);
+}
+
+TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionTakesSeconds) {
+  say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
+  server_sends("slow", "1");
+  wait(20s);
+  EXPECT_TRUE(outcomes.empty());
+  reach[{Mesh::thread, "slow"}] = Presence::online;
+  session_comes("slow", /*was_present=*/false);
+  take_actions();
+  EXPECT_EQ(delivered, std::vector<std::string>{"1"});
+  EXPECT_EQ(waited, 20s);
+}
+
+TEST_F(StrayCommandsTest, OfARobotWhoseSessionNeverComesAreRefusedInTime) {
+  say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
+  server_sends("slow");
+  wait(StrayCommands::longest);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].second["outcome"], "refused");
+  EXPECT_EQ(outcomes[0].second["after_ms"], StrayCommands::longest.count());
+}
+
+TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionHaveNoOutcomeWhenTheGatewayStops) {
+  say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
+  server_sends("slow");
+  gateway.on_stop(now);
+  take_actions();
+  EXPECT_TRUE(outcomes.empty()) << "its session may bring the command after the restart";
 }
 
 TEST_F(StrayCommandsTest, AreNeitherRetainedOnesNorGatewaysThatTryTheirRights) {
