@@ -34,7 +34,7 @@ bool Backlog::has_room_for(std::string_view topic, std::uint64_t cost) {
     is_full_ = true;
     return false;
   }
-  // Whatever the size of the message: small ones of a robot do not pass its large ones.
+  // The message's size does not count, so that a robot's small messages do not pass its large ones.
   if (is_nearly_full() && shares_.bytes_of(topic) >= 2 * free()) {
     is_share_full_ = true;
     return false;
@@ -43,7 +43,7 @@ bool Backlog::has_room_for(std::string_view topic, std::uint64_t cost) {
 }
 
 void Backlog::release(const Item& item) {
-  // Bounded: what damage has taken from the store was not counted by the octet.
+  // Clamped: rows that were lost to damage were not counted exactly.
   bytes_ -= std::min(bytes_, cost_of(item));
   rows_ -= rows_ > 0 ? 1 : 0;
   shares_.remove(item.message.topic, cost_of(item));
@@ -141,7 +141,7 @@ void Backlog::take_to_write(WriteToStore& write, FairQueue& queue) {
   }
 }
 
-/// All but dead letters whose message is not yet on disk with this write.
+/// Moves all erasures into `write`, except dead letters whose message is stored by a later write.
 void Backlog::take_erasures(WriteToStore& write, FairQueue& queue) {
   Erasures later;
   for (auto& [row, letter] : erasures_) {

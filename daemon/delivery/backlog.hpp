@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The index of the store: how much is on disk, which rows of it were read, and what is written and
-// read next. One write is under way at a time, so that everything which comes meanwhile shares the
-// next commit. Pure; part of the outbox, which has the messages.
+// read next. One write is under way at a time, so that all requests during it share the next
+// commit. Pure; part of the outbox, which owns the messages.
 //
 //   keep() -> asked -> (WriteToStore) -> writing -> (StoreWritten) -> durable
 //   durable -> on_left_memory() -> unread -> (LoadFromStore, StoreLoaded) -> durable, in memory
 //   durable -> forget() or bury() -> (WriteToStore) -> gone
 //
-// Reading goes by rising row and passes over rows that are in memory or to be erased. It begins
-// again at a lower row when that one leaves memory.
+// Rows are read in rising order; rows in memory or to be erased are skipped. Reading restarts at a
+// lower row when that row leaves memory.
 #pragma once
 
 #include <cstdint>
@@ -27,22 +27,24 @@ namespace slamgw {
 class Backlog {
  public:
   using Item = OutboxItem;
-  /// One page read back from the store; a new one is asked for when half of it has gone.
+  /// Limits of one page read from the store. The next page is requested once at most half a page
+  /// is queued.
   static constexpr std::size_t page_messages = 256;
   static constexpr std::size_t page_bytes = 1u << 20;
-  /// One transaction.
+  /// Limits of one transaction.
   static constexpr std::size_t write_messages = 4096;
   static constexpr std::size_t write_bytes = 1u << 20;
-  /// Delivered rows are deleted when so many have come together or the first is so old; what was
-  /// not deleted at a crash is published twice.
+  /// Delivered rows are deleted once there are this many or the first is this old. Rows that were
+  /// not deleted before a crash are published twice.
   static constexpr std::size_t forget_batch = 256;
   static constexpr std::chrono::milliseconds forget_delay{500};
-  /// Delivered and refused rows that a failing store could not delete; beyond it no more are read.
+  /// Limit of delivered and refused rows that a failing store could not delete; at the limit no
+  /// more rows are read.
   static constexpr std::size_t max_unforgotten = 65536;
   /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
   static constexpr std::uint64_t dead_letter_share = 4;
-  /// The last part of the store is for robots that have stored less than twice what is still free,
-  /// so that one that floods leaves room for the others.
+  /// This part of the store, its last, is for robots that have stored less than twice what is still
+  /// free, so that a robot that floods leaves room for the others.
   static constexpr std::uint64_t share_reserve = 4;
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{60};
@@ -55,43 +57,48 @@ class Backlog {
 
   State state() const { return state_; }
   bool can_keep() const { return state_ == State::working; }
-  /// Of requests (message_store.hpp).
+  /// The generation for requests (message_store.hpp).
   std::uint64_t generation() const { return generation_; }
-  /// An earlier message of its topic may be on disk and unread, so this one has to wait.
+  /// Returns true when an earlier message of its topic may be on disk and unread, so that `item`
+  /// has to wait.
   bool is_ahead_of(const Item& item) const {
     return item.row > cursor_ && unread_topics_.has(item.message.topic);
   }
   bool has_unread(std::string_view topic) const { return unread_topics_.has(topic); }
 
-  /// Has an unsaved message stored. False, and nothing changed, when the store is full.
+  /// Queues an unsaved message for the next write. Returns false, and leaves the message as it is,
+  /// when the store is full.
   bool keep(Item& item);
-  /// It leaves memory for good: the broker has it, or it is dropped.
+  /// Call when a message leaves memory for good, because the broker has it or it is dropped. Its
+  /// row is deleted with a later write.
   void forget(const Item& item, TimePoint now);
-  /// Makes a dead letter of it, which is stored first where it is not yet. False, and nothing
-  /// changed, when it is not stored and there is no store or no room for one more.
+  /// Makes a dead letter of `item`, and stores it first if it is not stored yet. Returns false, and
+  /// leaves it as it is, when it is not stored and there is no store or no room for it.
   bool bury(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
-  /// It does not count among the messages any more.
+  /// Stops counting `item` among the stored messages.
   void release(const Item& item);
-  /// All dead letters were given to the store.
+  /// Returns true when all dead letters were given to the store.
   bool has_written_dead_letters() const;
-  /// A durable message that has not reached the broker is on disk only from now on.
+  /// Call when a durable message that has not reached the broker leaves memory: from now on it is
+  /// only on disk.
   void on_left_memory(std::uint64_t row, std::string_view topic);
 
   void on_opened(StoreOpened opened, TimePoint now);
   void on_absent(TimePoint now);
-  /// The rows that are durable now; some may not be in memory any more.
+  /// Returns the rows that are now durable; some may have left memory.
   std::vector<std::uint64_t> on_written();
-  /// Nothing that was to be written is on disk. What was to be a dead letter is queued again.
+  /// Makes all messages that wait for a write unsaved again. Queues those that were to become dead
+  /// letters.
   void on_write_failed(FairQueue& queue, TimePoint now);
-  /// Leaves in `loaded` what is to be taken into memory. Returns how many messages the store should
-  /// have had and does not have.
+  /// Removes from `loaded` the rows in memory or to be erased; the caller takes the others into
+  /// memory. Returns the number of messages that should be in the store and are not.
   std::size_t on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now);
   void on_load_failed(TimePoint now);
   void on_dead_letters(DeadLetterCounts dead_letters) { dead_letters_ = dead_letters; }
-  /// They have their old rows.
+  /// Counts revived letters as unread messages. They keep their old rows.
   void on_revived(const DeadLettersRevived& revived);
-  /// Delete at once what is delivered, load no more. A failing store is tried once more: what it
-  /// does not delete comes again.
+  /// Deletes delivered rows at once and loads no more. Tries a failing store once more, because
+  /// rows that it does not delete are published twice.
   void on_stop();
 
   std::optional<WriteToStore> next_write(FairQueue& queue, TimePoint now);
@@ -103,14 +110,14 @@ class Backlog {
   /// Rows that are stored or being stored, and what they count against `store.max_bytes`.
   std::size_t rows() const { return rows_; }
   std::uint64_t bytes() const { return bytes_; }
-  /// A message had to be refused, and there is no more room since.
+  /// Returns true from the first refused message until there is room again.
   bool is_full() const { return is_full_ || is_share_full_; }
-  /// Only robots that have stored little find room.
+  /// Returns true when only robots that have stored little find room.
   bool is_nearly_full() const { return free() <= max_bytes_ / share_reserve; }
   StoreShares::Share largest_share() const { return shares_.largest(); }
   const DeadLetterCounts& dead_letters() const { return dead_letters_; }
   std::uint64_t stored_total() const { return stored_total_; }
-  /// When the oldest of them was stored (to within the page that was read last).
+  /// Returns when the oldest row was stored, exact to the page that was read last.
   std::optional<TimePoint> oldest() const { return rows_ ? oldest_ : std::nullopt; }
   bool is_settled() const { return to_write_.empty() && !is_writing_ && erasures_.empty(); }
 
@@ -129,17 +136,17 @@ class Backlog {
   void on_read(std::size_t rows);
 
   State state_ = State::opening;
-  std::uint64_t generation_ = 0;  // of requests
+  std::uint64_t generation_ = 0;
   std::uint64_t max_bytes_;
   std::uint64_t bytes_ = 0;
   std::size_t rows_ = 0;
-  StoreShares shares_;          // of bytes_, and of what damage has taken since
-  bool is_full_ = false;        // for all
+  StoreShares shares_;          // of bytes_, and of rows that were lost to damage since
+  bool is_full_ = false;        // for all robots
   bool is_share_full_ = false;  // for a robot that has stored much
   std::uint64_t stored_total_ = 0;
   std::optional<TimePoint> oldest_;
 
-  std::deque<std::uint64_t> to_write_;  // asked; some may have left memory since
+  std::deque<std::uint64_t> to_write_;  // rows for the next write; some may have left memory
   std::vector<std::uint64_t> writing_;  // in the write that is under way
   Erasures erasures_;
   Erasures erasing_;  // in the write that is under way

@@ -28,20 +28,21 @@ Notice no_room_notice(const NoRoom& no_room);
 /// Reports each topic and reason once, and at most `most_lines` lines in each interval.
 class RefusalNotices {
  public:
-  /// The first line of the next interval, or one at its beginning, reports how many were left out.
+  /// The first line of the next interval reports how many lines were left out; without such a line,
+  /// on_deadline() does.
   static constexpr std::size_t most_lines = 20;
   static constexpr std::chrono::seconds interval{10};
 
   std::optional<Notice> on_refused_topic(const std::string& topic, const Refusal& refusal,
                                          TimePoint now);
   std::optional<Notice> on_accepted(const std::string& topic, TimePoint now);
-  /// A message of `bytes` octets has become one that is not tried again.
+  /// Reports a message of `bytes` octets that has become a dead letter and is not tried again.
   std::optional<Notice> on_dead_letter(const std::string& topic, std::size_t bytes,
                                        const Refusal& refusal, TimePoint now);
-  /// QoS 0, of each topic once.
+  /// Reports dropped QoS 0 messages, each topic once.
   std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal,
                                           TimePoint now);
-  /// It was neither acknowledged to a robot nor can it be a dead letter.
+  /// Reports a message that was not acknowledged to a robot and cannot become a dead letter.
   std::optional<Notice> on_dropped(const std::string& topic, std::size_t bytes,
                                    const Refusal& refusal, TimePoint now);
 
@@ -62,7 +63,7 @@ class RefusalNotices {
 /// Reports why the store cannot be written or read: a failure once a minute, its end once.
 class StoreTrouble {
  public:
-  /// Empty while the store can be written and read.
+  /// Returns the present failure; empty while the store can be written and read.
   const std::string& why() const {
     return !write_.empty() ? write_ : !revive_.empty() ? revive_ : read_;
   }
@@ -72,11 +73,11 @@ class StoreTrouble {
   std::optional<Notice> on_load_failed(const std::string& why, TimePoint now);
   std::optional<Notice> on_written() { return end(write_); }
   std::optional<Notice> on_loaded() { return end(read_); }
-  /// Dead letters were to become messages again; `why` that has failed, if it has.
+  /// Call when the store has answered a request to revive dead letters; `why` is empty on success.
   std::optional<Notice> on_revived(const std::string& why, TimePoint now) {
     return why.empty() ? end(revive_) : fail(revive_, "written: " + why, now);
   }
-  /// Another store, or none for the reason `why`.
+  /// Call when another store is open, or none for the reason `why`.
   void reset(std::string why = {});
 
  private:

@@ -28,7 +28,7 @@ FairQueue::Item* FairQueue::find(std::uint64_t row) {
   return found == items_.end() ? nullptr : &found->second;
 }
 
-/// The next messages have its memory.
+/// Keeps the memory of topic and payload for later messages.
 void FairQueue::erase(Item& item) {
   withdraw(item);
   SpareBuffers<std::string>::give_back(std::move(item.message.topic));
@@ -44,7 +44,7 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
   flow.key = key;
   if (flow.items.empty())
     turn == NewFlow::last ? turns_.push_back(&flow) : turns_.push_front(&flow);
-  // As a rule it is the last; what comes back is near the front.
+  // New items are the last of their flow; items that come back are near the front.
   auto after = flow.items.end();
   if (!flow.items.empty() && flow.items.back()->row > item.row)
     after =

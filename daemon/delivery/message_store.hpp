@@ -3,8 +3,9 @@
 // the events that answer them. DiskStore is behind it in the daemon, a fake with state in tests.
 // Events come in the order of the requests, on the loop's thread, never from inside a request.
 //
-// `generation`: how many StoreOpened and StoreAbsent the outbox had seen when it asked. A store
-// passes over requests from before its last one without an answer: they meant another file.
+// `generation` is the number of StoreOpened and StoreAbsent that the outbox had seen at the time of
+// a request. A store ignores requests of an older generation, which meant another file, and does
+// not answer them.
 #pragma once
 
 #include <algorithm>
@@ -20,10 +21,10 @@
 
 namespace slamgw {
 
-/// How many messages of each topic are in a place, in bounded memory: counters by the topic's hash,
-/// only those that are not zero, for as a rule there are none. Two topics may share a counter;
-/// "none" is always true, "some" may mean the other topic, and costs that one a detour through the
-/// store. Used by the backlog.
+/// Counts messages by topic in bounded memory: one counter for each hash of a topic, stored only
+/// while it is not zero. Two topics may share a counter: that there is none is always true, that
+/// there are some may mean the other topic, which costs a detour through the store. Used by the
+/// backlog.
 class TopicCounts {
  public:
   /// A thousand robots with three topics each rarely share a slot.
@@ -34,7 +35,7 @@ class TopicCounts {
   }
 
   void add(std::string_view topic) { ++counts_[slot(topic)]; }
-  /// Only what was added before.
+  /// Call only for a message that was added.
   void remove(std::string_view topic) {
     const auto count = counts_.find(slot(topic));
     if (count != counts_.end() && --count->second == 0) counts_.erase(count);
@@ -47,21 +48,21 @@ class TopicCounts {
   std::unordered_map<std::size_t, std::uint32_t> counts_;  // by slot
 };
 
-// What each flow has in the store, so that none takes all of it. A flow is what a topic has in
-// front of its last level: all types of one robot are one flow. In bounded memory, as TopicCounts:
-// flows whose names share a slot share what they may have. Used by the backlog.
-
+/// Returns the flow of a topic, which is the part before its last level: all types of one robot are
+/// one flow.
 inline std::string_view flow_of(std::string_view topic) {
   return topic.substr(0, topic.rfind('/'));
 }
 
+/// Bytes of each flow in the store, so that no flow takes all of it. Memory is bounded as in
+/// TopicCounts: flows whose names share a slot share one limit. Used by the backlog.
 class StoreShares {
  public:
   struct Share {
     std::string flow;
     std::uint64_t bytes = 0;
   };
-  /// As many robots as a gateway knows rarely share one.
+  /// The robots that one gateway knows rarely share a slot.
   static constexpr std::size_t slots = 65536;
 
   void add(std::string_view topic, std::uint64_t bytes) {
@@ -69,7 +70,7 @@ class StoreShares {
     if (share.bytes == 0) share.flow = flow_of(topic);
     share.bytes += bytes;
   }
-  /// What was added before, or less.
+  /// Removes what was added before; a larger number removes the whole share.
   void remove(std::string_view topic, std::uint64_t bytes) {
     const auto share = shares_.find(slot(topic));
     if (share == shares_.end()) return;
@@ -80,7 +81,7 @@ class StoreShares {
     const auto share = shares_.find(slot(topic));
     return share == shares_.end() ? 0 : share->second.bytes;
   }
-  /// Looks at all of them.
+  /// Visits every share.
   Share largest() const {
     Share largest;
     for (const auto& [slot, share] : shares_)
@@ -113,16 +114,17 @@ struct NewDeadLetter {
   std::uint32_t tries = 0;  ///< how often it was published without success
 };
 
-/// How many losses of the connection with a message alone under way are that message's fault.
+/// After this many losses of the connection with a message alone under way, the message is at
+/// fault.
 inline constexpr std::uint32_t losses_that_convict = 2;
 
-/// Whether a dead letter goes up by itself once the broker takes its topic again. All others wait
-/// for an operator, for the message itself is at fault.
+/// Returns true when a dead letter is retried by itself once the broker accepts its topic again.
+/// All others wait for an operator, because the message itself is at fault.
 inline bool is_retried(int code, std::uint32_t tries) {
   return code == 0 ? tries < losses_that_convict : !Refusal{code, {}}.is_permanent();
 }
 
-/// What the dead letters take on disk; it counts against `store.max_bytes`.
+/// Number and size of the dead letters on disk; the size counts against `store.max_bytes`.
 struct DeadLetterCounts {
   std::size_t count = 0;
   std::uint64_t bytes = 0;  ///< sum of stored_cost()
@@ -130,40 +132,40 @@ struct DeadLetterCounts {
 };
 
 /// One transaction: all of it is durable when StoreWritten comes, nothing of it when
-/// StoreWriteFailed comes. `keep` comes before the others; unknown rows in `forget` and
-/// `dead_letters` are no error.
+/// StoreWriteFailed comes. `keep` is carried out before the others; unknown rows in `forget` and
+/// `dead_letters` are not an error.
 struct WriteToStore {
   std::uint64_t generation = 0;
   std::vector<StoredMessage> keep;
   std::vector<std::uint64_t> forget;
   std::vector<NewDeadLetter> dead_letters = {};
 };
-/// The first messages with rows above `after`, at most `max_messages` and about `max_bytes`, but
-/// one if there is one.
+/// Requests the first messages with rows above `after`: at most `max_messages` and about
+/// `max_bytes`, but at least one message if there is one.
 struct LoadFromStore {
   std::uint64_t generation = 0;
   std::uint64_t after = 0;
   std::size_t max_messages = 0;
   std::size_t max_bytes = 0;
 };
-/// The first dead letters of `topic` that are retried (is_retried) become messages again, which
-/// DeadLettersRevived answers. First come those that have lost a connection (code 0 and one try),
-/// so that none hides behind others; then the oldest.
+/// Turns the first dead letters of `topic` that are retried (is_retried) into messages again;
+/// DeadLettersRevived is the answer. Letters that have lost a connection (code 0 and one try) come
+/// first, so that none hides behind others; then the oldest.
 struct RetryDeadLetters {
   std::uint64_t generation = 0;
   std::string topic;
   std::size_t max_letters = 0;
 };
 
-/// A topic of which there are dead letters that are retried.
+/// A topic with dead letters that are retried.
 struct DeadTopic {
   std::string topic;
   Refusal refusal;
   std::size_t count = 0;
 };
 
-/// There is a store and this is what it holds. Comes again when a store had to begin anew (then it
-/// holds nothing), or could be opened after all.
+/// The store is open and has these contents. Comes again when the store had to start empty, or
+/// could be opened after StoreAbsent.
 struct StoreOpened {
   std::uint64_t last_row = 0;
   std::size_t count = 0;
@@ -185,22 +187,22 @@ struct StoreWritten {};
 struct StoreWriteFailed {
   std::string why;
 };
-/// By rising row; both empty when there is none above `after`.
+/// Messages by rising row; both lists are empty when there is no row above `after`.
 struct StoreLoaded {
   std::vector<StoredMessage> messages;
-  /// Rows that are not what was stored: they are lost, and no longer among the messages.
+  /// Rows whose contents were damaged: they are lost, and no longer among the messages.
   std::vector<std::uint64_t> damaged = {};
   std::uint64_t damaged_bytes = 0;  ///< sum of their stored_cost()
 };
 struct StoreLoadFailed {
   std::string why;
 };
-/// Damage has taken messages, or dead letters: `count` at most, as `text` says to people.
+/// Damage has destroyed at most `count` messages or dead letters; `text` is the line for the log.
 struct MessagesLost {
   std::size_t count = 0;
   std::string text;
 };
-/// Comes after each change of them: there is another one, or one was discarded.
+/// Comes whenever a dead letter was added or discarded.
 struct DeadLettersChanged {
   DeadLetterCounts dead_letters;
 };
@@ -210,18 +212,19 @@ struct RevivedMessage {
   std::string topic;
   std::uint64_t bytes = 0;  ///< its stored_cost()
 };
-/// As the outbox or an operator has asked.
+/// Answers the outbox (RetryDeadLetters), or reports what an operator has revived.
 struct DeadLettersRevived {
   std::vector<RevivedMessage> messages;
-  /// Of RetryDeadLetters: its topic; then `messages` is empty when there is none.
+  /// The topic of RetryDeadLetters, which found no letter when `messages` is empty. Empty after an
+  /// operator's request.
   std::string retried_topic = {};
-  std::string why_failed = {};  ///< the disk does not take it; they are dead letters still
+  std::string why_failed = {};  ///< the disk's error; the letters are still dead letters
 };
 using StoreEvent =
     std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,
                  StoreLoadFailed, MessagesLost, DeadLettersChanged, DeadLettersRevived, Notice>;
 
-/// What a message takes on disk at most, as counted against `store.max_bytes`.
+/// Returns the bytes that a message takes on disk at most, as counted against `store.max_bytes`.
 inline std::uint64_t stored_cost(std::size_t topic_bytes, std::size_t payload_bytes) {
   constexpr std::size_t overhead = 64;  // a record's header and fields, and its erasure
   return topic_bytes + payload_bytes + overhead;

@@ -33,7 +33,7 @@ Outbox::Item& Outbox::add(BrokerMessage message, Receipt receipt, TimePoint now)
   return queue_.add(std::move(item));
 }
 
-/// `unsaved_bytes_` includes `item`. Below half of the bound every flow fits, so the flow is not
+/// `unsaved_bytes_` includes `item`. Below half of the limit every flow fits, so the flow is not
 /// looked up.
 bool Outbox::has_memory_for(const Item& item) const {
   if (2 * unsaved_bytes_ <= max_queued_bytes) return true;
@@ -51,8 +51,8 @@ void Outbox::place(Item& item, TimePoint now) {
   store_if_needed(item, now);
 }
 
-/// It may be gone afterwards: what waits for a store without room is refused. `is_overdue`: the
-/// broker is too slow for it.
+/// Stores the message unless it can wait for the broker. Refuses, and so removes, a message that
+/// cannot wait while the store has no room. `is_overdue`: the broker is too slow for it.
 void Outbox::store_if_needed(Item& item, TimePoint now, bool is_overdue) {
   if (!item.is_unsaved() || !backlog_.can_keep()) return;
   const bool may_wait_for_broker =
@@ -66,7 +66,7 @@ void Outbox::store_all(TimePoint now, bool is_overdue) {
   queue_.for_each([&](Item& item) { store_if_needed(item, now, is_overdue); });
 }
 
-/// Forgets it, in memory and on disk.
+/// Removes the message from memory and from the disk.
 void Outbox::remove(Item& item, TimePoint now) {
   backlog_.forget(item, now);
   if (!item.is_durable()) {
@@ -76,7 +76,7 @@ void Outbox::remove(Item& item, TimePoint now) {
   queue_.erase(item);
 }
 
-/// QoS 0 that is too old, or whose topic the broker does not take.
+/// Removes a message that needs no acknowledgement, and counts it as dropped.
 void Outbox::drop(Item& item, const char* why, TimePoint now) {
   trace(DeliveryStep::Kind::refused, item, why);
   ++statistics_.dropped;
@@ -164,14 +164,14 @@ bool Outbox::publish_next(TimePoint now) {
   return true;
 }
 
-/// What waits in memory for an earlier message of its topic, or for its topic.
+/// Queues messages set aside that no longer wait for an earlier message, or for their topic.
 void Outbox::release_set_aside(TimePoint now) {
   queue_.for_each_aside([&](Item& item) {
     if (!backlog_.is_ahead_of(item) && turn_of(item, now) != Turn::rest) queue_.enqueue(item);
   });
 }
 
-/// Counts its topic as refused where asking the broker would cost all robots the connection.
+/// Counts the topic of `next` as refused, if a try is likely to cost all robots the connection.
 void Outbox::refuse_with_its_flow(const Item& next, TimePoint now) {
   const Refusal* const reason = refused_.refusal_of_flow(next.message.topic);
   if (!reason || next.is_unacknowledged() || turn_of(next, now) != Turn::open) return;
@@ -200,7 +200,8 @@ void Outbox::turn_away(Item& item, TimePoint now) {
   make_dead_letter(item, refusal, 0, now);
 }
 
-/// Withholds the gateway's own retained messages instead: a later one of the topic replaces them.
+/// Makes a dead letter of a message, or else refuses, drops or withholds it. The gateway's own
+/// retained messages are withheld, because a later one of the topic replaces them.
 void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries,
                               TimePoint now) {
   if (item.is_unacknowledged()) return drop(item, "the broker refuses its topic", now);
@@ -216,7 +217,7 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
     if (will_be_tried) return refused_.on_dead_letter(topic);
     return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal, now));
   }
-  if (!is_own && !item.receipt.is_owed()) {  // it was acknowledged
+  if (!is_own && !item.receipt.is_owed()) {  // the robot's message was acknowledged
     if (!will_be_tried) refused_.refuse(topic, refusal, now);
     return withhold(item, now);
   }
@@ -224,8 +225,9 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
   refuse(item, now);
 }
 
-/// A message that can neither be a dead letter nor be dropped waits in memory for its topic: the
-/// newest of the gateway's own retained ones of each topic, and what a former store acknowledged.
+/// Keeps a message in memory until its topic is accepted, because it can neither be a dead letter
+/// nor be dropped. These are the newest of the gateway's own retained messages of each topic, and
+/// messages that a former store has acknowledged.
 void Outbox::withhold(Item& item, TimePoint now) {
   const auto makes_void = [&](const auto& known) { return is_replaced_by(item, known.second); };
   if (std::ranges::any_of(queue_.items(), makes_void)) return remove(item, now);
@@ -233,7 +235,8 @@ void Outbox::withhold(Item& item, TimePoint now) {
   queue_.set_aside(item);
 }
 
-/// A retained message of the gateway itself makes the earlier ones of its topic void.
+/// Returns true for two retained messages of the gateway itself on one topic: the newer replaces
+/// the older.
 bool Outbox::is_replaced_by(const Item& older, const Item& newer) {
   const auto is_own = [](const Item& item) {
     return !item.message.provenance && item.message.retain;
@@ -249,7 +252,7 @@ void Outbox::drop_older_withheld(const Item& item, TimePoint now) {
   });
 }
 
-/// The link is lost: what may the broker have closed the connection for?
+/// Finds the message or the topics for which the broker may have closed the connection.
 void Outbox::find_cause_of_loss(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
@@ -364,7 +367,7 @@ void Outbox::expire_unacknowledged(TimePoint now) {
     expiry_check_ = std::max(*oldest_left + max_unacknowledged_age, now + std::chrono::seconds{1});
 }
 
-// The store: when messages go there, and what its answers mean for receipts and order.
+// The store: when messages are stored, and what the store's answers mean for receipts and order.
 
 void Outbox::on_store_event(StoreEvent event, TimePoint now) {
   std::visit([&](auto& what) { handle(what, now); }, event);
@@ -394,8 +397,8 @@ void Outbox::handle(StoreAbsent& absent, TimePoint now) {
   start_over(0, now);
 }
 
-/// What is in memory is not in this store, even if an earlier one had it, and came after all that
-/// this store holds.
+/// Makes all messages in memory unsaved, because this store does not have them, even if an earlier
+/// store had. Their rows are moved behind those that this store holds.
 void Outbox::start_over(std::uint64_t last_row, TimePoint now) {
   queue_.renumber(last_row);
   next_row_ += last_row;
@@ -418,7 +421,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
   notify(store_trouble_.on_written());
 }
 
-/// It stays in memory only while it is under way.
+/// Fires the receipt. The message stays in memory only while it is under way.
 void Outbox::on_durable(Item& item) {
   trace(DeliveryStep::Kind::stored, item);
   const Receipt owed = std::exchange(item.receipt, no_receipt);
@@ -487,7 +490,7 @@ void Outbox::trace(DeliveryStep::Kind kind, const Item& item, std::string why) {
                              item.receipt, item.submitted, std::move(why)});
 }
 
-/// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.
+/// Returns the oldest QoS 1 or 2 message that was not given to the store; it may be under way.
 const Outbox::Item* Outbox::oldest_unsaved() const {
   const auto& items = queue_.items();
   const auto oldest =
@@ -497,8 +500,8 @@ const Outbox::Item* Outbox::oldest_unsaved() const {
 
 void Outbox::check_overdue(TimePoint now) {
   overdue_check_.reset();
-  // While the broker is away everything goes to the store anyway; a store that cannot keep is
-  // checked again when it can.
+  // While the broker is away, all messages go to the store anyway. A store that cannot keep
+  // messages is checked again once it can.
   if (!is_up_ || !backlog_.can_keep()) return;
   const Item* const oldest = oldest_unsaved();
   if (oldest && now - oldest->submitted < broker_patience) {

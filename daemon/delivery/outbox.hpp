@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// What waits for the broker, in order, and the receipts that fire when the broker or the disk has
-// it. Pure: the application performs the actions. Decides what is published when and what goes to
-// the store; what is in the store is the Backlog's.
+// The messages that wait for the broker, in order, and the receipts that fire when the broker or
+// the disk has them. Pure: the application performs the actions. The Outbox decides which message
+// is published when, and which is stored; the Backlog knows what is in the store.
 //
-// A message of QoS 1 or 2 goes straight to the broker while that is there and quick. It goes to the
-// store while the broker is away or slow, and while an older message of its topic is in the store:
-// so the order per topic holds, and fresh messages of other topics pass a backlog. Robots take
-// turns: one that floods waits behind itself, not the others behind it.
+// A message of QoS 1 or 2 goes straight to the broker while the broker is connected and quick. It
+// goes to the store while the broker is away or slow, and while an older message of its topic is in
+// the store. So the order per topic holds, and fresh messages of other topics pass a backlog.
+// Robots take turns: a robot that floods delays only its own messages.
 //
 // A message has its row from the start, whether or not it is stored. In memory it is one item of
-// the FairQueue, whatever becomes of it: a lost link or a failed write changes its state, not its
-// place. What is on disk and cannot go now is only a row there.
+// the FairQueue until it is removed: a lost link or a failed write changes its state, not its
+// place. A stored message that cannot be published now is only a row on disk.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +34,7 @@ namespace slamgw {
 /// The message stays in the outbox; Outbox::under_way() returns it.
 struct PublishAtBroker {
   std::uint64_t sequence = 0;
-  bool is_trial = false;  ///< of a topic for which the broker may close the connection
+  bool is_trial = false;  ///< the broker may close the connection for the message's topic
 };
 
 using OutboxAction = std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore,
@@ -42,27 +42,27 @@ using OutboxAction = std::variant<PublishAtBroker, FireReceipt, WriteToStore, Lo
 
 class Outbox {
  public:
-  /// Bound of what is only in memory; beyond it acknowledged messages are refused and others
-  /// dropped. 64 MiB hold minutes of a thousand robots and are little on a Pi. One flow (FairQueue)
-  /// may hold as much as is still free: half of the bound when it is alone, else less.
+  /// Limit of messages that are only in memory. Beyond it, messages with a receipt are refused and
+  /// others dropped. 64 MiB hold minutes of a thousand robots and are little on a Pi. One flow
+  /// (FairQueue) may hold as much as is still free: half of the limit when it is alone, else less.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
   /// docs/topics.md, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
-  /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
-  /// to the store, and robots need not wait for the broker.
+  /// A broker that has not acknowledged a message for this time is slow: messages that are only in
+  /// memory go to the store, so that robots need not wait for the broker.
   static constexpr std::chrono::seconds broker_patience{2};
-  /// How long all other messages wait, first for the answers to those under way before one message
-  /// goes alone, and then for its answer.
+  /// Before a message is published alone, the outbox waits at most this long for the answers to
+  /// messages under way. Then all other messages wait at most this long for its answer.
   static constexpr std::chrono::seconds trial_patience{5};
   /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
 
   struct Statistics {
-    std::uint64_t published = 0;     ///< the broker has them
+    std::uint64_t published = 0;     ///< QoS 1 and 2: acknowledged by the broker; QoS 0: written
     std::uint64_t dropped = 0;       ///< QoS 0: too old, refused, without room, lost with the link
     std::uint64_t refused = 0;       ///< not acknowledged: no room, or the broker refuses them
-    std::uint64_t dead_letters = 0;  ///< how often a message became one
-    std::uint64_t lost = 0;          ///< stored ones that damage has taken, at most
+    std::uint64_t dead_letters = 0;  ///< how often a message became a dead letter
+    std::uint64_t lost = 0;          ///< upper bound of stored messages that were lost to damage
   };
 
   /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
@@ -71,33 +71,34 @@ class Outbox {
       : store_max_bytes_(store_max_bytes), backlog_(store_max_bytes), window_(window) {}
 
   void submit(BrokerMessage message, Receipt receipt, TimePoint now);
-  /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
+  /// `receive_maximum` is the broker's (MQTT 5 flow control); one slot of it stays free.
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
-  /// What was under way is published again, in order, when the link is back (QoS 0: counted as
-  /// dropped). A message that was under way alone becomes a dead letter: the broker closes the
+  /// Queues the messages under way again, in order, for the next connection; QoS 0 is dropped. A
+  /// message that was under way alone becomes a dead letter, because the broker closes the
   /// connection for it. After the second time it is not tried again.
   void on_link_down(TimePoint now);
-  /// The broker does not answer for a while, or does again: QoS 0 waits meanwhile.
+  /// Call when the broker becomes silent or answers again. QoS 0 waits during the silence.
   void on_silence(bool is_silent, TimePoint now) {
     window_.on_silence(is_silent);
     proceed(now);
   }
   void on_published(std::uint64_t sequence, TimePoint now);
-  /// The broker has answered with a reason code of 0x80 or above: the message becomes a dead
-  /// letter. Where another message of its topic might be refused as well, the topic rests for a
+  /// Call when the broker has answered with a reason code of 0x80 or above. The message becomes a
+  /// dead letter. If another message of its topic may be refused as well, the topic rests for a
   /// while.
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now);
   void on_store_event(StoreEvent event, TimePoint now);
-  /// The daemon ends: the backlog stays where it is, what is only in memory goes to the broker or
-  /// the store. The shell goes on until is_settled(), or as long as it can wait.
+  /// Prepares the daemon's shutdown. The backlog stays on disk; messages that are only in memory go
+  /// to the broker or the store. The shell runs on until is_settled(), or as long as it can wait.
   void on_stop(TimePoint now);
 
-  /// Whether an operator follows messages: then each of robots' messages makes DeliverySteps.
+  /// Call when an operator begins or ends to follow messages. While `is_on`, each message of a
+  /// robot makes DeliverySteps.
   void on_trace(bool is_on) { is_traced_ = is_on; }
 
   std::optional<OutboxAction> next_action() { return actions_.pop(); }
-  /// The message of a PublishAtBroker, good until the next input; null when it is answered, or the
-  /// connection that it was for is lost.
+  /// Returns the message of a PublishAtBroker, valid until the next input. Returns null when the
+  /// message is answered, or its connection is lost.
   const BrokerMessage* under_way(std::uint64_t sequence) {
     const Item* const item = window_.find(sequence);
     return item ? &item->message : nullptr;
@@ -105,18 +106,18 @@ class Outbox {
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
-  /// What is only in memory.
+  /// Number and size of the messages that are only in memory.
   std::size_t unsaved() const { return unsaved_; }
   std::size_t queued_bytes() const { return unsaved_bytes_; }
-  /// Nothing is under way to the broker or the disk, nor could be.
+  /// Returns true when no message is under way to the broker or the disk, and none could be.
   bool is_settled() const;
   const Statistics& statistics() const { return statistics_; }
   const Backlog& backlog() const { return backlog_; }
-  /// Topics that the broker does not take for now.
+  /// Topics that the broker refuses at present.
   const RefusedTopics& refused_topics() const { return refused_; }
-  /// Why nothing can be stored, or read back; empty while it can.
+  /// Returns why the store cannot be written or read; empty while it can.
   const std::string& store_trouble() const { return store_trouble_.why(); }
-  /// Writes and reads that failed.
+  /// Number of writes and reads that failed.
   std::uint64_t store_failures() const { return store_trouble_.failures(); }
 
  private:
@@ -175,7 +176,7 @@ class Outbox {
 
   std::uint64_t store_max_bytes_;
   bool is_up_ = false;
-  bool is_stalled_ = false;  // overdue messages and no acknowledgement: all that is fresh is stored
+  bool is_stalled_ = false;  // the broker acknowledges nothing: all new messages are stored
   bool is_stopping_ = false;
   bool is_traced_ = false;
   std::uint64_t next_row_ = 1;
@@ -194,10 +195,10 @@ class Outbox {
     TimePoint until{};
   };
   std::optional<Trial> trial_;
-  std::optional<TimePoint> trial_waits_until_;  // for what is under way before it
+  std::optional<TimePoint> trial_waits_until_;  // for the answers to messages under way before it
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
-  std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight
+  std::optional<TimePoint> overdue_check_;  // while an unsaved message waits or is under way
   std::optional<TimePoint> stop_check_;
   Statistics statistics_;
   RefusalNotices refusal_notices_;

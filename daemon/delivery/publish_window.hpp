@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The messages that were handed to the broker and are not answered yet. Decides how many may be at
-// once. Pure; part of the outbox.
+// The messages that were handed to the broker's client and are not answered yet. Limits their
+// number. Pure; part of the outbox.
 #pragma once
 
 #include <algorithm>
@@ -16,23 +16,23 @@ class PublishWindow {
  public:
   using Item = OutboxItem;
   using Items = std::deque<Item*, RecyclingAllocator<Item*>>;
-  /// QoS 0 that is handed to the client and not yet written. There robots take no turns any more,
-  /// so it is no more than what keeps the client busy. When it is reached, the next follow together
-  /// as soon as half of it is written: each handing over wakes a thread.
+  /// Limit of QoS 0 messages that the client has not written yet. They are past the robots' turns,
+  /// so the limit is just enough to keep the client busy. At the limit, publishing pauses until
+  /// half of it is written, because each message that is handed over wakes a thread.
   static constexpr std::size_t max_unacknowledged = 32;
 
   /// `size`: QoS 1 and 2 messages under way at once.
   explicit PublishWindow(std::size_t size) : size_(size) {}
 
-  /// `receive_maximum` is the broker's; one slot is left free for MQTT 5 flow control.
+  /// `receive_maximum` is the broker's (MQTT 5 flow control); one slot of it stays free.
   void on_link_up(std::uint16_t receive_maximum, TimePoint now) {
     const std::size_t broker_window = receive_maximum > 1 ? receive_maximum - 1u : 1u;
     effective_size_ = std::min(size_, broker_window);
     progress_ = now;
     is_silent_ = false;
   }
-  /// The broker is silent (UpstreamListener::on_silence), or no longer: QoS 0 waits meanwhile,
-  /// where it grows too old and is dropped. A new connection ends it.
+  /// Call when the broker becomes silent (UpstreamListener::on_silence) or answers again. QoS 0
+  /// waits during the silence, and is dropped when it grows too old. A new connection ends it.
   void on_silence(bool is_silent) { is_silent_ = is_silent; }
 
   bool has_room_for(const Item& item) const {
@@ -48,7 +48,7 @@ class PublishWindow {
     }
     items_.push_back(&item);
   }
-  /// Null: it was handed over before a reconnect.
+  /// Returns null for a message that was handed over before a reconnect, as take() does.
   Item* find(std::uint64_t sequence) {
     const auto found = position_of(sequence);
     return found == items_.end() ? nullptr : *found;
@@ -76,7 +76,7 @@ class PublishWindow {
   /// By rising sequence.
   const Items& items() const { return items_; }
   bool empty() const { return items_.empty(); }
-  /// The broker owes an acknowledgement and has given none for `patience`.
+  /// Returns true when the broker owes an acknowledgement and has sent none for `patience`.
   bool is_stalled(Duration patience, TimePoint now) const {
     return acknowledged_ > 0 && now - progress_ >= patience;
   }
@@ -96,7 +96,7 @@ class PublishWindow {
   std::size_t unacknowledged_ = 0;         // QoS 0
   bool is_unacknowledged_paused_ = false;  // until half of it is written
   bool is_silent_ = false;
-  TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
+  TimePoint progress_{};  // the last acknowledgement, or when the first message came to wait
 };
 
 }  // namespace slamgw

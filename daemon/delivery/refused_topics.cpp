@@ -48,7 +48,7 @@ bool RefusedTopics::is_over(const Topic& topic, TimePoint now) {
   return topic.phase == Phase::resting && topic.waiting == 0 && now >= topic.due + forgotten_after;
 }
 
-/// Nothing of it is asked for or under way.
+/// Ends the topic's request or try; the next try is `due`.
 void RefusedTopics::rest(Topic& topic, TimePoint due) {
   if (std::exchange(topic.phase, Phase::resting) != Phase::resting) --busy_;
   topic.row = 0;
@@ -141,8 +141,8 @@ bool RefusedTopics::refuse(const std::string& topic, const Refusal& refusal, Tim
   known->refusal = refusal;
   known->losses = 0;
   const bool is_try = known->phase == Phase::trying;
-  if (is_new || is_try) grow_pause(*known, longest_pause, now);  // else it has begun already
-  // Will the broker close the connection now?
+  if (is_new || is_try) grow_pause(*known, longest_pause, now);  // else the pause has begun already
+  // Wait until it is clear whether the broker closes the connection for this refusal.
   if (is_try && caution_ > Duration::zero()) tries_put_off_ = now + refusal_to_loss;
   return is_news;
 }
@@ -232,7 +232,7 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
   return RetryDeadLetters{backlog.generation(), next->topic, resend_page};
 }
 
-/// The topic of which a dead letter is to be tried now.
+/// Returns the topic whose dead letter is tried now, or null.
 const std::string* RefusedTopics::next_try(bool can_ask, TimePoint now) {
   if (!is_wake_due(now)) return nullptr;
   if (tries_put_off_ && now >= *tries_put_off_) tries_put_off_.reset();
@@ -279,7 +279,7 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
   if (is_page && is_none) accepted_.erase(accepted);
 }
 
-/// `row`: where the letter is a message again; 0: there is none.
+/// `row`: of the revived letter; 0: there was none.
 void RefusedTopics::on_letter(Topic& topic, std::uint64_t row, TimePoint now) {
   if (row != 0) {
     if (topic.waiting > 0) --topic.waiting;
