@@ -164,8 +164,8 @@ struct DeadTopic {
   std::size_t count = 0;
 };
 
-/// The store is open and has these contents. Comes again when the store had to start empty, or
-/// could be opened after StoreAbsent.
+/// The store is open and has these contents. Comes at the start, or after StoreAbsent once the
+/// store could be opened.
 struct StoreOpened {
   std::uint64_t last_row = 0;
   std::size_t count = 0;

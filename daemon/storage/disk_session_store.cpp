@@ -57,7 +57,7 @@ void DiskSessionStore::stop() {
   thread_.stop();
 }
 
-/// All that have come together go in one commit, and as many as come meanwhile in the next.
+/// Writes all collected changes in one commit. Changes during the write go into the next commit.
 void DiskSessionStore::write_changes() {
   is_writing_ = true;
   thread_.run([this, changes = std::exchange(changes_, {})]() mutable {
@@ -73,7 +73,7 @@ void DiskSessionStore::on_written(bool is_written, Changes changes) {
     is_writing_ = false;
     if (!changes_.empty()) write_changes();
   } else {
-    changes_.merge(std::move(changes));  // newer ones of the same session stay
+    changes_.merge(std::move(changes));  // a newer change of the same session stays
     retry_timer_.expires_after(patience_.reopen);
     retry_timer_.async_wait([this](boost::system::error_code error) {
       if (!error) write_changes();
@@ -82,13 +82,13 @@ void DiskSessionStore::on_written(bool is_written, Changes changes) {
   if (on_written_) on_written_(is_written);
 }
 
-/// A disk that fails for a moment is waited for: sessions are worth a start that takes longer.
+/// Waits for a disk that fails for a moment: sessions are worth a longer start.
 std::vector<SessionStore::Session> DiskSessionStore::open_and_load() {
   const auto give_up_at = std::chrono::steady_clock::now() + patience_.opening;
   std::vector<Session> loaded;
   while (!open(false, loaded) && is_disk_failing_ && std::chrono::steady_clock::now() < give_up_at)
     std::this_thread::sleep_for(patience_.check);
-  // What the disk still cannot read is lost; these clients connect again.
+  // Sessions that the disk still cannot read are lost (Content::loss).
   if (!log_ && is_disk_failing_) open(true, loaded);
   if (!log_) report_failure();
   return loaded;
@@ -173,7 +173,7 @@ bool DiskSessionStore::write(const Changes& changes) {
   return true;
 }
 
-/// One synchronisation for everything that is written in this time.
+/// Starts one synchronisation for all changes that are written within `sync_interval`.
 void DiskSessionStore::sync_later() {
   if (std::exchange(is_sync_due_, true)) return;
   sync_timer_.expires_after(sync_interval);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The sessions of one mesh's robots in a log of `store.directory`, written on the disk's thread.
-// Without a usable log the daemon goes on, and this tries again.
+// Without a usable log the daemon goes on, and this class tries again to open it.
 //
 //   sessions/        of MQTT-SN clients: length of the id (2, little-endian), id, content: CBOR
 //   ble-commands/    of BLE robots, the same; content: encode_open_commands()
 //
-// What is written survives the end of the process at once, and a power cut from the next
+// A written session survives the end of the process at once, and a power cut from the next
 // synchronisation on.
 #pragma once
 
@@ -26,10 +26,10 @@ namespace slamgw {
 
 class DiskSessionStore final : public SessionStore {
  public:
-  /// What a power cut may take back at most.
+  /// A power cut loses at most the changes of this time.
   static constexpr std::chrono::seconds sync_interval{5};
 
-  /// What is kept, for operators.
+  /// Words of log lines for the kind of sessions that is kept.
   struct Content {
     std::string folder;  ///< in `store.directory`
     std::string name;
@@ -51,7 +51,7 @@ class DiskSessionStore final : public SessionStore {
   void save(std::vector<Change> changes) override;
   bool is_busy() const override;
   void watch(std::function<void(bool)> on_written) override { on_written_ = std::move(on_written); }
-  /// Writes what is still to be written, once, and waits for that.
+  /// Tries once to write the remaining changes, and waits for that.
   void stop();
 
  private:
@@ -76,19 +76,19 @@ class DiskSessionStore final : public SessionStore {
   const std::function<void(Notice)> on_notice_;  // the loop's thread only
 
   // The loop's thread only:
-  Changes changes_;  // the last of each session that is not written and not being written
+  Changes changes_;  // the last of each session, without those in the write under way
   bool is_writing_ = false;
   std::function<void(bool is_written)> on_written_;  // may be empty
   boost::asio::steady_timer retry_timer_;
 
   // The disk's thread only:
   std::optional<RecordLog> log_;
-  std::map<std::string, std::uint64_t> keys_;  // in it, by id
+  std::map<std::string, std::uint64_t> keys_;  // of the log's records, by session id
   std::uint64_t last_key_ = 0;
-  bool is_disk_failing_ = false;  // perhaps for a moment only
+  bool is_disk_failing_ = false;  // perhaps only for a moment
   std::string why_closed_;
   std::string why_reported_;  // as last logged
-  bool is_sync_due_ = false;  // something is written since the last sync()
+  bool is_sync_due_ = false;  // changes were written since the last sync()
 
   StoreThread thread_;
   boost::asio::steady_timer sync_timer_;

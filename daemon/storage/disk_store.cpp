@@ -102,7 +102,7 @@ template <class Request>
 void DiskStore::serve(const Request& request) {
   constexpr bool is_load = std::is_same_v<Request, LoadFromStore>;
   using Failed = std::conditional_t<is_load, StoreLoadFailed, StoreWriteFailed>;
-  if (request.generation != generation_ || !log_) return;  // it meant another store
+  if (request.generation != generation_ || !log_) return;  // the request meant another store
   try {
     perform(request);
   } catch (const LogError& error) {
@@ -173,12 +173,12 @@ OrderAnswer DiskStore::answer(const ResendOrder& order) {
       left = left.subspan(page.size());
     }
   } catch (const LogError&) {
-    // The disk does not take it: the others stay.
+    // The disk fails: the other dead letters stay.
   }
   return in_json({{"resent", resent}, {"left", ids.size() - resent}});
 }
 
-/// The disk has failed to read for so long that what it does not read is lost.
+/// Returns true when the disk has failed for `patience_.unreadable`: unreadable records are lost.
 bool DiskStore::is_given_up() const {
   return failing_since_ && now() - *failing_since_ >= patience_.unreadable;
 }
@@ -251,13 +251,13 @@ void DiskStore::try_again_after(std::chrono::milliseconds time) {
     try {
       check_place();
     } catch (const LogError&) {
-      // The next request fails with it.
+      // The next request fails with the same error.
     }
     try_again_after(patience_.reopen);
   });
 }
 
-/// Throws LogError.
+/// Restores files of the log that were moved, removed or replaced. Throws LogError.
 void DiskStore::check_place() {
   const auto written = log_->log().put_back_in_place();
   if (written.empty()) return;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The message store's shell: keeps a MessageLog in `store.directory` and serves the outbox's
 // requests on the disk's thread, where a commit may take as long as the disk takes; events come
-// back through the loop. Damage costs only what it hit; a disk that fails for a moment costs
-// nothing. While there is no usable log the daemon goes on without a store, and the shell tries
-// again.
+// back through the loop. Damage loses only the records that it hit; a disk that fails for a moment
+// loses nothing. While there is no usable log, the daemon goes on without a store, and the shell
+// tries again.
 //
-// Once the outbox has got a store (StoreOpened), that store never ends for it: while the disk
-// fails, requests fail, and when it works again they succeed.
+// An open store (StoreOpened) stays open for the outbox: requests fail while the disk fails, and
+// succeed when it works again.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -26,10 +26,10 @@ namespace slamgw {
 
 class DiskStore {
  public:
-  /// One page of a list of dead letters.
+  /// Limits of one page of a list of dead letters.
   static constexpr std::size_t page_letters = 256;
   static constexpr std::size_t page_bytes = 256u << 10;
-  /// Dead letters that become messages again in one commit.
+  /// Limit of dead letters that become messages again in one commit.
   static constexpr std::size_t revived_at_once = 64;
 
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
@@ -43,11 +43,13 @@ class DiskStore {
   /// Finishes the earlier requests, closes the log, and waits for both as long as the disk takes.
   void stop();
 
-  /// The outbox has one write and one load under way; as many more may be from before an opening.
+  /// Queues a request of the outbox. At most one write and one load are under way, and as many from
+  /// before the last opening.
   void ask(WriteToStore write);
   void ask(LoadFromStore load);
   void ask(RetryDeadLetters retry);
-  /// `done` is called on the loop's thread, once, or not at all when stop() comes first.
+  /// Carries out an operator's order. `done` is called once, on the loop's thread, or not at all
+  /// when stop() comes first.
   void perform(StoreOrder order, OrderDone done);
 
  private:
@@ -80,8 +82,8 @@ class DiskStore {
   // The disk's thread only:
   std::optional<MessageLog> log_;
   std::uint64_t generation_ = 0;            // openings and absences so far (message_store.hpp)
-  std::optional<TimePoint> closed_since_;   // since the first attempt to open
-  std::optional<TimePoint> failing_since_;  // the disk fails to read
+  std::optional<TimePoint> closed_since_;   // time of the first attempt to open
+  std::optional<TimePoint> failing_since_;  // time since which the disk fails to read
   std::string why_closed_;
   std::string why_reported_;  // as last logged
 

@@ -23,7 +23,7 @@ std::uint32_t part_of(std::uint64_t max_bytes) {
 
 WallTime wall_now() { return std::chrono::floor<milliseconds>(std::chrono::system_clock::now()); }
 
-/// A clock that was set back makes nothing younger than now.
+/// Returns at least zero, also after the clock was set back.
 Duration age_of(const MessageRecord& record, WallTime now) {
   return std::clamp<Duration>(now - record.stored_at, Duration::zero(), now.time_since_epoch());
 }
@@ -107,7 +107,7 @@ void MessageLog::read_all(bool skips_unreadable) {
       continue;
     }
     ++opened_.count;
-    if (!record) continue;  // the outbox finds it damaged
+    if (!record) continue;  // load() finds and reports the damage
     opened_.bytes += cost_of(record->message);
     opened_.topics.add(record->message.topic);
     opened_.shares.add(record->message.topic, cost_of(record->message));
@@ -140,7 +140,7 @@ std::optional<ListedDeadLetter> MessageLog::find_letter(std::uint64_t id) const 
                           std::move(*record->dead)};
 }
 
-/// `record` is in the log.
+/// Counts a dead letter; `record` is already in the log.
 void MessageLog::add_letter(std::uint64_t id, const MessageRecord& record) {
   const DeadLetterFacts& facts = *record.dead;
   Letter letter{cost_of(record.message) + facts.reason.size(), retried_.end(),
@@ -153,7 +153,7 @@ void MessageLog::add_letter(std::uint64_t id, const MessageRecord& record) {
   letters_.emplace(id, letter);
 }
 
-/// It is no longer one in the log.
+/// Stops counting a dead letter, which is no longer in the log as one.
 void MessageLog::drop_letter(std::uint64_t id) {
   const auto known = letters_.find(id);
   if (known == letters_.end()) return;

@@ -2,10 +2,9 @@
 // The message store on disk: undelivered messages and dead letters in one record log, by row.
 // Blocks; used on the disk's thread by DiskStore.
 //
-//   messages/      time of storing, time of receipt (8 octets each), mesh, flags (1 each), length
-//   of
-//                  the topic (2), topic, of a dead letter: when it became one (8), reason code,
-//                  tries (4 each), reason's length (2), reason; payload
+//   messages/      time of storing, time of receipt (8 octets each), mesh, flags (1 each), topic's
+//                  length (2), topic, only for a dead letter: since when it is one (8), reason
+//                  code, tries (4 each), reason's length (2), reason; payload
 //
 // Flags: retain 1, QoS 2 and 4, dead letter 8. Numbers are little-endian, times milliseconds since
 // 1970; the mesh is 0 for none, else 1 + Mesh.
@@ -26,7 +25,7 @@
 
 namespace slamgw {
 
-/// Why and since when a message is a dead letter.
+/// States why and since when a message is a dead letter.
 struct DeadLetterFacts {
   WallTime set_aside_at{};
   int code = 0;  ///< MQTT 5 reason code; 0: there is none
@@ -40,7 +39,7 @@ struct MessageRecord {
   std::optional<DeadLetterFacts> dead = {};
 };
 Bytes encode_message(const MessageRecord& record);
-/// Nothing when it is not such a record.
+/// Returns nothing when `octets` are not a record of messages/.
 std::optional<MessageRecord> decode_message(ByteView octets);
 
 /// A dead letter as operators see it.
@@ -56,38 +55,39 @@ class MessageLog {
   /// A longer reason of a dead letter is cut.
   static constexpr std::size_t max_reason_bytes = 200;
 
-  /// Reads everything that is there. Throws LogError, also for what the disk cannot read unless
-  /// `skips_unreadable`: that is lost then.
+  /// Reads the whole log. Throws LogError, also for records that the disk cannot read, unless
+  /// `skips_unreadable`: then these records are lost.
   MessageLog(const std::string& directory, std::uint64_t max_bytes, bool skips_unreadable);
 
-  /// What was there at the start.
+  /// Returns what the log held at the start. Call once.
   StoreOpened take_opened() { return std::move(opened_); }
   const RecordLog::Summary& lost() const { return lost_; }
 
-  /// All of it is durable when this returns, and none of what is to be kept when it throws
-  /// LogError. Returns how many messages that were to be dead letters turned out to be damaged:
-  /// they are lost.
+  /// Writes all of the request durably. Returns the number of messages that were to become dead
+  /// letters but are damaged: they are lost. Throws LogError, and then has kept no message.
   std::size_t write(const WriteToStore& write);
-  /// Damaged messages are lost. Throws LogError.
+  /// Reads the requested messages and erases damaged ones. Throws LogError.
   StoreLoaded load(const LoadFromStore& request, bool skips_unreadable);
 
   DeadLetterCounts dead_letters() const { return {letters_.size(), letter_bytes_}; }
-  /// The first of `topic` (empty: of any) with ids above `after`: at most `max_count`, about
-  /// `max_bytes`, but one if there is one. Throws LogError, as the next ones.
+  /// Returns the first dead letters of `topic` (empty: of any topic) with ids above `after`: at
+  /// most `max_count` and about `max_bytes`, but at least one if there is one. Throws LogError, as
+  /// do ids(), revive() and discard().
   std::vector<ListedDeadLetter> list(const std::string& topic, std::uint64_t after,
                                      std::size_t max_count, std::size_t max_bytes) const;
-  /// Those that are there, by rising id.
+  /// Returns the ids of the chosen dead letters that exist, in rising order.
   std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
-  /// Those that RetryDeadLetters means.
+  /// Returns the ids of the dead letters that RetryDeadLetters means.
   std::vector<std::uint64_t> retried(const std::string& topic, std::size_t most) const;
-  /// Makes messages of them again, in their rows. Damaged ones stay.
+  /// Turns dead letters into messages again, in their rows. Damaged letters stay as they are.
   std::vector<RevivedMessage> revive(std::span<const std::uint64_t> ids);
   void discard(const std::vector<std::uint64_t>& ids);
 
   RecordLog& log() { return log_; }
 
  private:
-  /// Of one topic: whether it has not lost a connection, and its id.
+  /// The retried letters of one topic in the order of RetryDeadLetters: false if the letter has
+  /// lost a connection, and its id.
   using Retried = std::set<std::pair<bool, std::uint64_t>>;
   using RetriedOfTopic = std::map<std::string, Retried, std::less<>>;
   struct Letter {

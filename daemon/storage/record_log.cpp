@@ -30,14 +30,15 @@ constexpr std::size_t record_header_bytes = 24;
 constexpr std::size_t erased_bytes = 8;  // offset, checksum
 constexpr std::size_t tally_bytes = 32;  // segment, records, live (8), id (8), 0, checksum
 constexpr std::uint32_t unknown_records = 0xffffffff;
-/// No offset: stands in a list of erased records for one that is lost and was reported.
+/// Not an offset: from this number on, entries of a list of erased records stand for lost records
+/// that were reported.
 constexpr std::uint32_t reported_loss = 0x80000000;
-/// What the disk reads or fails to read as one.
+/// Unit in which the disk reads or fails to read.
 constexpr std::size_t block_bytes = 4096;
-/// What may be erased records before a segment is written again: half as much as there are others,
-/// and this many segments.
+/// A segment's records are moved once erased records take more than half the size of the others
+/// plus this many segments.
 constexpr std::uint64_t spare_segments = 4;
-/// More than any file of ours has; of a larger one only so much is read.
+/// Larger than any file of the log; of a larger file only this much is read.
 constexpr std::size_t max_file_bytes = 64u << 20;
 constexpr std::chrono::milliseconds lock_patience{3000};
 constexpr std::chrono::milliseconds lock_poll{50};
@@ -49,7 +50,7 @@ std::uint64_t u64_at(ByteView octets, std::size_t offset) {
   return ByteReader(octets.subspan(offset)).read_u64_le();
 }
 
-/// False, with errno, when not all of it was written.
+/// Returns false, with errno, when not all octets were written.
 bool write_at(int file, ByteView octets, std::size_t offset) {
   while (!octets.empty()) {
     const ssize_t written =
@@ -62,7 +63,8 @@ bool write_at(int file, ByteView octets, std::size_t offset) {
   return true;
 }
 
-/// How much of `into` was read: less than all of it at the end of the file. -1, with errno.
+/// Returns the number of octets read, which is less than asked for at the end of the file. Returns
+/// -1, with errno, on failure.
 ssize_t read_at(int file, std::span<std::uint8_t> into, std::size_t offset) {
   std::size_t done = 0;
   while (done < into.size()) {
@@ -76,8 +78,8 @@ ssize_t read_at(int file, std::span<std::uint8_t> into, std::size_t offset) {
   return static_cast<ssize_t>(done);
 }
 
-/// The whole file; what the disk does not read is zero in it. Nothing, with errno, when that is not
-/// allowed or nothing could be read.
+/// Returns the whole file. `skips_unreadable`: blocks that the disk cannot read are zero. Returns
+/// nothing, with errno, when reading fails otherwise, or no block could be read.
 std::optional<Bytes> read_file(int file, bool skips_unreadable) {
   struct stat status {};
   if (fstat(file, &status) != 0) return std::nullopt;
@@ -96,7 +98,8 @@ std::optional<Bytes> read_file(int file, bool skips_unreadable) {
   return is_readable ? std::optional(std::move(octets)) : std::nullopt;
 }
 
-/// Like open(2), but regular files only: no link to a file of others, no FIFO that nobody reads.
+/// Opens like open(2), but only regular files. A link may lead to another user's file, and opening
+/// a FIFO may block.
 OwnedFile open_file(const std::string& path, int flags) {
   OwnedFile file(::open(path.c_str(), flags | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600));
   struct stat status {};
@@ -119,7 +122,7 @@ void synchronise_directory(const std::string& directory) {
   if (entry.get() >= 0) fsync(entry.get());
 }
 
-/// `<number>-<id>.log`.
+/// Parses `<number>-<id>.log`.
 std::optional<std::pair<std::uint32_t, std::uint64_t>> parse_name(const std::string& name) {
   unsigned number = 0;
   unsigned long long id = 0;
@@ -142,7 +145,7 @@ OwnedFile::~OwnedFile() {
   if (descriptor_ >= 0) ::close(descriptor_);
 }
 
-/// In front of each record.
+/// The header in front of each record.
 struct RecordLog::Header {
   std::uint32_t sum = 0;
   std::uint32_t size = 0;
@@ -162,7 +165,7 @@ struct RecordLog::Header {
   }
 };
 
-/// What a segment's files hold.
+/// The contents of a segment's two files.
 struct RecordLog::Scan {
   struct Record {
     Entry entry;
@@ -171,9 +174,9 @@ struct RecordLog::Scan {
   std::uint32_t bytes = 0;
   std::uint32_t records_before = unknown_records;
   std::vector<Record> intact;
-  std::uint32_t records = 0;  ///< written, as far as this file tells
+  std::uint32_t records = 0;  ///< ever written, as far as this file shows
   std::set<std::uint32_t> erased;
-  std::size_t unread_erased = 0;  ///< at most this many entries of that list are damaged
+  std::size_t unread_erased = 0;  ///< upper bound of damaged entries in the list of erased records
 };
 
 RecordLog::RecordLog(std::string directory, std::uint32_t segment_bytes)
@@ -184,7 +187,7 @@ RecordLog::RecordLog(std::string directory, std::uint32_t segment_bytes)
 
 void RecordLog::fail(const std::string& path) const { throw LogError(path, errno); }
 
-/// And the one above it.
+/// Makes the log's directory and those above it.
 void RecordLog::make_directory() const {
   const fs::path above = fs::path(directory_).parent_path();
   std::error_code error;
@@ -234,7 +237,7 @@ std::uint32_t RecordLog::checksum(std::initializer_list<std::uint32_t> numbers,
   return crc.checksum();
 }
 
-/// Also finds out the log's id: the tally's, else the one that most files have.
+/// Also finds the log's id: the tally's, else the id that most files have, else a random one.
 std::map<std::uint32_t, std::string> RecordLog::find_segments() {
   std::map<std::uint64_t, std::map<std::uint32_t, std::string>> by_id;
   std::error_code error;
@@ -261,7 +264,7 @@ std::map<std::uint32_t, std::string> RecordLog::find_segments() {
   return put_under_their_numbers(by_id[id_]);
 }
 
-/// A segment that was renamed says in its header which one it is.
+/// Renames segments whose header has another number than their name.
 std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
     const std::map<std::uint32_t, std::string>& named) const {
   std::map<std::uint32_t, std::string> segments;
@@ -284,12 +287,12 @@ std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
 RecordLog::Summary RecordLog::open(bool skips_unreadable) {
   Summary summary;
   std::vector<Entry> found;
-  std::optional<std::pair<std::uint32_t, Scan>> last;  // it takes the next header to judge it
+  std::optional<std::pair<std::uint32_t, Scan>> last;  // the next segment's header has its count
   const auto take = [&](std::uint32_t number, const Scan& scan) {
     Segment& segment = segments_.at(number);
     note_missing(number, scan, segment, summary);
     for (const Scan::Record& record : scan.intact) {
-      if (record.index >= segment.records) break;  // its commit failed
+      if (record.index >= segment.records) break;  // the record's commit failed
       last_key_ = std::max(last_key_, record.entry.key);
       if (!scan.erased.contains(record.entry.offset)) found.push_back(record.entry);
     }
@@ -350,7 +353,7 @@ RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
     scan.records_before = u32_at(all, 12);
     last_key_ = std::max(last_key_, u64_at(all, 16));
   }
-  // From record to record, and from octet to octet where there is none.
+  // Goes from record to record, and from octet to octet where there is no whole record.
   std::size_t end = header_bytes;
   for (std::size_t at = header_bytes; at + record_header_bytes < all.size();) {
     const Header header = Header::read(all.subspan(at));
@@ -404,7 +407,7 @@ void RecordLog::note_missing(std::uint32_t number, const Scan& scan, Segment& se
     if (!scan.erased.contains(mark)) segment.unsaved.push_back(mark);
 }
 
-/// Where whole segments are gone, only the tally tells.
+/// Notes the loss of whole segments, which only the tally shows.
 void RecordLog::note_missing_segments(std::uint64_t found, Summary& summary) const {
   if (!tally_) return;
   const bool is_current = segments_.empty() || segments_.rbegin()->first < tally_->segment ||
@@ -434,7 +437,7 @@ std::uint32_t RecordLog::bytes_of(std::uint64_t key) const {
   return entry ? entry->bytes : 0;
 }
 
-/// The former record of its key, if there is one, is to be erased.
+/// Puts the entry into the index, and marks an older record of the key as erased.
 void RecordLog::set(const Entry& entry) {
   last_key_ = std::max(last_key_, entry.key);
   const auto place = std::ranges::lower_bound(entries_, entry.key, {}, &Entry::key);
@@ -450,10 +453,10 @@ void RecordLog::set(const Entry& entry) {
   *place = entry;
 }
 
-/// In the list of its segment, which is written later.
+/// Adds the record to its segment's list of erased records, which is written later.
 void RecordLog::mark_erased(const Entry& entry) {
   const auto segment = segments_.find(entry.segment);
-  if (segment == segments_.end()) return;  // it was found damaged when it was to move
+  if (segment == segments_.end()) return;  // move_records_of() found the record damaged
   --segment->second.live;
   segment->second.unsaved.push_back(entry.offset);
 }
@@ -503,7 +506,7 @@ void RecordLog::append(const Changes& puts, bool is_durable) {
   }
   if (!write_at(segment.file.get(), out.bytes(), segment.bytes) ||
       (is_durable && fdatasync(segment.file.get()) != 0)) {
-    // What the disk has of it now is not known: nothing more goes to this segment.
+    // How much of it the disk has is unknown, so nothing more is written to this segment.
     const int error = errno;
     needs_segment_ = true;
     if (ftruncate(segment.file.get(), segment.bytes) != 0) errno = error;
@@ -541,7 +544,7 @@ void RecordLog::create_segment(std::uint32_t number) {
 }
 
 void RecordLog::save_all_erased(bool is_durable) {
-  // First: a tally that still counts what is erased already would tell of a loss.
+  // The tally is written first: if it still counted erased records, open() would report a loss.
   const bool is_needed =
       std::ranges::any_of(segments_, [](const auto& one) { return !one.second.unsaved.empty(); });
   if (is_needed && write_tally() && is_durable) fdatasync(tally_file_.get());
@@ -564,7 +567,7 @@ void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_dura
   if (!is_durable || fdatasync(list.get()) == 0) segment.unsaved.clear();
 }
 
-/// The newest stays: its header has the highest key.
+/// Keeps the newest segment, because its header has the highest key.
 void RecordLog::remove_dead_segments() {
   if (segments_.empty()) return;
   for (auto one = segments_.begin(); std::next(one) != segments_.end();) {
@@ -599,7 +602,7 @@ std::optional<Bytes> RecordLog::read(const Entry& entry) const {
   return Bytes(content.begin(), content.end());
 }
 
-/// Records that wait for long do not keep the segments of those around them.
+/// Moves the live records to the newest segment, so that a few old records do not keep a segment.
 void RecordLog::move_records_of(std::uint32_t segment, bool is_durable) {
   Changes moved;
   std::vector<Entry*> damaged;
@@ -614,11 +617,11 @@ void RecordLog::move_records_of(std::uint32_t segment, bool is_durable) {
     }
     append(moved, is_durable);
   } catch (const LogError&) {
-    return;  // the disk fails: they stay where they are
+    return;  // the disk fails: the records stay where they are
   }
   for (Entry* const entry : damaged) {
     mark_erased(*entry);
-    entry->segment = 0;  // whoever reads it finds it damaged
+    entry->segment = 0;  // read() returns nothing for it, as for any damaged record
   }
   save_all_erased(is_durable);
 }
@@ -639,8 +642,8 @@ std::optional<std::uint32_t> RecordLog::sparse_segment() const {
   return is_sparse ? sparsest : std::nullopt;
 }
 
-/// In one write, so that a process that is killed leaves the old one or the new one. After a
-/// failure it is older than the log, which only means that a lost end goes unnoticed.
+/// Writes the tally in one write, so that a killed process leaves either the old or the new tally.
+/// After a failure the tally is older than the log; then only a lost end goes unnoticed.
 bool RecordLog::write_tally() {
   ByteWriter tally;
   tally.write_u32_le(segments_.empty() ? next_segment_ - 1 : segments_.rbegin()->first);

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// An append log of records with keys on disk: the last record of a key counts. There are numbered
-// segments in a directory, and beside each a list of the records that were erased. Each record has
-// a checksum, so damage costs only what it hit, and a segment whose records are all erased is
-// removed. Blocks; used on the disk's thread.
+// An append log of records with keys on disk: the last record of a key counts. The directory has
+// numbered segments, and beside each a list of its erased records. Each record has a checksum, so
+// damage loses only the records that it hit. A segment whose records are all erased is removed.
+// Blocks; used on the disk's thread.
 //
 //   <number>-<log id>.log          header, then records, one behind the other
 //   <number>-<log id>.log.erased   offset and checksum of each erased record
-//   tally                          newest segment, its records, records not erased in all; locked
+//   tally                          newest segment, its records, live records in all; locked
 //
 // All numbers are little-endian, checksums CRC-32 (ISO-HDLC). A checksum also covers the log's
 // random id, so that no content of a record can pass for a record. Each segment's header has the
-// number of records in the segment before, and the tally that of the newest: so a lost end is
-// noticed.
+// number of records in the segment before, and the tally has that of the newest segment, so that a
+// lost end is noticed.
 #pragma once
 
 #include <cstdint>
@@ -28,12 +28,12 @@
 
 namespace slamgw {
 
-/// The disk did not do what was asked; what() names the file and the reason.
+/// An operation on the log has failed; what() names the file and the reason.
 class LogError : public std::runtime_error {
  public:
   /// `error`: an errno.
   LogError(const std::string& what, int error);
-  /// The disk failed, perhaps for a moment only.
+  /// Returns true when the disk failed, perhaps only for a moment.
   bool is_io_error() const { return is_io_error_; }
 
  private:
@@ -58,8 +58,8 @@ class OwnedFile {
 
 class RecordLog {
  public:
-  /// What open() has found missing. Where a list of erased records is damaged as well, it is not
-  /// certain how many of the missing records were still needed.
+  /// Records that open() found missing. If a list of erased records is damaged too, it is uncertain
+  /// how many of the missing records were still needed.
   struct Summary {
     std::size_t lost_at_least = 0;
     std::size_t lost_at_most = 0;
@@ -71,36 +71,37 @@ class RecordLog {
   /// LogError.
   RecordLog(std::string directory, std::uint32_t segment_bytes);
 
-  /// Reads everything. Call once, before the other members. `skips_unreadable`: what the disk
-  /// cannot read is lost; else LogError is thrown for it. Throws LogError also for a log of a newer
-  /// version.
+  /// Reads the whole log. Call once, before the other members. `skips_unreadable`: data that the
+  /// disk cannot read are lost; else LogError is thrown for them. Throws LogError also for a log of
+  /// a newer version.
   Summary open(bool skips_unreadable);
 
-  /// For the next commit. `content` is not empty.
+  /// Collects a record, or an erasure, for the next commit. `content` is not empty.
   void put(std::uint64_t key, Bytes content) { puts_.emplace_back(key, std::move(content)); }
   void erase(std::uint64_t key) { erasures_.push_back(key); }
-  /// Writes what was put, and then erases: all of it, or nothing, when it throws LogError.
-  /// `is_durable`: it survives a power cut, else the end of the process only. An erasure that the
-  /// disk does not take is written with a later one; until then a new process finds the record
+  /// Writes the collected records, then erases. Throws LogError, and then has done neither.
+  /// `is_durable`: the commit survives a power cut, else only the end of the process. An erasure
+  /// that cannot be written is written with a later one; until then a new process finds the record
   /// again.
   void commit(bool is_durable);
 
-  /// Nothing when there is none, or it is damaged. Throws LogError when the disk fails.
+  /// Returns the content; nothing when there is no record, or it is damaged. Throws LogError when
+  /// the disk fails.
   std::optional<Bytes> read(std::uint64_t key) const;
   bool has(std::uint64_t key) const { return find(key) != nullptr; }
-  /// The size of its content; 0: there is none.
+  /// Returns the size of the content; 0 when there is no record.
   std::uint32_t bytes_of(std::uint64_t key) const;
-  /// The first key above `after`.
+  /// Returns the first key above `after`.
   std::optional<std::uint64_t> next(std::uint64_t after) const;
-  /// At least the highest there has been.
+  /// Returns at least the highest key that was ever written.
   std::uint64_t last_key() const { return last_key_; }
 
-  /// Writes segments that somebody moved, removed or replaced while they were open to their places
-  /// again. Returns the names of those files. Throws LogError.
+  /// Restores segments and tally that were moved, removed or replaced while they were open. Returns
+  /// the paths of the restored segments. Throws LogError.
   std::vector<std::string> put_back_in_place();
   bool is_in_place() const;
 
-  /// Makes durable what was written without that. Throws LogError.
+  /// Makes durable what earlier commits have written without `is_durable`. Throws LogError.
   void synchronise();
 
  private:
@@ -109,13 +110,13 @@ class RecordLog {
     std::uint32_t bytes = 0;
     std::uint32_t records = 0;           ///< ever written
     std::uint32_t live = 0;              ///< not erased: entries of the index
-    std::vector<std::uint32_t> unsaved;  ///< entries of the list of erased records
+    std::vector<std::uint32_t> unsaved;  ///< entries to add to the list of erased records
   };
-  /// Where the record of a key is.
+  /// The place of a key's record.
   struct Entry {
     std::uint64_t key = 0;
     std::uint32_t segment = 0;
-    std::uint32_t offset = 0;  ///< 0: it is erased
+    std::uint32_t offset = 0;  ///< 0: the record is erased
     std::uint32_t bytes = 0;   ///< of the content
   };
   using Changes = std::vector<std::pair<std::uint64_t, Bytes>>;
@@ -146,7 +147,7 @@ class RecordLog {
   Segment& newest() { return segments_.rbegin()->second; }
   void create_segment(std::uint32_t number);
   void append(const Changes& puts, bool is_durable);
-  /// The segment with the most erased records, when there are too many of them on disk.
+  /// Returns the segment with the most erased bytes, when there are too many of them on disk.
   std::optional<std::uint32_t> sparse_segment() const;
   void move_records_of(std::uint32_t segment, bool is_durable);
   void save_all_erased(bool is_durable);
@@ -173,8 +174,8 @@ class RecordLog {
   Changes puts_;
   std::vector<std::uint64_t> erasures_;
   std::set<std::uint32_t> unsynchronised_;  // segments that are written, not yet durable
-  bool needs_segment_ = true;               // the next record begins one
-  std::uint32_t next_segment_ = 1;          // its number
+  bool needs_segment_ = true;               // the next record begins a new segment
+  std::uint32_t next_segment_ = 1;          // number of the next new segment
 };
 
 }  // namespace slamgw

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thread that a store's file lives on: a commit takes as long as the disk takes, and the loop
-// must not wait for it. Jobs run one after the other in the order they were given; what they found
-// goes back to the loop as a report. Owned and used by a store on the loop's thread; only the
-// members that say so are for the store's own thread.
+// The thread of a store's file operations: a commit takes as long as the disk takes, and the loop
+// must not wait for it. Jobs run one after the other in the order in which they were given; their
+// results go back to the loop as reports. Owned and used by a store on the loop's thread; only the
+// members that say so may be called on another thread.
 #pragma once
 
 #include <boost/asio/executor_work_guard.hpp>
@@ -15,15 +15,15 @@
 
 namespace slamgw {
 
-/// How long the stores wait for a disk.
+/// Times for which the stores wait for a disk.
 struct StorePatience {
-  /// Between attempts to open a log that could not be opened.
+  /// Pause between attempts to open a log that could not be opened.
   std::chrono::milliseconds reopen{10000};
-  /// Between attempts to read a disk that fails.
+  /// Pause between attempts to read a failing disk.
   std::chrono::milliseconds check{1000};
-  /// How long they may hold up the start before the daemon continues without the store.
+  /// Longest delay of the start; after it the daemon continues without the store.
   std::chrono::milliseconds opening{10000};
-  /// What the disk could not read for this long is lost.
+  /// Data that the disk could not read for this time are lost.
   std::chrono::milliseconds unreadable{60000};
 };
 
@@ -39,7 +39,7 @@ class StoreThread {
   void run(Job&& job) {
     boost::asio::post(context_, std::forward<Job>(job));
   }
-  /// Runs `report` on the loop's thread; drops it when stop() has come first. For any thread.
+  /// Runs `report` on the loop's thread; drops it when stop() was called first. Call on any thread.
   template <class Report>
   void report(Report&& report) {
     boost::asio::post(loop_,
@@ -50,7 +50,7 @@ class StoreThread {
   /// For timers whose handlers run on the store's thread.
   boost::asio::io_context& context() { return context_; }
 
-  /// Does every job that was given before, and waits for that. Timers are dropped.
+  /// Runs every job that was given before, and waits for that. Timers are dropped.
   void stop();
 
  private:
