@@ -16,7 +16,7 @@ using std::chrono::milliseconds;
 
 /// Weight of a new measurement in the smoothed level.
 constexpr double gain = 1.0 / 8;
-/// What two gateways have heard of one message differs by less: it is as late as the broker is.
+/// Two gateways' times of one message differ by less than this, which is the broker's delay.
 constexpr milliseconds same_message{100};
 
 bool is_between(const json& number, std::int64_t least, std::int64_t most) {
@@ -105,7 +105,7 @@ bool BoardChoice::should_take(const std::string& robot, const std::string& holde
   if (std::exchange(here.compared_with, holder) != holder) here.better_since.reset();
   if (holder.empty() || is_board_down(holder, now)) return true;
   const auto board = boards_.find(holder);
-  // A holder that has not reported this robot yet is given as long as one that has missed it.
+  // A holder that has not reported this robot yet gets the same time as one that has missed it.
   const auto [elsewhere, is_new] = here.elsewhere.try_emplace(holder);
   if (is_new) elsewhere->second = {Hears::lowest_level_db, {}, 1, now};
   if (is_deaf(elsewhere->second, board == boards_.end() ? nullptr : &board->second, now))
@@ -123,7 +123,8 @@ bool BoardChoice::is_board_down(const std::string& gateway, TimePoint now) const
   return board != boards_.end() && !board->second.is_up && now - board->second.heard_from < recent;
 }
 
-/// Messages were missed only if the holder has reported since it should have heard them.
+/// Returns true when the holder has missed the robot's messages. They count as missed only if the
+/// holder has reported since it should have heard them, or is silent.
 bool BoardChoice::is_deaf(const Elsewhere& holder, const Board* board, TimePoint now) const {
   if (holder.missed < most_missed || now - holder.missed_since < deaf_after) return false;
   if (board && board->heard_from >= holder.missed_since + hears_interval) return true;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which of several gateways serves a robot that the boards of all of them hear, because they share
-// one mesh. The holder of the robot's session keeps it until another gateway hears the robot
+// Decides which of several gateways serves a robot, when all their boards hear it because they
+// share one mesh. The holder of the robot's session keeps it until another gateway hears the robot
 // clearly better for a while, or hears it when the holder does not. Gateways publish what they hear
 // (`Hears`); each decides for itself whether to take the session. Pure; FleetMember asks it.
 #pragma once
@@ -18,25 +18,25 @@
 namespace slamgw::sessions {
 
 /// How well a board hears a robot: the RSSI of the last hop in dBm, less `relay_cost_db` for each
-/// relay before it, whose own signals nobody tells.
+/// relay before it, because the RSSI at the relays is unknown.
 struct SignalLevel {
   static constexpr int relay_cost_db = 30;
   int db = 0;
 };
 
-/// What a gateway's board hears in a mesh that other gateways' boards hear, too.
+/// A gateway's report: the robots that its board hears in a mesh shared with other gateways.
 struct Hears {
-  /// As many robots as the BLE mesh has room for.
+  /// The BLE mesh has room for this many robots.
   static constexpr std::size_t max_rows = 256;
-  /// Twice what so many rows take with the longest ids.
+  /// Twice the size of `max_rows` rows with the longest ids.
   static constexpr std::size_t max_octets = 64 * 1024;
-  /// The level is unknown.
+  /// Stands for an unknown level.
   static constexpr int lowest_level_db = -1000;
   static constexpr int highest_level_db = 100;
   struct Row {
     std::string robot;
     int level_db = lowest_level_db;   ///< SignalLevel
-    std::chrono::milliseconds age{};  ///< since it was heard last
+    std::chrono::milliseconds age{};  ///< since the robot was heard last
   };
   bool is_board_up = false;
   std::vector<Row> rows;
@@ -44,7 +44,7 @@ struct Hears {
 
 /// `{"up":true,"rows":[["nr1",-60,120]]}`: robot, level in dB, age in ms.
 std::string to_json_text(const Hears& hears);
-/// Nothing when it is malformed or larger than a gateway makes it.
+/// Returns nothing when the payload is malformed, or larger than a gateway's report can be.
 std::optional<Hears> read_hears(ByteView payload);
 
 class BoardChoice {
@@ -56,8 +56,7 @@ class BoardChoice {
   /// robot sends an acknowledged message four times within the first 1.2 s.
   static constexpr unsigned most_missed = 3;
   static constexpr std::chrono::seconds deaf_after{2};
-  /// A holder that publishes nothing of what it hears has no board in this mesh, or none that
-  /// works.
+  /// A holder that publishes no Hears for this time has no working board in this mesh.
   static constexpr std::chrono::seconds silent_after{3};
   static constexpr std::chrono::seconds hears_interval{1};
   /// A robot that was heard longer ago is not taken, and its levels are not compared.
@@ -65,10 +64,10 @@ class BoardChoice {
   static constexpr std::chrono::seconds forget_after{60};
   /// More robots are ignored.
   static constexpr std::size_t max_robots = Hears::max_rows;
-  /// Boards of other gateways; more are ignored until one has been silent for `forget_after`.
+  /// Limit of other gateways' boards; more are ignored until one is silent for `forget_after`.
   static constexpr std::size_t max_boards = 1000;
 
-  /// Whether this gateway's own board works. True when that has changed.
+  /// Call when this gateway's own board works or fails. Returns true when that has changed.
   bool on_board(bool is_up) {
     const bool is_news = std::exchange(is_board_up_, is_up) != is_up;
     if (!is_news) return false;
@@ -76,19 +75,20 @@ class BoardChoice {
     for (auto& [robot, here] : robots_) here.better_since.reset();
     return true;
   }
-  /// This gateway's board has heard the robot. `level`: nothing where it is not known.
+  /// Call when this gateway's board has heard the robot. `level`: nothing when it is unknown.
   void on_heard(const std::string& robot, std::optional<SignalLevel> level, TimePoint now);
+  /// Call when another gateway has published what it hears.
   void on_hears(const std::string& gateway, const Hears& hears, TimePoint now);
-  /// Robots that this gateway's board has heard lately; none while it does not work.
+  /// Returns the robots that this gateway's board has heard lately; none while it does not work.
   std::vector<std::string> candidates(TimePoint now) const;
-  /// Whether this gateway should take the robot's session from its living holder; an empty `holder`
-  /// means that no living gateway has it. Ask at least every second.
+  /// Returns true when this gateway should take the robot's session from its living holder. An
+  /// empty `holder` means that no living gateway has the session. Call at least every second.
   bool should_take(const std::string& robot, const std::string& holder, TimePoint now);
-  /// Returns what the other gateways should hear, every `hears_interval`.
+  /// Returns the report to publish, once every `hears_interval`.
   std::optional<Hears> next_hears(TimePoint now);
 
  private:
-  /// What another gateway hears of a robot.
+  /// How another gateway hears a robot.
   struct Elsewhere {
     int level_db = Hears::lowest_level_db;
     TimePoint heard{};
@@ -103,7 +103,7 @@ class BoardChoice {
     std::optional<double> level_db;               ///< smoothed
     std::array<TimePoint, most_missed> latest{};  ///< when it was heard, the newest last
     std::map<std::string, Elsewhere> elsewhere;   ///< by gateway
-    std::string compared_with;                    ///< the holder that `better_since` is about
+    std::string compared_with;                    ///< the holder for `better_since`
     std::optional<TimePoint> better_since;
 
     TimePoint last() const { return latest.back(); }

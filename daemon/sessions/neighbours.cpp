@@ -10,7 +10,7 @@ namespace {
 
 using nlohmann::json;
 
-/// Nothing when it is not an object, or too large to be a gateway's.
+/// Returns nothing when the document is not an object, or too large to be from a gateway.
 std::optional<json> parse(ByteView document) {
   if (document.empty() || document.size() > Neighbours::max_document_octets) return std::nullopt;
   json parsed = json::parse(document.begin(), document.end(), nullptr, false);
@@ -55,7 +55,7 @@ void Neighbours::on_presence(const std::string& gateway, const std::string& robo
   if (known == robots_.end() && robots_.size() >= max_robots) return;
   Shown shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since"),
               std::string(as_text(document))};
-  // `offline` says nothing against a gateway that shows the robot as its own.
+  // An `offline` does not replace the presence that another gateway shows.
   const bool is_older = known != robots_.end() && known->second.gateway != gateway &&
                         shown.state == "offline" && known->second.state != "offline";
   if (is_older) return;
@@ -64,7 +64,8 @@ void Neighbours::on_presence(const std::string& gateway, const std::string& robo
   robots_[robot] = std::move(shown);
 }
 
-/// A gateway that loses a robot may show it once more before it withdraws it.
+/// Restores the former gateway's presence: a gateway that loses a robot may show it once more
+/// before it withdraws it.
 void Neighbours::on_withdrawn(const std::string& gateway, const std::string& robot) {
   const auto known = robots_.find(robot);
   if (known == robots_.end()) return;
@@ -89,7 +90,7 @@ bool Neighbours::is_online(const std::string& gateway) const {
   return found != gateways_.end() && found->second.is_online;
 }
 
-/// How many living gateways come before this one by name.
+/// Returns the number of living gateways that come before this one by name.
 unsigned Neighbours::rank() const {
   return static_cast<unsigned>(std::ranges::count_if(
       gateways_, [&](const auto& each) { return each.second.is_online && each.first < own_id_; }));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The other gateways of this broker, as their retained `state` and the presence of their robots
-// show them: who serves which robot, and who answers for the robots of one that has died. Pure.
+// The other gateways of this broker, from their retained `state` and the presence of their robots:
+// which gateway serves which robot, and when this one answers for a dead gateway's robots. Pure.
 #pragma once
 
 #include <map>
@@ -18,11 +18,11 @@ class Neighbours {
  public:
   static constexpr std::size_t max_gateways = 1000;
   static constexpr std::size_t max_robots = 20000;
-  /// Ten times what a gateway says in its state; a larger message is not a gateway's.
+  /// Ten times the size of a gateway's state; a larger message is not from a gateway.
   static constexpr std::size_t max_document_octets = 4096;
-  /// After a gateway has died, its robots may be heard elsewhere first.
+  /// Time after a gateway's death in which another gateway may hear its robots first.
   static constexpr std::chrono::seconds orphan_delay{5};
-  /// Each living gateway that comes before this one by name adds this much.
+  /// Each living gateway that comes before this one by name adds this time.
   static constexpr std::chrono::seconds rank_delay{1};
 
   struct State {
@@ -30,13 +30,14 @@ class Neighbours {
     std::string version;
     std::string since;
   };
+  /// The presence of a robot at a gateway.
   struct Shown {
     std::string gateway;
     std::string state;  ///< `online`, `asleep`, `offline`
     std::string since;
     std::string document;  ///< as it was retained
   };
-  /// A robot whose gateway has died: this gateway answers for it `after` so much time.
+  /// A robot whose gateway has died: this gateway answers for it after the time `after`.
   struct Orphan {
     std::string robot;
     Duration after{};
@@ -44,20 +45,20 @@ class Neighbours {
 
   explicit Neighbours(std::string own_id) : own_id_(std::move(own_id)) {}
 
-  /// The `state` of a gateway; empty when it was withdrawn. What is no such document counts as
-  /// offline. Returns the orphans, if the gateway has just gone.
+  /// Takes the `state` of a gateway; empty when it was withdrawn. An invalid document counts as
+  /// offline. Returns the orphans, if the gateway has just gone offline.
   std::vector<Orphan> on_state(const std::string& gateway, ByteView document);
-  /// The presence of a robot at a gateway; empty when it was withdrawn.
+  /// Takes the presence of a robot at a gateway; empty when it was withdrawn.
   void on_presence(const std::string& gateway, const std::string& robot, ByteView document);
 
-  /// Whether a living gateway other than this one shows the robot.
+  /// Returns true when another living gateway shows the robot.
   bool is_served_elsewhere(const std::string& robot) const;
-  /// Whether this gateway is the first by name of those that are online: it refuses commands for
-  /// names that no robot has.
+  /// Returns true when this gateway is the first by name of the online gateways: it refuses
+  /// commands for names that no robot has.
   bool is_first() const { return rank() == 0; }
 
   const std::map<std::string, State>& gateways() const { return gateways_; }
-  /// By robot: where it was shown last.
+  /// The last presence of each robot, by robot.
   const std::map<std::string, Shown>& robots() const { return robots_; }
 
  private:
@@ -66,9 +67,9 @@ class Neighbours {
   bool is_online(const std::string& gateway) const;
 
   const std::string own_id_;
-  std::map<std::string, State> gateways_;  ///< others
-  std::map<std::string, Shown> robots_;    ///< of others
-  std::map<std::string, Shown> former_;    ///< of `robots_`: what another gateway showed before
+  std::map<std::string, State> gateways_;  ///< without this one
+  std::map<std::string, Shown> robots_;    ///< of the other gateways
+  std::map<std::string, Shown> former_;    ///< of `robots_`, the presence at another gateway before
 };
 
 }  // namespace slamgw::sessions

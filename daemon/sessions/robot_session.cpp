@@ -8,7 +8,7 @@
 
 namespace slamgw::sessions {
 
-// --- Who holds it --------------------------------------------------------------------------------
+// --- Holding the session -------------------------------------------------------------------------
 
 void RobotSession::on_heard(bool is_elsewhere, TimePoint now) {
   if (is_held()) return;
@@ -58,7 +58,8 @@ void RobotSession::drop_unfenced() {
   end_sorting();
 }
 
-/// On MQTT 3.1.1 a session that begins clean also ends with its connection.
+/// Sorts first when a clean session is due. On MQTT 3.1.1 a session that begins clean also ends
+/// with its connection, so it is opened a second time.
 void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   is_v5_ = is_v5;
   if (is_clean_due_ && is_present && !is_opened_clean_) return begin_sorting(now);
@@ -72,11 +73,10 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   held_since_ = now;
   retry_ = first_retry;
   knows_all_ = !is_present;
-  // A broker that was killed, or a gateway before it had subscribed all, leaves a session without
-  // some of them.
+  // If the broker or the former gateway was killed, the session may lack some of the filters.
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
   const auto unheld_since = std::exchange(unheld_since_, std::nullopt);
-  subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);  // the marker comes by it
+  subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);  // for the marker, too
   subscribe_to_commands();
   if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
@@ -94,7 +94,7 @@ void RobotSession::send_marker(TimePoint now) {
   actions_.push(SendMarker{robot_, marker_});
 }
 
-/// What waited for the robot at the broker has an outcome before it is forgotten.
+/// Gives the messages that waited at the broker an outcome before the broker forgets them.
 void RobotSession::begin_sorting(TimePoint now) {
   if (!is_held()) subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);
   state_ = State::sorting;
@@ -114,14 +114,14 @@ void RobotSession::subscribe_own(const std::string& topic, bool wants_retained) 
   actions_.push(SubscribeSession{robot_, topic, Qos::at_least_once, own_id, wants_retained});
 }
 
-/// On MQTT 5 what the robot has not subscribed to has an outcome, too.
+/// Subscribes to all commands on MQTT 5, so that unsubscribed ones have an outcome, too.
 void RobotSession::subscribe_to_commands() {
   if (is_v5_ && !hears_all_commands())
     actions_.push(SubscribeSession{robot_, names_.command_filter(robot_), Qos::at_least_once,
                                    command_id, false});
 }
 
-/// By a filter of its own: `.../#` or `.../+`.
+/// Returns true when the robot has a filter for all commands itself: `.../#` or `.../+`.
 bool RobotSession::hears_all_commands() const {
   std::string filter = names_.command_filter(robot_);
   if (has_filter(filter)) return true;
@@ -169,7 +169,8 @@ bool RobotSession::forgive_loss(TimePoint now) {
   return true;
 }
 
-/// Two gateways, or a foreign client, that take the session from each other.
+/// Counts the loss. Delays the next CONNECT when two gateways, or a foreign client, repeatedly take
+/// the session from each other.
 void RobotSession::count_loss(TimePoint now) {
   lost_at_ = now;
   const bool is_again = now < quiet_at_;
@@ -182,7 +183,7 @@ void RobotSession::count_loss(TimePoint now) {
   quiet_at_ = std::max(now, opens_at_) + quiet_minute;
 }
 
-// --- What the robot hears ------------------------------------------------------------------------
+// --- Subscriptions -------------------------------------------------------------------------------
 
 RobotSession::Filter& RobotSession::filter_of(const std::string& filter, Qos qos) {
   const auto [entry, is_new] = filters_.try_emplace(filter);
@@ -192,7 +193,7 @@ RobotSession::Filter& RobotSession::filter_of(const std::string& filter, Qos qos
   return entry->second;
 }
 
-/// FNV-1a; the next free one where two filters of a robot have the same.
+/// Returns the filter's FNV-1a hash, or the next free number if another filter has the same.
 std::uint32_t RobotSession::make_id(const std::string& filter) const {
   std::uint32_t hash = 2166136261U;
   for (const char c : filter) hash = (hash ^ static_cast<std::uint8_t>(c)) * 16777619U;
@@ -232,8 +233,8 @@ void RobotSession::unsubscribe(const std::string& filter) {
   }
 }
 
-/// What another gateway, or an earlier process, has subscribed is not known here: such a session
-/// ends, and another one begins.
+/// Filters that another gateway or an earlier process has subscribed are not known here: a session
+/// that may have some is ended and replaced by a new one.
 void RobotSession::begin_clean(TimePoint now) {
   grant_waiting();
   if (is_held() && knows_all_) {
@@ -266,7 +267,7 @@ void RobotSession::on_subscribed(const std::string& filter, bool is_granted, Tim
   if (const auto asked = std::ranges::find(asked_, filter); asked != asked_.end())
     asked_.erase(asked);
   const auto found = filters_.find(filter);
-  if (found == filters_.end()) return;  // the gateway's own, or given up meanwhile
+  if (found == filters_.end()) return;  // the gateway's own filter, or one given up since
   if (!is_granted) return refuse(filter);
   Filter& entry = found->second;
   entry.is_standing = entry.was_granted = true;
@@ -281,8 +282,8 @@ void RobotSession::refuse(const std::string& filter) {
   actions_.push(FilterAnswered{robot_, filter, false});
 }
 
-/// A broker answers in order: it may have ended the connection instead of answering the first. Then
-/// no other client has taken the session.
+/// Counts the loss against the first unanswered filter: a broker answers in order, so it may have
+/// ended the connection instead of answering it. Then no other client has taken the session.
 void RobotSession::blame_unanswered() {
   if (asked_.empty()) return;
   const std::string filter = asked_.front();
@@ -339,14 +340,14 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
   actions_.push(AskFence{robot_, last_fence_});
 }
 
-/// The broker sent it before it knew that the robot has this filter no longer.
+/// Returns true when the broker sent a message for a filter that the robot no longer has.
 bool RobotSession::is_given_up(std::uint32_t id) const {
   const auto is_of = [&](const auto& each) { return each.second.id == id; };
   return knows_all_ && id >= first_filter_id && std::ranges::none_of(filters_, is_of);
 }
 
-/// A message may come for a filter that is not known here, or was given up, and, next to it, for
-/// the gateway's own.
+/// Joins the message with its waiting copy and returns true, if there is one. A message may come
+/// for a filter that is unknown here or was given up, and again for the gateway's own filter.
 bool RobotSession::joins_copy(const BrokerMessage& message, std::uint32_t id, bool is_unasked) {
   if (id == 0 || (knows_all_ && !is_unasked)) return false;
   const auto other = std::ranges::find_if(unfenced_, [&](const Unfenced& each) {
@@ -361,13 +362,13 @@ bool RobotSession::joins_copy(const BrokerMessage& message, std::uint32_t id, bo
   return true;
 }
 
-/// A copy with QoS 2 comes one round trip later.
+/// Returns true when a copy may still come: with QoS 2 it comes one round trip later.
 bool RobotSession::is_copy_to_come(const Unfenced& one) const {
   return one.is_unasked && !one.has_waited;
 }
 
-/// A subscription that is made again brings its retained messages again (MQTT 3.1.1). They are for
-/// the robot when it has asked.
+/// Returns false for a retained message that the robot did not ask for: on MQTT 3.1.1, a renewed
+/// subscription brings its retained messages again.
 bool RobotSession::wants_retained(const BrokerMessage& message, TimePoint now) const {
   if (!message.retain) return true;
   return std::ranges::any_of(filters_, [&](const auto& each) {
@@ -375,9 +376,9 @@ bool RobotSession::wants_retained(const BrokerMessage& message, TimePoint now) c
   });
 }
 
-/// Brokers may send a message once for each of our filters that it matches. Taken is the copy for
-/// the robot's own filter with the highest QoS, and of those with the lowest identifier; else that
-/// for the gateway's.
+/// Returns true when another copy of the message is the one to take: brokers may send one for each
+/// matching filter. The copy for the robot's own filter with the highest QoS is taken, and of those
+/// the lowest identifier; without such a filter, the copy for the gateway's filter.
 bool RobotSession::is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const {
   if (ids.size() != 1 || ids.front() == own_id || message.retain) return false;
   const auto own = std::ranges::find_if(
@@ -430,7 +431,7 @@ void RobotSession::release(TimePoint now) {
   purge_when_sorted();
 }
 
-/// What another gateway hands on tells its own age.
+/// Reports a message of this gateway. A message from the mailbox carries its own age.
 void RobotSession::pass_on(Unfenced& one) {
   if (one.message.topic == names_.mailbox_topic(robot_)) {
     auto handed_on = decode_waiting(one.message.payload);

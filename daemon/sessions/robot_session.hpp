@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One robot's place at the broker: an MQTT session of the robot's own, which the broker gives to
-// one gateway at a time (docs/fleet.md). Says when it is opened, which of its messages are this
-// gateway's, and what is lost with it. Part of RobotSessions, which decides how many open at once.
+// One robot's MQTT session at the broker, which the broker gives to one gateway at a time
+// (docs/fleet.md). Decides when the session is opened, which of its messages are for this gateway,
+// and what is lost with it. Part of RobotSessions, which limits how many sessions open at once.
 #pragma once
 
 #include <cstdint>
@@ -21,50 +21,51 @@ namespace slamgw::sessions {
 
 class RobotSession {
  public:
-  /// Messages whose fence is not answered yet; more are dropped and counted. A fence takes one
-  /// round trip to the broker.
+  /// Limit of messages whose fence is not answered yet; more are dropped and counted. A fence takes
+  /// one round trip to the broker.
   static constexpr std::size_t max_unfenced = 256;
-  /// A session that is lost so soon, so many times in a row, is opened again ever later.
+  /// A session that is lost within `quick_loss` of its start, more than `free_losses` times in a
+  /// row, is opened again after growing waits.
   static constexpr std::chrono::seconds quick_loss{10};
   static constexpr unsigned free_losses = 3;
   static constexpr std::chrono::seconds first_flap_wait{3};
   static constexpr std::chrono::seconds longest_flap_wait{60};
-  /// Losses without a quiet minute between them, while the robot is heard here: all when they are
-  /// quick, else those to a client that is not one of our gateways.
+  /// A session is contested after this many losses without a quiet minute between them, while its
+  /// robot is heard here. Losses to one of our own gateways count only when they are quick.
   static constexpr unsigned contested_losses = 2;
   static constexpr std::chrono::seconds quiet_minute{60};
-  /// A broker that ends closes its connections one after the other.
+  /// A broker that shuts down closes its connections one after the other, within this time.
   static constexpr std::chrono::seconds broker_end{3};
-  /// After a CONNECT that failed.
+  /// Waits after a failed CONNECT.
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{30};
-  /// What waited at the broker for longer than this while nobody held the session is refused. A
-  /// gateway that takes it over while another one still sorts does not know what is old.
+  /// Waiting messages are refused when no gateway has held the session for longer than this. A
+  /// gateway that takes the session while another one still sorts cannot know which are old.
   static constexpr std::chrono::seconds stale_after{25};
-  /// A marker goes to the robot's own topic and comes back behind what the broker had. A message
-  /// with QoS 2 comes one round trip later than others, so there are two markers.
+  /// A marker goes to the robot's mailbox and comes back after the messages that the broker had. A
+  /// message with QoS 2 comes one round trip later than others, so there are two markers.
   static constexpr unsigned marker_rounds = 2;
-  /// For a marker to come back; what comes before the last one is stale.
+  /// Time for a marker to come back. Messages that come before the last marker are stale.
   static constexpr std::chrono::seconds marker_patience{10};
-  /// A subscriber waits so long for the session and the broker's answer; less than the 10 s after
+  /// A subscriber waits this long for the session and the broker's answer; less than the 10 s after
   /// which devices ask again (MQTT-SN 1.2 section 7.2).
   static constexpr std::chrono::seconds subscribe_patience{8};
   /// Retained messages come within this time after the broker has granted their filter.
   static constexpr std::chrono::seconds retained_patience{10};
-  /// A filter that the broker does not answer, but ends the connection, so many times, is refused.
+  /// A filter is refused when the broker has ended this many connections instead of answering it.
   static constexpr unsigned max_fatal_losses = 2;
-  /// One that a broker has granted before is subscribed at each connection; a broker that restarts
-  /// ends some of these.
+  /// The same limit for a filter that was granted before. Such a filter is subscribed on each
+  /// connection, and a broker that restarts ends some of these.
   static constexpr unsigned max_fatal_losses_of_granted = 10;
-  /// For the note after its subscription was granted; and in all.
+  /// Time for the note to come after its subscription was granted, and in all.
   static constexpr std::chrono::milliseconds note_patience{300};
   static constexpr std::chrono::seconds longest_note_wait{2};
   static constexpr std::size_t max_note_octets = 65536;
-  /// Filters to unsubscribe at the next CONNECT; with more the session begins anew.
+  /// Limit of filters to unsubscribe at the next CONNECT; with more the session starts clean.
   static constexpr std::size_t max_given_up = 64;
 
-  /// `sorting`: the robot begins anew, and what waited for it is refused before the broker forgets
-  /// it.
+  /// `sorting`: the robot starts a clean session, and its waiting messages are refused before the
+  /// broker forgets them.
   enum class State : std::uint8_t { detached, queued, opening, sorting, attached };
 
   /// Subscription identifiers (MQTT 5). Those of the robot's own filters are made from the filters,
@@ -75,11 +76,12 @@ class RobotSession {
   static constexpr std::uint32_t last_filter_id = 268435455;
 
   struct Counts {
-    std::uint64_t fenced_off = 0;  ///< messages that came too late to be this gateway's
-    std::uint64_t dropped = 0;     ///< beyond max_unfenced, or no message in the mailbox
+    std::uint64_t fenced_off = 0;  ///< messages whose fence was not answered before the loss
+    std::uint64_t dropped = 0;     ///< messages beyond max_unfenced, or invalid in the mailbox
   };
 
-  /// `unheld_since`: nobody is known to have held the session since; nothing: somebody holds it.
+  /// `unheld_since`: no gateway is known to have held the session since then; nothing: another
+  /// gateway holds it.
   RobotSession(std::string robot, const SessionNames& names, ActionQueue<SessionAction>& actions,
                Counts& counts, std::optional<TimePoint> unheld_since = {})
       : robot_(std::move(robot)),
@@ -90,21 +92,21 @@ class RobotSession {
 
   State state() const { return state_; }
   bool is_held() const { return state_ == State::attached; }
-  /// A connection of its own is there, or on its way.
   bool is_opening() const { return state_ == State::opening || state_ == State::sorting; }
+  /// Returns true when the session has a connection, or one is being opened.
   bool is_connected() const { return is_held() || is_opening(); }
-  /// The session is taken again and again while its robot talks here.
+  /// Returns true while another client repeatedly takes the session of a robot that is heard here.
   bool is_contested() const { return is_contested_; }
-  /// When it may be opened; now, unless it failed or flaps.
+  /// Returns the earliest time for CONNECT, which is past unless the session failed or flaps.
   TimePoint opens_at() const { return opens_at_; }
-  /// The robot was heard, or is to be answered for, and the session is not there.
+  /// Returns true when the session is detached, and its robot was heard or is kept.
   bool is_wanted() const { return is_wanted_ && state_ == State::detached; }
 
-  /// The robot was heard by radio. `is_elsewhere`: another living gateway shows it.
+  /// Call when the robot was heard by radio. `is_elsewhere`: another living gateway shows it.
   void on_heard(bool is_elsewhere, TimePoint now);
-  /// To be attached without having heard it.
+  /// Asks for the session although the robot was not heard.
   void keep();
-  /// No gateway has held it since then; nothing: another living gateway holds it.
+  /// `when`: no gateway has held the session since then; nothing: another living gateway holds it.
   void set_unheld_since(std::optional<TimePoint> when) { unheld_since_ = when; }
   void set_queued() { state_ = State::queued; }
   /// Sends CONNECT.
@@ -112,29 +114,30 @@ class RobotSession {
   /// Sends DISCONNECT. `is_forgotten`: the broker forgets the session too.
   void close(bool is_forgotten);
 
-  /// A request, answered once. `may_wait`: false when the broker gives no answers.
+  /// Subscribes for the robot; answered once by FilterAnswered. `may_wait`: false when the broker
+  /// gives no answers, so that the filter is granted at once.
   void subscribe(const std::string& filter, Qos qos, bool may_wait, TimePoint now);
-  /// The robot has subscribed to it before, perhaps at another gateway.
+  /// Restores a subscription that the robot has made before, perhaps at another gateway.
   void resume(const std::string& filter, Qos qos);
   void unsubscribe(const std::string& filter);
-  /// The robot begins anew: nothing of its former session counts.
+  /// Starts a clean session: nothing of the robot's former session counts.
   void begin_clean(TimePoint now);
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
-  /// Subscribers wait no longer for the broker.
+  /// Grants the filters of subscribers that wait for the broker.
   void grant_waiting();
-  /// Answered by NoteRead. Asks for the session too.
+  /// Reads the robot's note, and asks for the session if it is not held. Answered by NoteRead.
   void read_note(TimePoint now);
   void end_note(Bytes note);
 
-  /// Another broker, which may have an older session of the robot.
+  /// Call when the gateway uses another broker, which may have an older session of the robot.
   void on_other_broker(TimePoint now);
   void on_attached(bool is_present, bool is_v5, TimePoint now);
   void on_attach_failed(TimePoint now);
-  /// `is_broker_gone`: it is not another gateway that has taken it. All CONNECTs fail then, which
-  /// says nothing against this one.
+  /// `is_broker_gone`: the broker was lost, so no other client has taken the session. All CONNECTs
+  /// fail then, so a failed one does not delay the next.
   void on_detached(bool is_broker_gone, TimePoint now);
-  /// The broker has gone, and this session a moment before it: it was not another client. False
-  /// when it was not lost just now.
+  /// Call when the broker was lost: a session that was lost just before was not taken by another
+  /// client, and that loss does not count. Returns false when there was no such loss.
   bool forgive_loss(TimePoint now);
   void on_subscribed(const std::string& filter, bool is_granted, TimePoint now);
   void on_message(BrokerMessage message, std::span<const std::uint32_t> ids, TimePoint now);
@@ -148,22 +151,22 @@ class RobotSession {
     Qos qos = Qos::at_most_once;
     std::uint32_t id = 0;
     bool is_standing = false;               ///< the broker has granted it on this connection
-    bool was_granted = false;               ///< or on an earlier one, perhaps at another gateway
+    bool was_granted = false;               ///< on any connection, perhaps at another gateway
     bool wants_retained = false;            ///< the next SUBSCRIBE brings retained messages
     std::optional<TimePoint> answer_due{};  ///< the robot waits for an answer
     TimePoint retained_until{};             ///< retained messages are for the robot until then
     unsigned fatal_losses = 0;
   };
-  /// A message that came on this connection, until the broker shows that it is ours.
+  /// A message that came on this connection, until its fence shows that it is this gateway's.
   struct Unfenced {
     std::uint64_t fence = 0;
     BrokerMessage message;
-    std::uint32_t id = 0;  ///< of the one filter that brought it; 0: of several, or not told
+    std::uint32_t id = 0;  ///< of the filter that it came for; 0: several filters, or unknown
     bool is_unasked = false;
     bool is_stale = false;
     bool is_answered = false;
-    bool is_joined = false;   ///< with the copy for the gateway's own filter
-    bool has_waited = false;  ///< for such a copy
+    bool is_joined = false;   ///< with a copy; one of the two came for the gateway's own filter
+    bool has_waited = false;  ///< one fence longer, for such a copy
     TimePoint came{};
   };
 
@@ -199,27 +202,27 @@ class RobotSession {
   State state_ = State::detached;
   bool is_wanted_ = false;
   bool is_v5_ = false;
-  bool is_clean_due_ = false;  ///< the robot has begun anew
+  bool is_clean_due_ = false;  ///< the session must start clean
   bool is_purge_due_ = false;  ///< the next CONNECT asks the broker to forget the session
   bool is_opened_clean_ = false;
-  bool knows_all_ = false;  ///< the broker's session has no filters but those that are here
+  bool knows_all_ = false;  ///< the broker's session has no filters besides `filters_`
   std::map<std::string, Filter> filters_;
   std::deque<std::string> asked_;   ///< SUBSCRIBEs without an answer, in their order
-  std::set<std::string> given_up_;  ///< unsubscribed while the session was not here
+  std::set<std::string> given_up_;  ///< unsubscribed while the session was not held
   std::deque<Unfenced> unfenced_;   ///< in the order in which they came
   std::uint64_t last_fence_ = 0;
   std::optional<TimePoint> unheld_since_;
-  std::string marker_;  ///< not empty: what comes before it is stale
+  std::string marker_;  ///< not empty: messages that come before it are stale
   unsigned markers_back_ = 0;
   std::optional<TimePoint> marker_until_;
-  std::optional<TimePoint> note_until_;  ///< the note is asked for
+  std::optional<TimePoint> note_until_;  ///< set while a reader waits for the note
   TimePoint held_since_{};
   TimePoint opens_at_{};
   std::chrono::seconds retry_ = first_retry;
   std::optional<TimePoint> lost_at_;
   unsigned losses_ = 0;        ///< without a quiet minute between them
-  unsigned quick_losses_ = 0;  ///< in a row, of these
-  TimePoint quiet_at_{};       ///< unless it is lost again
+  unsigned quick_losses_ = 0;  ///< of these, in a row
+  TimePoint quiet_at_{};       ///< end of the quiet minute, unless the session is lost again
   bool is_contested_ = false;
 };
 

@@ -98,7 +98,7 @@ void RobotSessions::forget(const std::string& robot) {
     if (found->second.wake) wakes_.erase({*found->second.wake, robot});
     sessions_.erase(found);
   }
-  // On MQTT 5 the DISCONNECT has said it.
+  // On MQTT 5 the DISCONNECT of a held session has ended the session, too.
   const bool is_over = was_held ? is_v5_ : is_served_elsewhere_(robot);
   if (!is_over && forgetting_.size() < max_forgetting && forgetting_.emplace(robot, false).second)
     queue_.push_back(robot);
@@ -138,7 +138,8 @@ void RobotSessions::after_opening() {
   open_next();
 }
 
-/// Whether it has worked or not: the broker ends a session that is not used after a day, too.
+/// Ends the attempt, even if it has failed: the broker also ends a session that is unused for a
+/// day.
 void RobotSessions::end_forgetting(const std::string& robot) {
   const auto ended = forgetting_.extract(robot);
   if (!ended.empty() && ended.mapped()) after_opening();
@@ -170,8 +171,8 @@ void RobotSessions::on_broker_up(bool is_v5, bool is_other, const Now& now) {
   open_next();
 }
 
-/// Sessions that were held are answered for again when the broker is back, unless another gateway
-/// has heard their robots by then.
+/// Detaches all sessions. Those that were held are attached again when the broker is back, unless
+/// another gateway has heard their robots first.
 void RobotSessions::on_broker_down(const Now& now) {
   is_broker_up_ = false;
   queue_.clear();
@@ -203,7 +204,7 @@ void RobotSessions::on_attached(const std::string& robot, bool is_present, const
   RobotSession* session = find(robot);
   if (!session || session->state() != RobotSession::State::opening) return;
   session->on_attached(is_present, is_v5_, now);
-  if (!session->is_held()) return settle(robot, *session, now);  // it begins anew
+  if (!session->is_held()) return settle(robot, *session, now);  // the session starts clean first
   ++held_;
   ++attached_;
   settle(robot, *session, now);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sessions of all robots of this gateway, as a pure machine: who is attached when, how many
-// CONNECTs are open at once, and what happens when the broker or another gateway goes
-// (docs/fleet.md names the rules). The broker decides who holds a session; gateways agree about
-// nothing. The shell is io/SessionHost.
+// The sessions of all robots of this gateway, as a pure machine: which robot is attached when, how
+// many CONNECTs are open at once, and what happens when the broker or another gateway is lost
+// (docs/fleet.md names the rules). The broker decides which gateway holds a session; gateways do
+// not negotiate. The shell is io/SessionHost.
 #pragma once
 
 #include <deque>
@@ -23,15 +23,15 @@ namespace slamgw::sessions {
 class RobotSessions {
  public:
   static constexpr std::size_t default_max_sessions = 10000;
-  /// CONNECTs without an answer; brokers take 2 500 a second, and TLS costs more.
+  /// Limit of CONNECTs without an answer. Brokers accept 2500 a second, and fewer with TLS.
   static constexpr std::size_t max_opening = 32;
-  /// Sessions that the broker has yet to forget; it keeps those beyond until they expire.
+  /// Limit of sessions that the broker has yet to forget; it keeps further ones until they expire.
   static constexpr std::size_t max_forgetting = 1000;
   /// After the broker is back, robots that were not heard are attached this much later, so that a
   /// gateway that hears them comes first.
   static constexpr std::chrono::seconds unheard_delay{5};
 
-  /// Whether a living gateway other than this one shows the robot as its own.
+  /// Returns true when another living gateway shows the robot as its own.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
 
   /// `last_alive`: when the gateway's former process ended; nothing where there was none.
@@ -40,32 +40,34 @@ class RobotSessions {
                 std::size_t max_sessions = default_max_sessions);
 
   // From the meshes.
-  /// A sign of life from an address that has shown that it receives, or from the board.
+  /// Call at a sign of life from the board, or from an address that has proved that it receives.
   void on_heard(const std::string& robot, const Now& now);
-  /// Answered by FilterAnswered, unless `is_standing`: then the robot has subscribed to it before
-  /// (RobotSession::resume).
+  /// Subscribes for the robot, which FilterAnswered answers. `is_standing`: restores a subscription
+  /// that the robot has made before (RobotSession::resume), without an answer.
   void subscribe(const std::string& robot, const std::string& filter, Qos qos, bool is_standing,
                  const Now& now);
   void unsubscribe(const std::string& robot, const std::string& filter);
   void begin_clean(const std::string& robot, const Now& now);
-  /// Answered by NoteRead; at once when the broker is away. Takes the session.
+  /// Takes the session and reads the robot's note. Answered by NoteRead, at once when the broker is
+  /// away.
   void read_note(const std::string& robot, const Now& now);
-  /// The robot is answered for without having been heard: it was this gateway's before a restart,
-  /// or its gateway has died. `after`: others that hear it come first. `unheld_since`: no gateway
-  /// has held its session since, if it is not here; nothing: that is not known.
+  /// Attaches a robot that was not heard, because it was this gateway's before a restart, or its
+  /// gateway has died. `after`: a delay, so that a gateway that hears the robot comes first.
+  /// `unheld_since`: no gateway has held its session since then; nothing: unknown.
   void keep(const std::string& robot, std::optional<TimePoint> unheld_since, Duration after,
             const Now& now);
-  /// No other gateway is about: the robots that wait in keep() are answered for now.
+  /// Attaches the robots that wait in keep() at once. Call when there is no other gateway.
   void attach_kept(const Now& now);
-  /// The robot is forgotten, and the broker forgets its session, unless another gateway serves it.
+  /// Forgets the robot, and has the broker forget its session, unless another gateway serves it.
   void forget(const std::string& robot);
 
   // From the shell.
-  /// The gateway's own connection is there; before it no session is opened. `is_other`: another
-  /// broker than before, so that all sessions begin anew.
+  /// Call when the gateway's own connection is up; no session is opened earlier. `is_other`: it is
+  /// another broker than before, so that all sessions start again.
   void on_broker_up(bool is_v5, bool is_other, const Now& now);
   void on_broker_down(const Now& now);
-  /// The broker does not answer for now, or does again: subscribers do not wait for a silent one.
+  /// Call when the broker becomes silent or answers again. Subscribers do not wait for a silent
+  /// broker.
   void on_silence(bool is_silent);
   void on_attached(const std::string& robot, bool is_present, const Now& now);
   void on_attach_failed(const std::string& robot, const Now& now);
@@ -75,7 +77,7 @@ class RobotSessions {
   void on_message(const std::string& robot, BrokerMessage message,
                   std::span<const std::uint32_t> ids, const Now& now);
   void on_fence(const std::string& robot, std::uint64_t number, const Now& now);
-  /// The daemon ends: closes all, and keeps them at the broker.
+  /// Closes all connections at the daemon's end; the broker keeps the sessions.
   void on_stop();
 
   std::optional<SessionAction> next_action() { return actions_.pop(); }
@@ -90,14 +92,14 @@ class RobotSessions {
  private:
   RobotSession* find(const std::string& robot) const;
   RobotSession* find_or_make(const std::string& robot, TimePoint now);
-  /// Queues the robot for its CONNECT, when it may have one.
+  /// Queues the robot for its CONNECT, if its session is wanted and may be opened now.
   void want(const std::string& robot, RobotSession& session, TimePoint now);
   void open_next();
   void after_opening();
   void end_forgetting(const std::string& robot);
-  /// Looks at the session again then, or earlier.
+  /// Has on_deadline() visit the session at `when`, or earlier.
   void wake_at(const std::string& robot, TimePoint when);
-  /// What follows each input of a session.
+  /// Sets the session's next visit, and queues it if it is wanted. Call after each input of it.
   void settle(const std::string& robot, RobotSession& session, TimePoint now);
 
   const SessionNames names_;
@@ -120,10 +122,10 @@ class RobotSessions {
   bool is_silent_ = false;
   bool is_v5_ = false;
   bool is_stopping_ = false;
-  std::set<std::pair<TimePoint, std::string>> wakes_;  ///< sessions to look at again, each once
+  std::set<std::pair<TimePoint, std::string>> wakes_;  ///< sessions to visit again, each once
   std::map<std::string, TimePoint> kept_;              ///< robots to attach unheard, and when
-  /// Robots whose sessions the broker is to forget: opened clean, and closed. True while that is
-  /// under way.
+  /// Robots whose sessions the broker must forget: each is opened clean, and then closed. True
+  /// while that is under way.
   std::map<std::string, bool> forgetting_;
   LogThrottle full_throttle_{std::chrono::minutes{10}};
 };

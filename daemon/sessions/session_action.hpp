@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What RobotSessions asks of its shell (the first group: calls of an MQTT client) and what it
-// reports to the core (the second). Plain values.
+// Requests of RobotSessions to its shell (the first group: calls of an MQTT client) and its reports
+// to the core (the second group). Plain values.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +14,9 @@ namespace slamgw::sessions {
 /// CONNECT with the robot's client id. Answered by on_attached() or on_attach_failed().
 struct OpenSession {
   std::string robot;
-  bool is_clean = false;  ///< clean start: the broker forgets what it had of the robot
+  bool is_clean = false;  ///< clean start: the broker forgets the robot's former session
 };
-/// DISCONNECT. Nothing more comes of this connection. `is_forgotten`: the session ends with it.
+/// DISCONNECT. The connection reports nothing more. `is_forgotten`: the session ends with it.
 struct CloseSession {
   std::string robot;
   bool is_forgotten = false;
@@ -33,27 +33,27 @@ struct UnsubscribeSession {
   std::string robot;
   std::string filter;
 };
-/// Any request whose answer the broker sends behind everything that it sent before. Answered by
-/// on_fence(): then the broker has our acknowledgement of all that came before the request, and the
-/// session was still ours.
+/// Any request whose answer the broker sends after all its earlier messages. Answered by
+/// on_fence(): then the broker has our acknowledgements of all messages from before the request,
+/// and the session was still this gateway's.
 struct AskFence {
   std::string robot;
   std::uint64_t number = 0;
 };
-/// PUBLISH to the robot's own mailbox, on its own connection: it comes back behind all that the
-/// broker had kept.
+/// PUBLISH to the robot's own mailbox, on its own connection: the marker comes back after all
+/// messages that the broker had kept.
 struct SendMarker {
   std::string robot;
   std::string text;
 };
 
-/// The robot is this gateway's to serve. `was_present`: the broker had a session of it.
+/// This gateway now serves the robot. `was_present`: the broker had a session of the robot.
 struct SessionHeld {
   std::string robot;
   bool was_present = false;
 };
 enum class LossReason : std::uint8_t { taken, broker_gone, let_go };
-/// It is not any more: its service here ends now.
+/// This gateway no longer serves the robot.
 struct SessionLost {
   std::string robot;
   LossReason why = LossReason::taken;
@@ -64,15 +64,15 @@ struct FilterAnswered {
   std::string filter;
   bool is_granted = false;
 };
-/// A message for the robot that this gateway alone has. `is_unasked`: only the gateway's own filter
-/// brought it, so the robot has not subscribed to it.
+/// A message for the robot that no other gateway has. `is_unasked`: it came only for the gateway's
+/// own filter, or one that was given up, so the robot is not subscribed to its topic.
 struct TakeMessage {
   std::string robot;
   BrokerMessage message;
   bool is_unasked = false;
 };
-/// A command that waited at the broker while no gateway held the session, or until its robot began
-/// anew: refused, not obeyed.
+/// A command that waited at the broker while no gateway held the session, or until its robot
+/// started a clean session. It is refused.
 struct RefuseStale {
   std::string robot;
   BrokerMessage message;
@@ -84,7 +84,7 @@ struct NoteRead {
   std::string robot;
   Bytes note;
 };
-/// Another client takes the session again and again while the robot talks here, or no longer.
+/// Another client repeatedly takes the session of a robot that is heard here, or no longer does.
 struct SessionContested {
   std::string robot;
   bool is_contested = false;

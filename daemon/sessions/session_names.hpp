@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The names at the broker that belong to one robot's session, and what its mailbox holds
+// The names of one robot's session at the broker, and the format of its mailbox's messages
 // (docs/fleet.md). Pure functions.
 #pragma once
 
@@ -18,11 +18,11 @@ class SessionNames {
 
   /// `<prefix with "/" as "-">-robot-<robot>`.
   std::string client_id(std::string_view robot) const;
-  /// Retained: what the next gateway needs of the robot's MQTT-SN session.
+  /// Topic of the retained note, from which the next gateway continues the robot's MQTT-SN session.
   std::string note_topic(std::string_view robot) const;
-  /// What one gateway hands to the next: only the robot's session subscribes to it.
+  /// Topic of messages that one gateway hands to the next; only the robot's session subscribes.
   std::string mailbox_topic(std::string_view robot) const;
-  /// Everything that is said to the robot: `<prefix>/server/<robot>/#`.
+  /// Matches all commands for the robot: `<prefix>/server/<robot>/#`.
   std::string command_filter(std::string_view robot) const;
 
  private:
@@ -31,10 +31,11 @@ class SessionNames {
   std::string command_root_;
 };
 
-/// What one gateway hands to the next for a robot: a big-endian age in milliseconds (4 octets), the
-/// QoS (1), the length of the topic (2), the topic, and the payload.
+/// Encodes a message that one gateway hands to the next: age in milliseconds (4 octets), QoS (1),
+/// length of the topic (2), topic, payload. Numbers are big-endian.
 Bytes encode_waiting(const WaitingMessage& waiting);
-/// `waited` of the message is its age. Nothing when the octets are no such message.
+/// Decodes encode_waiting(); `waited` of the message is its age. Returns nothing when the octets
+/// are not such a message.
 std::optional<BrokerMessage> decode_waiting(ByteView octets);
 
 }  // namespace slamgw::sessions

@@ -13,7 +13,7 @@ namespace {
 
 /// MQTT 5 section 3.8.3.1: no retained messages.
 constexpr int retain_handling_never = 0x20;
-/// A filter that no session has: to unsubscribe it changes nothing and is answered in its order.
+/// A filter that no session has: UNSUBSCRIBE changes nothing, and its answer comes in order.
 const std::string fence_filter = "slam-gateway/fence";
 
 bool is_id_refusal(int code) {  // MQTT 3.1.1 section 3.2.2.3, MQTT 5 section 3.2.2.2
@@ -44,7 +44,7 @@ void RobotLink::on_tick() {
   tick();
 }
 
-// --- What is sent --------------------------------------------------------------------------------
+// --- Requests ------------------------------------------------------------------------------------
 
 std::optional<int> RobotLink::must_be_sent(std::optional<int> packet_id) {
   if (!packet_id) give_up(EINVAL);
@@ -64,8 +64,8 @@ void RobotLink::subscribe(const SubscribeSession& wanted) {
   if (packet_id) subscribing_.emplace_back(*packet_id, wanted.filter);
 }
 
-/// A broker of MQTT 5 answers in order. In a cluster of MQTT 3.1.1 (RabbitMQ) another node may keep
-/// the session, and what is published to it goes the way of our acknowledgements.
+/// A broker of MQTT 5 answers UNSUBSCRIBE in order. In a cluster of MQTT 3.1.1 (RabbitMQ) another
+/// node may keep the session, and only a PUBLISH takes the same way as our acknowledgements.
 void RobotLink::ask_fence(std::uint64_t number, const std::string& own_topic) {
   const bool is_v5 = broker_->version == MqttVersion::v5;
   const auto packet_id = must_be_sent(
@@ -79,7 +79,7 @@ void RobotLink::publish(const std::string& topic, const std::string& text) {
   must_be_sent(MosquittoClient::publish(topic, {octets, text.size()}, Qos::at_least_once, false));
 }
 
-// --- What comes; the host may end this link at any time ------------------------------------------
+// --- Events; the host may end this link at any time ----------------------------------------------
 
 void RobotLink::on_connack(const Connack& connack) {
   if (connack.code == 0) return host_.on_attached(robot_, connack.is_session_present);
@@ -87,7 +87,7 @@ void RobotLink::on_connack(const Connack& connack) {
                                   .is_id_refused = is_id_refusal(connack.code)});
 }
 
-/// Everything that had come before was reported.
+/// MosquittoClient has reported all that came before the end.
 void RobotLink::on_ended(const Ended& ended) {
   if (is_open()) return host_.on_detached(robot_);
   host_.on_attach_failed(robot_,

@@ -18,7 +18,7 @@ namespace slamgw::sessions {
 
 class SessionHost;
 
-/// What all connections share, and keep while they last.
+/// Shared and kept alive by all connections to one broker.
 struct RobotBroker {
   BrokerSettings settings;
   MqttVersion version = MqttVersion::v5;
@@ -28,11 +28,11 @@ struct RobotBroker {
 
 class RobotLink final : public MosquittoClient {
  public:
-  /// As long as the gateway keeps an absent client's session.
+  /// The time for which the gateway keeps an absent client's session, too.
   static constexpr std::uint32_t session_expiry_s = 86400;
-  /// Unacknowledged commands that the broker sends ahead.
+  /// Limit of commands that the broker sends without an acknowledgement.
   static constexpr std::uint16_t receive_maximum = 16;
-  /// From OpenSession to CONNACK.
+  /// Longest time from OpenSession to CONNACK.
   static constexpr std::chrono::seconds connect_timeout{10};
 
   using MosquittoClient::end;
@@ -52,7 +52,7 @@ class RobotLink final : public MosquittoClient {
   void on_tick();
 
  private:
-  /// A session without what it was to send is of no use.
+  /// Ends the connection when a request could not be sent: a session that lacks it is of no use.
   std::optional<int> must_be_sent(std::optional<int> packet_id);
 
   void on_connack(const Connack& connack) override;

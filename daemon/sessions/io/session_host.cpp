@@ -35,7 +35,7 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
 
 // --- The broker ----------------------------------------------------------------------------------
 
-/// Answered by on_ready(). Connections to another broker are closed.
+/// Leads to on_ready(), never from inside this call. Connections to another broker are closed.
 void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version) {
   const std::string uri = broker.addresses().front().uri();
   is_other_ = is_other_ || (!uri_.empty() && (uri != uri_ || version != version_));

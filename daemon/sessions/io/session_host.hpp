@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shell of RobotSessions: the connections of robots' sessions, through libmosquitto on the
 // loop's own thread. Thousands share one tick and one TLS context; only the look-up of the broker's
-// name and the files of TLS run on a thread of their own. Decides nothing: RobotSessions says what
-// to open.
+// name and the reading of TLS files run on another thread. RobotSessions decides what to open.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -22,7 +21,7 @@ namespace slamgw::sessions {
 
 class SessionHost {
  public:
-  /// What the application does: the second group of session_action.hpp.
+  /// Actions for the application: the second group of session_action.hpp.
   using Report = std::variant<SessionHeld, SessionLost, FilterAnswered, TakeMessage, RefuseStale,
                               NoteRead, SessionContested, Notice>;
 
@@ -36,13 +35,13 @@ class SessionHost {
   /// Calls an input of the machine: `host->on_heard(robot, read_clocks())`.
   MachineDriver<RobotSessions>::Input operator->() { return driver_.operator->(); }
   const RobotSessions& sessions() const { return sessions_; }
-  /// The last try to open the robot's session failed.
+  /// Returns true when the last try to open the robot's session failed.
   bool is_refused(const std::string& robot) const { return refused_.contains(robot); }
 
-  /// The gateway's own connection has found this broker, with this version, or has gone.
+  /// Call when the gateway's own connection to this broker is up, with this version, or is lost.
   void on_broker_up(const BrokerSettings& broker, MqttVersion version);
   void on_broker_down();
-  /// Closes all connections; waits for nothing.
+  /// Closes all connections without waiting.
   void stop();
 
  private:
@@ -51,9 +50,9 @@ class SessionHost {
   struct AttachFailure {
     std::string why;
     bool is_id_refused = false;     ///< the broker does not let this gateway use the client id
-    bool is_without_files = false;  ///< the process may not open more
+    bool is_without_files = false;  ///< the process may not open more files
   };
-  /// What the thread that resolves knows of this object, which does not wait for it:
+  /// The resolving thread's link to this object, which does not wait for that thread, because
   /// getaddrinfo() may hang.
   struct Asker;
 
@@ -61,7 +60,7 @@ class SessionHost {
   void on_resolved(std::shared_ptr<RobotBroker> broker);
   void on_ready();
 
-  // From the links, on the loop's thread, never from inside a call to one.
+  // The links call these on the loop's thread, never from inside a call to a link.
   void on_attached(const std::string& robot, bool is_present);
   void on_attach_failed(const std::string& robot, const AttachFailure& failure);
   void on_detached(const std::string& robot);
@@ -93,12 +92,12 @@ class SessionHost {
   boost::asio::steady_timer tick_;
   const std::shared_ptr<Asker> asker_;
   std::shared_ptr<const RobotBroker> broker_;  ///< null until its name is resolved
-  std::uint64_t resolving_ = 0;                ///< the last on_broker_up()
+  std::uint64_t resolving_ = 0;                ///< number of the last resolve()
   std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
   std::unordered_map<std::string, std::shared_ptr<RobotLink>> links_;
   MqttVersion version_ = MqttVersion::v5;
-  std::string uri_;        ///< of the broker that the sessions are at
-  bool is_other_ = false;  ///< than the machine knows
+  std::string uri_;        ///< of the sessions' broker
+  bool is_other_ = false;  ///< the machine knows another broker
   bool is_broker_up_ = false;
   bool is_stopped_ = false;
   std::set<std::string> refused_;  ///< at most as many as there are sessions
