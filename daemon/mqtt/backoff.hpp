@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How long to wait before the next attempt: doubling with jitter, so that many gateways do not come
-// back as one. Waits are short for the first minutes of an outage: a broker that restarts is back
-// soon. Pure.
+// Waits between attempts to connect: they double, with jitter, so that many gateways do not come
+// back at the same time. Waits are short in the first minutes of an outage, because a broker that
+// restarts is back soon. Pure.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace slamgw {
 
 class Backoff {
  public:
-  /// The longest step while the first attempt since reset() is not longer ago than `time`.
+  /// Limits the step to `longest` until `time` has passed since the first wait after reset().
   struct Eager {
     std::chrono::milliseconds longest;
     Duration time;
@@ -23,8 +23,8 @@ class Backoff {
   Backoff(std::chrono::milliseconds first, std::chrono::milliseconds longest, Eager eager = {})
       : first_(first), longest_(longest), eager_(eager), next_(first) {}
 
-  /// `jitter` in [0, 1) from the caller's random source: the wait is between half and all of the
-  /// present step.
+  /// Returns a wait between half of the present step and all of it. `jitter` is in [0, 1), from the
+  /// caller's random source.
   std::chrono::milliseconds next_wait(double jitter, TimePoint now) {
     if (!since_) since_ = now;
     const bool is_eager = now - *since_ < eager_.time;
@@ -46,9 +46,9 @@ class Backoff {
   std::optional<TimePoint> since_;  // the first wait since reset()
 };
 
-/// Two clients with one client id take the connection from each other without end (MQTT 5 section
-/// 3.1.4). This sees it, and makes the pauses grow, so that the broker is not kept busy with it.
-/// Pure.
+/// Detects a rival, which is a second client with the same client id, and makes the pauses grow.
+/// Otherwise the two would take the connection from each other without end (MQTT 5 section 3.1.4)
+/// and keep the broker busy. Pure.
 class RivalWatch {
  public:
   /// A connection that lasts this long rules out a rival. After a pause of ours the limit is
@@ -56,13 +56,13 @@ class RivalWatch {
   static constexpr std::chrono::seconds stable_after{10};
   static constexpr std::chrono::seconds first_pause{2};
   static constexpr std::chrono::seconds longest_pause{300};
-  /// Not every broker says why it ends a connection: so many that end soon, in a row, tell as well.
+  /// Not every broker says why it ends a connection: this many short ones in a row are a sign, too.
   static constexpr unsigned suspicious_lives = 2;
 
   void on_up(TimePoint now) { up_since_ = now; }
-  /// `is_taken_over`: the broker has said so. `may_be_for_a_message`: messages were under way or
-  /// one was just refused, and the broker may have closed the connection for it; that is no sign of
-  /// a rival. True when a rival is likely.
+  /// Returns true when a rival is likely. `is_taken_over`: the broker has reported one.
+  /// `may_be_for_a_message`: the broker may have closed the connection for a message that was under
+  /// way or just refused, which is not a sign of a rival.
   bool on_lost(bool is_taken_over, bool may_be_for_a_message, TimePoint now) {
     const Duration lived = now - up_since_;
     const bool is_short = lived < std::max<Duration>(stable_after, 3 * pause_) &&
@@ -76,7 +76,7 @@ class RivalWatch {
     return is_suspected_;
   }
 
-  /// Before the next attempt; 0 without a suspicion.
+  /// Returns the pause before the next attempt; 0 when no rival is suspected.
   Duration pause() const { return pause_; }
 
  private:

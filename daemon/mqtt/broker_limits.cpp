@@ -6,7 +6,7 @@
 namespace slamgw {
 namespace {
 
-/// MQTT 5 section 1.5.5.
+/// Returns the size of a Variable Byte Integer (MQTT 5 section 1.5.5).
 std::size_t length_field_bytes(std::size_t value) {
   std::size_t bytes = 1;
   for (; value >= 0x80; value >>= 7) ++bytes;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a broker takes, as its CONNACK says (MQTT 5 section 3.2.2.3). With MQTT 3.1.1 it says
-// nothing, and these are the defaults. Topic aliases are never used, so its maximum is kept.
+// A broker's limits from its CONNACK (MQTT 5 section 3.2.2.3). MQTT 3.1.1 has none there, so the
+// defaults hold. The gateway never uses topic aliases, and so keeps to their maximum.
 #pragma once
 
 #include <cstdint>
@@ -19,11 +19,11 @@ struct BrokerLimits {
   bool operator==(const BrokerLimits&) const = default;
 };
 
-/// What of them an operator should know; empty when there is nothing.
+/// Names the limits that an operator should know; empty when there are none.
 std::string to_words(const BrokerLimits& limits);
 
-/// What a PUBLISH takes on the wire. `property_bytes`: of its MQTT 5 properties; nothing with MQTT
-/// 3.1.1, where there is no such field.
+/// Returns the size of a PUBLISH on the wire. `property_bytes`: of its MQTT 5 properties; nothing
+/// with MQTT 3.1.1, which has no such field.
 std::size_t publish_packet_bytes(const BrokerMessage& message,
                                  std::optional<std::size_t> property_bytes);
 

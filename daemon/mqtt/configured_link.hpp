@@ -10,7 +10,7 @@
 
 namespace slamgw {
 
-/// As MakeLink says.
+/// Makes the configured link, as MakeLink requires.
 inline std::shared_ptr<MqttLink> make_configured_link(boost::asio::io_context& io,
                                                       boost::asio::thread_pool& lane,
                                                       LinkOptions options,

@@ -21,11 +21,11 @@
 namespace slamgw {
 namespace {
 
-/// The end of the daemon waits for a probe that runs.
+/// Short, because the daemon's shutdown waits for a running probe.
 constexpr int connect_wait_ms = 1000;
 constexpr int max_addresses = 2;
 constexpr timeval handshake_wait{1, 0};
-/// A server may say only after the handshake that it wants a certificate (TLS 1.3).
+/// With TLS 1.3, a server may report a missing client certificate only after the handshake.
 constexpr timeval afterwards_wait{0, 300000};
 
 struct FreeAddresses {
@@ -33,7 +33,7 @@ struct FreeAddresses {
 };
 using Addresses = std::unique_ptr<addrinfo, FreeAddresses>;
 
-/// Null with the reason in `error` when the name is not known.
+/// Returns null, with the reason in `error`, when the name cannot be resolved.
 Addresses resolve(const std::string& host, const std::string& port, std::string& error) {
   addrinfo hints{};
   hints.ai_socktype = SOCK_STREAM;
@@ -63,7 +63,7 @@ std::string explain_unknown_name(const BrokerSettings& broker, const std::string
       broker.host, error, broker.host);
 }
 
-/// 0, or the error that connecting ended with.
+/// Returns 0, or the errno of the failed connection.
 int connect_to(const Socket& socket, const addrinfo& address) {
   if (connect(socket.get(), address.ai_addr, address.ai_addrlen) == 0) return 0;
   if (errno != EINPROGRESS) return errno;
@@ -80,7 +80,7 @@ struct FreeSession {
 };
 using Session = std::unique_ptr<SSL, FreeSession>;
 
-/// Empty when the handshake works.
+/// Returns the problem for the operator; empty when the handshake works.
 std::string try_tls(int socket, const BrokerSettings& broker) {
   const TlsClient tls(broker);
   if (!tls.problem().empty()) return tls.problem();

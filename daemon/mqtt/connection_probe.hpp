@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The steps to a broker before MQTT: name, TCP, TLS. For a client that tells no reasons (Paho) they
-// are tried again to find out in words why no connection came about. Blocks for a few seconds at
-// most: called on the lane of a link.
+// The steps to a broker before MQTT: name, TCP, TLS. For a client library that gives no reasons
+// (Paho) they are tried again, to explain why no connection was made. Blocks for a few seconds at
+// most: call on the lane of a link.
 #pragma once
 
 #include <string>
@@ -23,10 +23,10 @@ struct HostAddresses {
 };
 HostAddresses resolve_host(const BrokerSettings& broker);
 
-// Words for what the probe finds; a client that sees it by itself uses the same.
-/// `error`: of connect().
+// Explanations of what the probe finds; clients that find the same by themselves use them, too.
+/// `error`: the errno of connect().
 std::string explain_no_connection(const BrokerSettings& broker, int error);
-/// The port answers, but not as a broker, or it closes the connection.
+/// Explains that the port answers, but not as a broker, or that it closes the connection.
 std::string explain_stranger(const BrokerSettings& broker);
 
 }  // namespace slamgw

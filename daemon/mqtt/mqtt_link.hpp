@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The border to an MQTT client library: one connection to a broker, from its attempt to its end,
-// never reused, and nothing of a former one
-// is taken up again: a client library forgets its packet ids, and a broker that goes by the book
-// takes a new QoS 2 message under an old id for a repeat. Whatever differs between the libraries is
-// behind it; when to connect, where and with which version is Upstream's business.
+// never reused. Nothing of a former connection is resumed: a client library forgets its packet ids,
+// and a broker that follows the standard takes a new QoS 2 message with an old id for a repeat. All
+// differences between the libraries are behind this border. Upstream decides when and where to
+// connect, and with which version.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -22,11 +22,12 @@
 
 namespace slamgw {
 
-/// The largest packet that an MQTT 5 broker may send: four times what a gateway says to another,
-/// and far more than a robot can take. Without it one message of 256 MiB would end the daemon for
-/// want of memory; MQTT 3.1.1 knows no such limit.
+/// The largest packet that an MQTT 5 broker may send: four times the largest between gateways, and
+/// far more than a robot can take. Without it, one message of 256 MiB would exhaust the daemon's
+/// memory. MQTT 3.1.1 has no such limit.
 inline constexpr std::uint32_t max_inbound_packet_octets = 1024 * 1024;
-/// From the attempt to the CONNACK, name look-up included; and when another broker is to be tried.
+/// Longest time from the attempt to the CONNACK, name look-up included: with one broker, and with
+/// several, when the next one is tried.
 inline constexpr std::chrono::seconds connect_timeout{10};
 inline constexpr std::chrono::seconds connect_timeout_of_many{3};
 /// Time given to the broker at shutdown to read what is still unsent.
@@ -45,7 +46,7 @@ struct LinkOptions {
   LastWill will;
   std::chrono::seconds timeout = connect_timeout;
   unsigned attempt = 0;  ///< a host may have several addresses: each attempt tries the next
-  /// Takes the broker's messages, as UpstreamListener says; called like MqttLinkListener.
+  /// Takes the broker's messages, as UpstreamListener::on_message(); called like MqttLinkListener.
   std::function<void(BrokerMessage, const UserProperties&)> on_message;
   std::uint32_t max_inbound_octets = max_inbound_packet_octets;
 };
@@ -59,15 +60,15 @@ struct ConnectFailure {
   bool is_not_authorised = false;
 };
 
-/// All on the loop's thread, never from inside a call to the link, and none after abandon().
+/// Called on the loop's thread, never from inside a call to the link, and not after abandon().
 class MqttLinkListener {
  public:
   virtual ~MqttLinkListener() = default;
-  /// One of these two comes, once.
+  /// One of these two is called, once.
   virtual void on_connected(const BrokerLimits& limits) = 0;
   virtual void on_connect_failed(ConnectFailure failure) = 0;
-  /// After on_connected() only.
-  /// `is_taken_over`: the broker says that another client has connected with our id.
+  /// Called only after on_connected(). `is_taken_over`: the broker says that another client has
+  /// connected with our id.
   virtual void on_lost(std::string why, bool is_taken_over) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
@@ -81,23 +82,23 @@ class MqttLink {
   virtual void connect() = 0;
 
   // Between on_connected() and abandon():
-  /// `message` is within the broker's limits, and needed no longer than the call lasts.
+  /// `message` must be within the broker's limits, and may be destroyed after the call.
   virtual void publish(std::uint64_t sequence, const BrokerMessage& message) = 0;
-  /// At QoS 0.
+  /// Subscribes at QoS 0.
   virtual void subscribe(std::string filter) = 0;
   virtual void unsubscribe(std::string filter) = 0;
 
-  /// No more events; the connection ends on the lane. When `is_orderly`, what was published is
-  /// written before, and DISCONNECT after it; that takes the lane a second at most. Else what the
-  /// kernel has not sent yet is thrown away (SO_LINGER with no time, set before the socket is
-  /// closed): the broker may stand still, and must not get it later.
+  /// Ends the connection and its events. `is_orderly`: published messages are written, and then
+  /// DISCONNECT; that takes the lane a second at most. Else data that the kernel has not sent are
+  /// discarded (SO_LINGER with no time, set before the socket is closed), because a broker that
+  /// hangs must not get them later.
   virtual void abandon(bool is_orderly) = 0;
 
-  /// The broker's messages for which there was no room on the way to the loop.
+  /// Number of the broker's messages for which there was no room on the way to the loop.
   virtual std::uint64_t inbound_dropped() const = 0;
 };
 
-/// Makes a link, whose connect() comes next. `lane` is for what blocks.
+/// Makes a link; its connect() is called next. `lane` is for blocking calls.
 using MakeLink = std::function<std::shared_ptr<MqttLink>(
     boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,
     MqttLinkListener& listener)>;

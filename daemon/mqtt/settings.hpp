@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about the broker and the store (`broker.*`, `store.*`); defaults as
-// in config/gateway.json.
+// The settings of the broker and the store (`broker.*`, `store.*`); defaults as in
+// config/gateway.json.
 #pragma once
 
 #include <algorithm>
@@ -39,27 +39,27 @@ struct BrokerSettings {
   std::string host = "127.0.0.1";  ///< a name or an address; IPv6 without brackets
   std::uint16_t port = 1883;
   bool tls = false;                   ///< `mqtts://`
-  std::vector<BrokerAddress> others;  ///< tried after it, in this order
-  bool returns_to_first = false;      ///< leaves another one when the first is there again
+  std::vector<BrokerAddress> others;  ///< tried after this broker, in this order
+  bool returns_to_first = false;      ///< leaves another broker when the first is back
   std::string gateway_id;             ///< for the user property `gateway`
-  std::string
-      client_id;  ///< `slam-gateway-<gateway.id>` unless set; %n: the broker's place, from 1
-  std::optional<std::string>
-      credentials_file;  ///< nothing: the systemd credential `broker`, if there is one
-  std::optional<Credentials> credentials;  ///< what that file says
+  /// `slam-gateway-<gateway.id>` unless set; %n: the broker's place in the list, from 1.
+  std::string client_id;
+  /// Nothing: the systemd credential `broker`, if there is one.
+  std::optional<std::string> credentials_file;
+  std::optional<Credentials> credentials;  ///< the contents of that file
   std::optional<std::string> ca_file;
   std::optional<std::string> certificate_file;
   std::optional<std::string> key_file;
   std::chrono::seconds keep_alive{30};
   std::size_t max_inflight = 16;
 
-  /// All of `broker.uri`, in its order; never empty.
+  /// Returns all addresses of `broker.uri`, in its order; never empty.
   std::vector<BrokerAddress> addresses() const {
     std::vector<BrokerAddress> all{{host, port, tls}};
     all.insert(all.end(), others.begin(), others.end());
     return all;
   }
-  /// With any of the brokers.
+  /// Returns true when any of the brokers uses TLS.
   bool uses_tls() const {
     return tls ||
            std::any_of(others.begin(), others.end(), [](const auto& each) { return each.tls; });

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether the broker still reads what it is sent. A connection to a broker that stands still stays
-// open, and the kernels on both sides take megabytes for it; QoS 0 has no answer, and would come
-// out whenever the broker goes on. So the broker is asked something every second while something is
-// sent, and every keep-alive while nothing is. Pure; part of Upstream.
+// Detects a broker that no longer reads what it is sent. The connection to a broker that hangs
+// stays open, and the kernels on both sides take megabytes for it. QoS 0 has no answer, and would
+// arrive late, when the broker goes on. So the broker is asked a question every second while
+// messages are sent, and every keep-alive otherwise. Pure; part of Upstream.
 #pragma once
 
 #include <algorithm>
@@ -20,9 +20,9 @@ class StallWatch {
   static constexpr std::chrono::seconds interval{1};
   /// After this time without an answer, messages that must not be late (QoS 0) are held back.
   static constexpr std::chrono::seconds silent_after{2};
-  /// Then the connection is given up: what was sent in the second before the question is not ten
-  /// seconds old yet (docs/topics.md, promise 5). A shorter keep-alive shortens it: a silent
-  /// broker is left two keep-alives after its last answer at most.
+  /// After this time without an answer, the connection is given up: messages from the second before
+  /// the question are not yet ten seconds old (docs/topics.md, promise 5). A shorter keep-alive
+  /// shortens it: a silent broker is left at most two keep-alives after its last answer.
   static constexpr std::chrono::seconds stalled_after{8};
 
   enum class Step : std::uint8_t { none, ask, silent, stalled };
@@ -32,9 +32,9 @@ class StallWatch {
     begin(now);
   }
   void on_link_down() { *this = {}; }
-  /// True when that makes the deadline an earlier one.
+  /// Returns true when the deadline is now an earlier one.
   bool on_sent() { return !std::exchange(is_sent_, true) && !asked_; }
-  /// True when the broker was called silent and no longer is.
+  /// Returns true when this ends a reported silence.
   bool on_answer(TimePoint now) {
     const bool was_silent = is_silent_;
     const bool is_sent = is_sent_;  // after the question
@@ -43,13 +43,13 @@ class StallWatch {
     return was_silent;
   }
 
-  /// Nothing: the link is down.
+  /// Returns nothing while the link is down.
   std::optional<TimePoint> deadline() const {
     if (!answered_) return std::nullopt;
     if (!asked_) return *answered_ + (is_sent_ ? std::min(interval, keep_alive_) : keep_alive_);
     return *asked_ + (is_silent_ ? patience() : std::min(silent_after, patience()));
   }
-  /// What is to be done now.
+  /// Returns the step to take now.
   Step on_deadline(TimePoint now) {
     const auto due = deadline();
     if (!due || now < *due) return Step::none;
@@ -62,7 +62,7 @@ class StallWatch {
     is_silent_ = true;
     return Step::silent;
   }
-  /// From the question to the end.
+  /// Returns the time from an unanswered question to the end of the connection.
   std::chrono::seconds patience() const { return std::min(stalled_after, keep_alive_); }
 
  private:

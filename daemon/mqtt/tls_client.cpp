@@ -85,14 +85,14 @@ int TlsClient::on_verify(int is_good, X509_STORE_CTX* certificates) {
 }
 
 /// Names the broker in the ClientHello (RFC 6066 section 3): a client library that was given an
-/// address has named that.
+/// address has put the address there.
 void TlsClient::on_handshake(const SSL* session, int where, int) {
   TlsClient& tls = of(session);
   if ((where & SSL_CB_HANDSHAKE_DONE) != 0) tls.has_shaken_hands_ = true;
   if ((where & SSL_CB_HANDSHAKE_START) == 0 || tls.has_shaken_hands_) return;
   char* name = tls.is_address_ ? nullptr : const_cast<char*>(tls.broker_.host.c_str());
-  // The macro for this casts in the old style. OpenSSL copies the name, and hands its sessions to
-  // this callback as constant ones, though it lets it change them.
+  // OpenSSL's macro for this call has an old-style cast. OpenSSL copies the name. It passes the
+  // session to this callback as const, but allows the callback to change it.
   SSL_ctrl(const_cast<SSL*>(session), SSL_CTRL_SET_TLSEXT_HOSTNAME, TLSEXT_NAMETYPE_host_name,
            name);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TLS towards one broker as OpenSSL needs it: files, the check of certificate and host name, the
-// name in the ClientHello. Reads files: not on the loop.
+// The OpenSSL context for one broker: files, the check of certificate and host name, the name in
+// the ClientHello. The constructor reads files, so it does not run on the loop.
 #pragma once
 
 #include <openssl/ssl.h>
@@ -18,12 +18,12 @@ class TlsClient {
   TlsClient(const TlsClient&) = delete;
   TlsClient& operator=(const TlsClient&) = delete;
 
-  /// Why a file can't be used; empty when all can.
+  /// Returns why a file can't be used; empty when all can.
   const std::string& problem() const { return problem_; }
-  /// For SSL_new(); each session of it verifies the certificate and the broker's name, whatever
-  /// address or name it is connected to. Outlived by this object.
+  /// Returns the context for SSL_new(). Each session verifies the certificate and the broker's
+  /// name, whatever address or name it is connected to. This object must outlive the sessions.
   SSL_CTX* context() const { return context_.get(); }
-  /// Why a handshake has refused the broker's certificate, for the operator; empty when none has.
+  /// Returns why a handshake has refused the broker's certificate, for the operator; else empty.
   std::string certificate_problem() const;
   bool has_shaken_hands() const { return has_shaken_hands_; }
 
@@ -40,7 +40,7 @@ class TlsClient {
 
   const BrokerSettings broker_;
   const std::unique_ptr<SSL_CTX, Free> context_;
-  bool is_address_ = false;  ///< the host is one: no name for the ClientHello
+  bool is_address_ = false;  ///< the host is an address: no name for the ClientHello
   int certificate_error_ = 0;
   bool has_shaken_hands_ = false;
   std::string problem_;
@@ -48,9 +48,9 @@ class TlsClient {
 
 /// Takes the newest error of OpenSSL on this thread off its queue and puts it into words.
 std::string last_tls_error();
-/// What to do about a TLS failure that is none of the certificate's; `reason` in OpenSSL's words.
+/// Explains a TLS failure that is not the certificate's; `reason` in OpenSSL's words.
 std::string explain_handshake_failure(const std::string& reason);
-/// The same, of a broker that ends TLS after the handshake.
+/// Explains that the broker has ended TLS after the handshake; `reason` in OpenSSL's words.
 std::string explain_tls_end(const std::string& reason);
 
 }  // namespace slamgw

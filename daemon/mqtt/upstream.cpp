@@ -16,22 +16,23 @@ namespace {
 
 constexpr std::chrono::milliseconds first_wait{500};
 constexpr std::chrono::milliseconds longest_wait{30000};
-/// For the first minutes of an outage: a broker that restarts, or its network, is back soon.
+/// Waits are short in an outage's first minutes: a broker that restarts, or its network, is back
+/// soon.
 constexpr Backoff::Eager eager{std::chrono::seconds{3}, std::chrono::minutes{5}};
 /// Pause between two probes of the first broker (`broker.return_to_first`). It grows while that
 /// broker takes connections and still cannot be used.
 constexpr std::chrono::seconds first_probe_pause{5};
 constexpr std::chrono::seconds longest_probe_pause{600};
 constexpr std::chrono::seconds refusal_to_loss{1};
-/// From a change of the network to its use: addresses and routes come one after the other.
+/// Wait after a change of the network: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
-/// Nobody publishes there: a SUBSCRIBE to it asks the broker for an answer, whatever its access
+/// A topic on which no client publishes. The broker answers a SUBSCRIBE to it, whatever its access
 /// control list says.
 constexpr const char* question = "slam-gateway/alive";
 
-/// `%n` in a client id is the broker's number: some clusters keep a client's queue on the node
-/// where it was made, so that the id is of no use at another while that node is away (RabbitMQ).
+/// Replaces `%n` in a client id by the broker's number. Some clusters (RabbitMQ) keep a client's
+/// queue on the node where it was made; while that node is away, the id is of no use at another.
 std::string client_id_at(std::size_t place, std::string id) {
   if (const auto mark = id.find("%n"); mark != std::string::npos)
     id.replace(mark, 2, std::to_string(place + 1));
@@ -96,7 +97,7 @@ void Upstream::stop() {
   reconnect_timer_.cancel();
   stall_timer_.cancel();
   drop_link(true);
-  if (scout_) scout_->stop();  // joined by its destructor: a look at the broker may take long
+  if (scout_) scout_->stop();  // its destructor joins the thread: a probe may take long
   lane_.join();
 }
 
@@ -147,8 +148,8 @@ void Upstream::drop_link(bool is_orderly) {
   std::exchange(link_, nullptr)->abandon(is_orderly);
 }
 
-/// To the next broker: at once, until all were tried; then after a pause. `least`: a pause in any
-/// case.
+/// Connects to the next broker: at once, until all were tried; then after a pause. `least`: a pause
+/// in any case.
 void Upstream::go_on(const std::string& why, Duration least) {
   drop_link(false);
   std::string words = why;
@@ -201,7 +202,8 @@ void Upstream::probe_first_broker_in(Duration wait) {
   });
 }
 
-/// The steps before MQTT only: with our client id a cluster would end the connection that is up.
+/// Tries only the steps before MQTT: with our client id, a cluster would end the connection that is
+/// up.
 void Upstream::probe_first_broker() {
   BrokerSettings first = settings_;
   first.others.clear();
@@ -231,7 +233,7 @@ void Upstream::return_to_first() {
   connect_in(Duration::zero());
 }
 
-/// Between 0 and 1.
+/// Returns a number in [0, 1).
 double Upstream::random_jitter() { return std::uniform_real_distribution<double>(0, 1)(random_); }
 
 void Upstream::on_connect_failed(ConnectFailure failure) {
@@ -246,7 +248,8 @@ void Upstream::on_connect_failed(ConnectFailure failure) {
   go_on(failure.text, Duration::zero());
 }
 
-/// True when the broker refuses the last will for a property that it can go without.
+/// Removes the property for which the broker has refused the last will. Returns false when it was
+/// refused for another reason, or the property is gone already.
 bool Upstream::adapt_will(int code) {
   constexpr int retain_not_supported = 0x9a;
   constexpr int qos_not_supported = 0x9b;
@@ -256,7 +259,8 @@ bool Upstream::adapt_will(int code) {
   return false;
 }
 
-/// Two gateways with one client id throw each other out without end; not every broker says so.
+/// Goes on to the next broker, and explains a likely rival: two gateways with one client id end
+/// each other's connections without end, and not every broker says so.
 void Upstream::on_lost(std::string why, bool is_taken_over) {
   place().version.on_lost();
   const TimePoint now = std::chrono::steady_clock::now();
@@ -265,7 +269,7 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     if (at_ == 0) return_backoff_.reset();
     tried_ = 0;
   }
-  // Some brokers close after a refusal. The outbox sees to it that this is seldom.
+  // Some brokers close the connection after a refusal. The outbox makes sure that this is rare.
   const bool is_for_a_message = now - refused_at_ < refusal_to_loss || trial_;
   if (is_for_a_message) backoff_.reset();
   if (rivals_.on_lost(is_taken_over, is_for_a_message || !unanswered_.empty(), now) &&
@@ -287,7 +291,8 @@ void Upstream::on_answered(std::uint64_t sequence) {
   answered_at_ = std::chrono::steady_clock::now();
 }
 
-/// Brokers answer in order (MQTT 5 section 4.6), so one that is only slow passes over none.
+/// Returns true when the broker has skipped a message, or answers none. Brokers answer in order
+/// (MQTT 5 section 4.6), so a broker that is only slow skips none.
 bool Upstream::has_forgotten_a_message(TimePoint now) const {
   if (unanswered_.empty()) return false;
   const auto& [sequence, handed_over_at] = *unanswered_.begin();
@@ -309,7 +314,7 @@ void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
       return on_lost(fmt::format("the broker has not answered a message for {} s, but others",
                                  traits_.longest_answer.count()),
                      false);
-    watch_for_stall();  // perhaps earlier now
+    watch_for_stall();  // the deadline may be earlier now
     if (was_silent) listener_.on_silence(false);
     return;
   }
@@ -356,8 +361,8 @@ void Upstream::on_stall_deadline(TimePoint now) {
   }
 }
 
-/// False when the broker would not take it in any form: it is refused in the broker's place, for a
-/// packet that is too large makes brokers close the connection.
+/// Returns false when the packet is too large for the broker. Refuses the message in the broker's
+/// place, because brokers close the connection for such a packet.
 bool Upstream::fits_packet(std::uint64_t sequence, const BrokerMessage& message) {
   if (!limits_.max_packet_bytes) return true;
   std::optional<std::size_t> property_bytes;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way to the broker, or to one of several: one MqttLink at a time, reconnected for ever, once
-// round the list without a pause and then with back-off; MQTT 5 with fallback to 3.1.1. Keeps to
-// the limits that the broker names. Knows nothing of robots; the outbox decides what is published
+// The connection to the broker, or to one of several: one MqttLink at a time, reconnected for ever,
+// once round the list without a pause and then with back-off; MQTT 5 with fallback to 3.1.1. Keeps
+// to the broker's limits. Knows nothing of robots; the outbox decides which messages are published
 // again.
 #pragma once
 
@@ -24,18 +24,18 @@
 
 namespace slamgw {
 
-/// What a program's connections are like, whatever its configuration says.
+/// Properties of a program's connections that are not in its configuration.
 struct ConnectionTraits {
   MakeLink make_link;
   LastWill will{};
   std::uint32_t max_inbound_octets = max_inbound_packet_octets;
-  /// A message that is unanswered for so long, while the broker answers others, is forgotten: the
-  /// connection is made anew, and the message published again.
+  /// The broker has forgotten a message that is unanswered for this time, while it answers others:
+  /// Upstream connects again, and the outbox publishes the message again.
   std::chrono::seconds longest_answer{60};
-  /// Of the packaged service, to be corrected when the broker refuses its user. Empty: the user was
+  /// The packaged service's file, to correct when the broker refuses the user. Empty: the user was
   /// typed.
   std::string credentials_file = "/etc/slam-gateway/credentials.json";
-  /// Said when the broker wants a user and none is configured.
+  /// Explanation when the broker wants a user and none is configured.
   std::string without_credentials =
       "(no user name was sent): give one in broker.credentials_file, for the packaged service in "
       "/etc/slam-gateway/credentials.json, and restart";
@@ -47,35 +47,36 @@ class Upstream final : private MqttLinkListener {
            UpstreamListener& listener);
   ~Upstream() override;
 
-  /// Asked before each attempt to connect: what the credentials file says by now. May be empty.
+  /// Called before each attempt to connect: returns the present contents of the credentials file.
+  /// May be empty.
   using ReadCredentials = std::function<std::optional<Credentials>()>;
   void read_credentials_with(ReadCredentials read) { read_credentials_ = std::move(read); }
 
   void start();
-  /// The configuration was read again: connects anew when it differs.
+  /// Call when the configuration was read again. Reconnects when it differs.
   void reconfigure(const BrokerSettings& settings);
-  /// The network has changed: does not wait out the back-off.
+  /// Call when the network has changed. Does not wait for the end of the back-off.
   void retry_now();
-  /// Orderly: what was published before is written, then DISCONNECT. Blocks up to about a second;
-  /// nothing comes after it.
+  /// Writes the published messages, then DISCONNECT. Blocks up to about a second; no event comes
+  /// after it.
   void stop();
 
   // No effect while the link is down:
-  /// `is_trial`: the broker may close the connection for it. Then the back-off starts again from
-  /// its first step; the outbox makes sure that such messages are rare.
+  /// `is_trial`: the broker may close the connection for the message. Then the back-off starts
+  /// again from its first step; the outbox makes sure that such messages are rare.
   void publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial = false);
-  /// At QoS 0.
+  /// Subscribes at QoS 0.
   void subscribe(const std::string& filter);
   void unsubscribe(const std::string& filter);
 
   MqttVersion version() const { return place().version.version(); }
   /// The settings of the broker that is connected, or tried now.
   BrokerSettings broker() const;
-  /// The broker's messages that were lost for want of room on their way to the loop.
+  /// Number of the broker's messages for which there was no room on the way to the loop.
   std::uint64_t inbound_dropped() const;
 
  private:
-  /// One of the brokers of the list, and what was learnt of it.
+  /// One broker of the list, and what was learnt about it.
   struct Place {
     BrokerAddress address;
     VersionChoice version;
@@ -111,14 +112,14 @@ class Upstream final : private MqttLinkListener {
   void on_subscribe_result(const std::string& filter, bool granted) override;
 
   boost::asio::io_context& io_;
-  boost::asio::thread_pool lane_{1};  ///< for whatever of a link may block
+  boost::asio::thread_pool lane_{1};  ///< for blocking calls of a link
   BrokerSettings settings_;
   const ConnectionTraits traits_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer stall_timer_;
   boost::asio::steady_timer return_timer_;
-  /// For looking whether the first broker is well, which blocks; made when that is asked for.
+  /// For probing the first broker, which blocks; made when it is needed.
   std::optional<boost::asio::thread_pool> scout_;
   Backoff return_backoff_;
   StallWatch stall_watch_;
@@ -126,23 +127,23 @@ class Upstream final : private MqttLinkListener {
   std::minstd_rand random_;
   std::vector<Place> places_;
   std::size_t at_ = 0;     ///< in `places_`
-  std::size_t tried_ = 0;  ///< places in a row, without success or pause
+  std::size_t tried_ = 0;  ///< places tried in a row, without success or pause
   std::shared_ptr<MqttLink> link_;
   BrokerLimits limits_;  ///< of the connection
   bool is_up_ = false;
   bool is_waiting_ = false;  ///< for reconnect_timer_
   TimePoint up_since_{};
-  /// QoS 1 and 2 on the connection that is up, and when each was handed over.
+  /// QoS 1 and 2 messages on the present connection, and when each was handed over.
   std::map<std::uint64_t, TimePoint, std::less<>,
            RecyclingAllocator<std::pair<const std::uint64_t, TimePoint>>>
       unanswered_;
   std::uint64_t last_answered_ = 0;     ///< the highest that the broker has answered
-  TimePoint answered_at_{};             ///< when it last answered one
+  TimePoint answered_at_{};             ///< when the broker last answered one
   std::optional<std::uint64_t> trial_;  ///< a publish that is not answered yet
   TimePoint refused_at_{};              ///< when the broker last refused a publish
   RivalWatch rivals_;
   ReadCredentials read_credentials_;
-  std::uint64_t inbound_dropped_ = 0;  ///< by former links
+  std::uint64_t inbound_dropped_ = 0;  ///< of former links
 };
 
 }  // namespace slamgw

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Upstream tells of the broker; implemented by App.
+// Upstream's events about the broker; implemented by App.
 #pragma once
 
 #include <cstdint>
@@ -12,24 +12,24 @@
 
 namespace slamgw {
 
-/// Always called on the loop's thread, and never from inside a call to Upstream but reconfigure().
+/// Called on the loop's thread, and never from inside a call to Upstream except reconfigure().
 class UpstreamListener {
  public:
   virtual ~UpstreamListener() = default;
-  /// Connected; the broker knows nothing of an earlier connection. `limits`: what it takes;
-  /// Upstream keeps to all of them but the receive maximum.
+  /// Connected; the broker knows nothing of an earlier connection. Upstream keeps to all of the
+  /// broker's `limits` except the receive maximum.
   virtual void on_link_up(const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
   /// Upstream has ended a good connection to make another; `why` in words.
   virtual void on_link_left(const std::string& why) { on_link_down(why); }
-  /// The broker has not answered for StallWatch::silent_after, or has again: what must not be late
-  /// is not sent meanwhile. Ends with on_link_down() at the latest.
+  /// The broker has not answered for StallWatch::silent_after, or answers again. Messages that must
+  /// not be late are not sent during the silence. Ends with on_link_down() at the latest.
   virtual void on_silence(bool is_silent) = 0;
   /// `sequence` was acknowledged by the broker (QoS 0: handed to the network).
   virtual void on_published(std::uint64_t sequence) = 0;
-  /// The broker has answered `sequence` with a reason code of 0x80 or above, or would: it is larger
-  /// than the broker's limit. (What merely failed is reported by on_link_down.)
+  /// The broker has answered `sequence` with a reason code of 0x80 or above, or would, because the
+  /// packet is larger than its limit. (A publish that merely failed is reported by on_link_down.)
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool is_granted) = 0;
   virtual void on_message(BrokerMessage message, const UserProperties& said) = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The MQTT 5 user properties (section 3.3.2.3.7) that say where a robot's message came from:
-// `mesh`, `gateway` and `received_at`; and who sends a command: `sender`. Pure.
+// `mesh`, `gateway` and `received_at`; and the sender of a command: `sender`. Pure.
 #pragma once
 
 #include <cstddef>
@@ -19,12 +19,13 @@ using UserProperties = std::vector<std::pair<std::string, std::string>>;
 inline constexpr std::string_view mesh_property = "mesh";
 inline constexpr std::string_view gateway_property = "gateway";
 inline constexpr std::string_view received_at_property = "received_at";
-/// Of a command: what its sender calls itself, for the audit trail.
+/// The name that the sender of a command gives itself, for the audit trail.
 inline constexpr std::string_view sender_property = "sender";
-/// Places of the value of `received_at`: ISO 8601 with milliseconds.
+/// Length of the value of `received_at`: ISO 8601 with milliseconds.
 inline constexpr std::size_t received_at_bytes = 24;
 
-/// What they take on the wire: for each an identifier and two lengths (MQTT 5 section 3.3.2.3.7).
+/// Returns the size of the properties on the wire. Each has an identifier and two lengths (MQTT 5
+/// section 3.3.2.3.7).
 inline std::size_t user_property_bytes(const BrokerMessage& message,
                                        const std::string& gateway_id) {
   constexpr std::size_t frame = 1 + 2 + 2;
@@ -35,7 +36,7 @@ inline std::size_t user_property_bytes(const BrokerMessage& message,
          received_at_bytes;
 }
 
-/// What the sender of a command calls itself; null: it says nothing.
+/// Returns the name that the sender of a command gives itself; null when it gives none.
 inline Sender sender_of(const UserProperties& said) {
   for (const auto& [name, value] : said)
     if (name == sender_property) return sender_at_broker(value);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which version of MQTT the next CONNECT speaks: 5, and 3.1.1 with a broker that does not know 5.
+// Chooses the version of MQTT for the next CONNECT: 5, or 3.1.1 with a broker that does not know 5.
 // Pure.
 #pragma once
 
@@ -18,13 +18,13 @@ enum class ConnectAnswer : std::uint8_t {
 
 class VersionChoice {
  public:
-  /// Some brokers close an MQTT 5 connection without a CONNACK (RabbitMQ before 3.13); so does any
-  /// that is killed at that moment, which hardly happens twice in a row.
+  /// Some brokers close an MQTT 5 connection without a CONNACK (RabbitMQ before 3.13). A broker
+  /// that is killed at that moment does so, too, but hardly twice in a row.
   static constexpr unsigned closings_needed = 2;
 
   MqttVersion version() const { return version_; }
 
-  /// True when the other version is worth an attempt at once.
+  /// Returns true when the other version should be tried at once.
   bool on_failed(ConnectAnswer answer) {
     if (version_ == MqttVersion::v3_1_1) {
       if (is_guess_ || answer == ConnectAnswer::version_refused) version_ = MqttVersion::v5;

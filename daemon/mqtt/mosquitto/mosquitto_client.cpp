@@ -24,22 +24,22 @@ namespace {
 
 using boost::system::error_code;
 
-/// One call reads all that answers our own packets, and at least this many.
+/// One call reads all answers to our own packets, and at least this many packets.
 constexpr int packets_at_once = 1;
 /// Not a port: see MosquittoClient::start().
 constexpr int no_port = -1;
 
 TimePoint now() { return std::chrono::steady_clock::now(); }
 
-/// A connection that has stood has measured a round trip.
+/// Returns true when the connection was established at some time: it has measured a round trip.
 bool has_stood(int socket) {
   tcp_info info{};
   socklen_t size = sizeof info;
   return getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &size) == 0 && info.tcpi_rtt > 0;
 }
 
-/// Why a connection did not come about; 0 when it stands. libmosquitto begins the TLS handshake
-/// before that, and when the connection is refused or closed at once, as on this host, its
+/// Returns the errno of a failed connection; 0 when it is established. libmosquitto begins the TLS
+/// handshake earlier. When the connection is refused or closed at once, as on this host, the
 /// handshake has taken the error from the socket.
 int connection_error(int socket) {
   int error = 0;
@@ -52,8 +52,8 @@ int connection_error(int socket) {
   return has_stood(socket) ? ECONNRESET : ECONNREFUSED;
 }
 
-/// Descriptors that robots' sessions leave to the rest of the daemon: the store, the control
-/// socket, its own connection. The kernel gives the lowest free number.
+/// Returns true for a descriptor that robots' sessions leave to the rest of the daemon: the store,
+/// the control socket, its own connection. The kernel gives the lowest free number.
 bool reaches_reserve(int descriptor) {
   constexpr rlim_t reserve = 256;
   rlimit limit{};
@@ -61,18 +61,18 @@ bool reaches_reserve(int descriptor) {
   return static_cast<rlim_t>(descriptor) >= limit.rlim_cur - std::min(reserve, limit.rlim_cur / 4);
 }
 
-/// libmosquitto 2.0 writes an octet for each packet to a socket pair of its own, which a loop like
-/// ours never reads: 215 KiB of the kernel's memory for each client, unless its buffer is small.
-/// It also leaves the pair open across exec().
+/// The socket pair of a new client. libmosquitto 2.0 writes an octet for each packet to it, which a
+/// loop like ours never reads: 215 KiB of the kernel's memory for each client, unless the buffer is
+/// small. The library also leaves the pair open across exec().
 class SocketPair {
  public:
-  /// The numbers that the next pair gets; another thread may take them first.
+  /// Finds the numbers that the next pair gets; another thread may take them first.
   SocketPair() {
     for (int& each : expected_) each = fcntl(0, F_DUPFD_CLOEXEC, 0);
     for (const int each : expected_)
       if (each >= 0) ::close(each);
   }
-  /// Only what is what the library makes.
+  /// Shrinks the buffers and closes the pair on exec(), if the descriptors look like the library's.
   void tame() const {
     for (const int each : expected_) {
       int domain = 0;
@@ -116,7 +116,7 @@ void MosquittoClient::open(const Opening& opening, std::shared_ptr<const TlsClie
   when_writable([](MosquittoClient& client) { client.on_connection(); });
 }
 
-/// 0 when a connection is under way, else libmosquitto's error.
+/// Returns 0 when a connection is under way, else libmosquitto's error.
 int MosquittoClient::start(const Opening& opening) {
   const SocketPair pair;
   client_.reset(mosquitto_new(opening.client_id.c_str(), opening.is_clean, this));
@@ -126,7 +126,7 @@ int MosquittoClient::start(const Opening& opening) {
   mosquitto_int_option(client, MOSQ_OPT_PROTOCOL_VERSION,
                        is_v5_ ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
   mosquitto_int_option(client, MOSQ_OPT_TCP_NODELAY, 1);
-  mosquitto_int_option(client, MOSQ_OPT_SEND_MAXIMUM, 0);  // the outbox has the window
+  mosquitto_int_option(client, MOSQ_OPT_SEND_MAXIMUM, 0);  // the outbox limits what is under way
   mosquitto_int_option(client, MOSQ_OPT_RECEIVE_MAXIMUM, opening.receive_maximum.value_or(0));
   // Packets wait for write(), which sends them together; no thread is started by this.
   mosquitto_threaded_set(client, true);
@@ -144,7 +144,7 @@ int MosquittoClient::start(const Opening& opening) {
   set_callbacks();
   const int keep_alive = static_cast<int>(std::max(broker.keep_alive, shortest_keep_alive).count());
   if (is_v5_) {
-    // libmosquitto 2.0 has no asynchronous connect with properties. This one keeps them for any
+    // libmosquitto 2.0 has no asynchronous connect with properties. This call keeps them for any
     // later connect, and then refuses the port.
     mosquitto_property* properties = nullptr;
     if (opening.session_expiry_s != 0)
@@ -196,7 +196,7 @@ void MosquittoClient::set_callbacks() {
                     subscriptions_of(properties)});
       });
   if (!tls_) return;
-  // Until the connection is up: the library makes a text of each packet for it.
+  // Removed when the connection is up, because the library formats a text for each packet.
   mosquitto_log_callback_set(client, [](mosquitto*, void* object, int level, const char* text) {
     if (level == MOSQ_LOG_ERR) of(object).last_error_ = text;
   });
@@ -209,7 +209,7 @@ void MosquittoClient::adopt_socket(bool spares_descriptors) {
   if (spares_descriptors && reaches_reserve(socket_.native_handle())) give_up(EMFILE);
 }
 
-/// False when the process may not have more; the connection ends then.
+/// Returns false, and ends the connection, when the process may not have more descriptors.
 bool MosquittoClient::duplicate(int descriptor, boost::asio::posix::stream_descriptor& to) {
   const int copy = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
   if (copy < 0)
@@ -219,7 +219,7 @@ bool MosquittoClient::duplicate(int descriptor, boost::asio::posix::stream_descr
   return copy >= 0;
 }
 
-/// `then` is called once, unless the connection ends before.
+/// Calls `then` once, when the socket can be written, unless the connection ends first.
 template <class Then>
 void MosquittoClient::when_writable(Then then) {
   if (!duplicate(socket_.native_handle(), writable_)) return write_soon();
@@ -262,7 +262,7 @@ void MosquittoClient::on_readable() {
   deliver();
 }
 
-/// libmosquitto 2.0.11 goes on for ever with a handshake whose connection has broken.
+/// Ends a handshake whose connection has broken: libmosquitto 2.0.11 would go on for ever.
 void MosquittoClient::watch_handshake() {
   char first = 0;
   const auto got = recv(socket_.native_handle(), &first, 1, MSG_PEEK | MSG_DONTWAIT);
@@ -279,7 +279,7 @@ void MosquittoClient::tick() {
   deliver();
 }
 
-/// After the present handler, so that what it sends goes out together.
+/// Calls write() after the present handler, so that its packets are sent together.
 void MosquittoClient::write_soon() {
   if (std::exchange(is_write_due_, true)) return;
   boost::asio::post(io_, [self = shared_from_this()] {
@@ -305,7 +305,7 @@ void MosquittoClient::write() {
   });
 }
 
-/// One segment for many packets, whose cost on the way to the broker is that of one.
+/// Collects many packets into one TCP segment (1), or sends it (0): it costs as much as one packet.
 void MosquittoClient::cork(int on) {
   setsockopt(socket_.native_handle(), IPPROTO_TCP, TCP_CORK, &on, sizeof on);
 }
@@ -334,7 +334,7 @@ void MosquittoClient::report(Connack& connack) {
   on_connack(connack);
 }
 
-// --- What is sent --------------------------------------------------------------------------------
+// --- Requests ------------------------------------------------------------------------------------
 
 std::optional<int> MosquittoClient::sent(int result, int packet_id) {
   if (result == MOSQ_ERR_NO_CONN || result == MOSQ_ERR_NOMEM) after_call(result, 0);
@@ -348,7 +348,7 @@ std::optional<int> MosquittoClient::publish(const std::string& topic, ByteView p
                                             bool is_retained,
                                             const mosquitto_property* properties) {
   if (is_over_) return std::nullopt;
-  if (topic.find('\0') != std::string::npos) return std::nullopt;  // C knows no such text
+  if (topic.find('\0') != std::string::npos) return std::nullopt;  // not possible in a C string
   int id = 0;
   const int result =
       mosquitto_publish_v5(client_.get(), &id, topic.c_str(), static_cast<int>(payload.size()),
@@ -402,8 +402,8 @@ void MosquittoClient::leave(boost::asio::thread_pool& lane) {
   boost::asio::post(lane, [self = shared_from_this()] { self->disconnect_and_wait(); });
 }
 
-/// Waits until the broker has read all: it has closed its side too. A socket that is closed with
-/// something unread in it ends with a reset, which may overtake what was written.
+/// Waits until the broker has closed its side, too, and so has read all. A socket that is closed
+/// with unread data sends a reset, which may overtake the data that was written.
 void MosquittoClient::disconnect_and_wait() {
   const TimePoint end = now() + goodbye_timeout;
   const auto left_ms = [end] {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // One connection through libmosquitto, from its attempt to its end, on the loop's own thread: the
 // library is called when its socket can be read or written, and its callbacks become events, which
-// are reported after each call. Knows neither why it connects nor who asked: MosquittoLink (the
-// gateway's and the page's own connection) and RobotLink (a robot's session) do.
+// are reported after each call. Derived classes know the purpose of the connection: MosquittoLink
+// (the gateway's and the page's own) and RobotLink (a robot's session).
 #pragma once
 
 #include <mosquitto.h>
@@ -31,9 +31,9 @@ namespace slamgw {
 
 class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
  public:
-  /// libmosquitto takes no shorter one; that is used in place of a shorter one in the settings.
+  /// The shortest that libmosquitto takes; replaces a shorter keep-alive in the settings.
   static constexpr std::chrono::seconds shortest_keep_alive{5};
-  /// Whole seconds are libmosquitto's unit of time: how often tick() is to be called.
+  /// Time between calls of tick(). libmosquitto's unit of time is the whole second.
   static constexpr std::chrono::seconds tick_interval{1};
   /// Reason codes of the broker begin here; smaller numbers are libmosquitto's errors.
   static constexpr int first_reason = 0x80;
@@ -53,7 +53,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
     std::uint32_t max_inbound_octets = max_inbound_packet_octets;  ///< MQTT 5 only
     std::optional<std::uint16_t> receive_maximum{};
     std::uint32_t session_expiry_s = 0;  ///< MQTT 5 only
-    /// Not opened with one of the last descriptors that the process may have.
+    /// Fails rather than use one of the last descriptors that the process may have.
     bool spares_descriptors = false;
   };
   struct Connack {
@@ -65,7 +65,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
     int result;  ///< the library's error, or the reason code of the broker's DISCONNECT
     int error;   ///< errno
   };
-  /// PUBACK, PUBCOMP, UNSUBACK, or QoS 0 that is written.
+  /// PUBACK, PUBCOMP, UNSUBACK, or a QoS 0 message that was written.
   struct Confirmed {
     int packet_id;
     int reason;
@@ -77,11 +77,11 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   struct Arrived {
     BrokerMessage message;
     UserProperties said;
-    std::vector<std::uint32_t> subscriptions;  ///< their identifiers; MQTT 5 only
+    std::vector<std::uint32_t> subscriptions;  ///< subscription identifiers; MQTT 5 only
   };
   enum class Farewell : std::uint8_t {
     none,
-    abort,       ///< what the kernel has not sent yet is thrown away
+    abort,       ///< discards data that the kernel has not sent yet
     disconnect,  ///< DISCONNECT
     forget,      ///< DISCONNECT that also ends the session at the broker (MQTT 5)
   };
@@ -90,24 +90,24 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
 
   /// `tls` is null without TLS. Answered by on_connack() or on_ended().
   void open(const Opening& opening, std::shared_ptr<const TlsClient> tls);
-  /// Keep-alive; to be called each tick_interval.
+  /// Does the keep-alive. Call every tick_interval.
   void tick();
-  /// Ends the connection for this reason, after the present call.
+  /// Ends the connection with this errno; on_ended() comes after the present call.
   void give_up(int error) { after_call(MOSQ_ERR_ERRNO, error); }
-  /// No event comes after it.
+  /// Ends the connection; no event comes after it.
   void end(Farewell farewell);
   /// As end(), but waits on `lane` until the broker has read all, for goodbye_timeout at most.
   void leave(boost::asio::thread_pool& lane);
 
-  // Each returns the packet id; nothing when libmosquitto does not take the topic, or there is no
-  // connection any more (is_over()).
+  // Each returns the packet id; nothing when libmosquitto does not take the topic, or the
+  // connection is over (is_over()).
   std::optional<int> publish(const std::string& topic, ByteView payload, Qos qos, bool is_retained,
                              const mosquitto_property* properties = nullptr);
   std::optional<int> subscribe(const std::string& filter, Qos qos, int options = 0,
                                const mosquitto_property* properties = nullptr);
   std::optional<int> unsubscribe(const std::string& filter);
 
-  /// Takes out what belongs to the packet, of a list of packet ids and values.
+  /// Removes the packet's entry from a list of packet ids and values, and returns its value.
   template <class Value>
   static std::optional<Value> take(std::vector<std::pair<int, Value>>& from, int packet_id) {
     const auto found = std::ranges::find(from, packet_id, &std::pair<int, Value>::first);
@@ -119,7 +119,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
 
   bool is_reached() const { return is_reached_; }  ///< by TCP
   bool is_open() const { return is_open_; }        ///< CONNACK has come, and was good
-  bool is_over() const { return is_over_; }        ///< there is no connection any more
+  bool is_over() const { return is_over_; }        ///< the connection has ended or failed
   bool is_ended() const { return is_ended_; }      ///< end() or leave() was called
   /// The library's last error text, until the connection is open; with TLS only.
   const std::string& last_error() const { return last_error_; }
@@ -134,7 +134,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
     void operator()(mosquitto* client) const { mosquitto_destroy(client); }
   };
 
-  // On the loop's thread, never from inside a call to this object.
+  // Called on the loop's thread, never from inside a call to this object.
   virtual void on_connack(const Connack& connack) = 0;
   virtual void on_ended(const Ended& ended) = 0;
   virtual void on_confirmed(const Confirmed& confirmed) = 0;
@@ -156,7 +156,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   void write();
   void cork(int on);
   std::optional<int> sent(int result, int packet_id);
-  /// After each call into the library: ends the connection when it says so.
+  /// Call after each call into the library: ends the connection when `result` is an error.
   void after_call(int result, int error);
   void deliver();
   void report(Connack& connack);
@@ -166,10 +166,10 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   void report(Arrived& arrived) { on_arrived(arrived); }
   void disconnect_and_wait();
 
-  /// A duplicate: the library closes its own whenever it likes.
+  /// A duplicate, because the library may close its own socket at any time.
   boost::asio::posix::stream_descriptor socket_;
-  /// Another duplicate, only while the socket is to be written: Asio would look for that at each
-  /// later wait for reading too, and find it at once.
+  /// Another duplicate, only while this object waits for writing: with one descriptor for both,
+  /// Asio would also wake at once in each later wait for reading.
   boost::asio::posix::stream_descriptor writable_;
   bool is_v5_ = true;
   bool is_reached_ = false;

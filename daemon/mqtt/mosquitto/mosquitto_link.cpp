@@ -16,7 +16,7 @@ namespace {
 
 using boost::system::error_code;
 
-/// Whether the broker has closed the connection, or its host has.
+/// Returns true when the broker, or its host, has closed the connection.
 bool is_closing(int error) { return error == ECONNRESET || error == EPIPE; }
 
 }  // namespace
@@ -64,7 +64,7 @@ void MosquittoLink::open_at(const HostAddresses& addresses, std::shared_ptr<cons
   await_tick();
 }
 
-/// A silent broker is left by Upstream.
+/// Calls tick() until the connection ends; Upstream leaves a silent broker earlier.
 void MosquittoLink::await_tick() {
   tick_.expires_after(tick_interval);
   tick_.async_wait([self = self()](error_code error) {
@@ -107,7 +107,7 @@ std::string MosquittoLink::explain_loss(const Ended& ended) const {
   return "connection lost";
 }
 
-/// No CONNACK has come.
+/// Explains the end of a connection before its CONNACK.
 ConnectFailure MosquittoLink::explain_failure(const Ended& ended) const {
   const bool is_closed = ended.result == MOSQ_ERR_CONN_LOST || is_closing(ended.error);
   if (!is_reached() && !is_closed) return {0, explain_no_connection(settings_, ended.error)};
@@ -120,14 +120,14 @@ ConnectFailure MosquittoLink::explain_failure(const Ended& ended) const {
           0, tls->has_shaken_hands() ? explain_tls_end(reason) : explain_handshake_failure(reason)};
     if (!tls->has_shaken_hands())
       return {0, explain_handshake_failure("the broker closed the connection")};
-    // The end of the connection may overtake the alert that says why.
+    // The end of the connection may overtake the alert that has the reason.
     const bool is_cut = ended.error == ECONNRESET || ended.error == EPROTO;
     if (is_cut && !settings_.certificate_file)
       return {0, explain_tls_end(std::strerror(ended.error)), ConnectAnswer::closed};
   }
   if (is_closed) return {0, explain_stranger(settings_), ConnectAnswer::closed};
   if (ended.result == MOSQ_ERR_ERRNO) return {0, explain_no_connection(settings_, ended.error)};
-  // Some answer MQTT 5 with a CONNACK that only MQTT 3.1.1 allows.
+  // Some brokers answer MQTT 5 with a CONNACK that only MQTT 3.1.1 allows.
   const bool is_garbled =
       ended.result == MOSQ_ERR_PROTOCOL || ended.result == MOSQ_ERR_MALFORMED_PACKET;
   return {0, explain_stranger(settings_),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The broker link through libmosquitto. Only what blocks before (the name, the files of TLS) and
-// the goodbye run on the lane.
+// The broker link through libmosquitto. Only the blocking preparations (name look-up, TLS files)
+// and the goodbye run on the lane.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -55,13 +55,13 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
   MqttLinkListener& listener_;
   boost::asio::steady_timer timeout_;
   boost::asio::steady_timer tick_;
-  bool has_failed_ = false;                               ///< told on_connect_failed()
+  bool has_failed_ = false;                               ///< on_connect_failed() was called
   std::vector<std::pair<int, std::uint64_t>> in_flight_;  ///< packet ids and sequences, in order
   std::vector<std::pair<int, std::string>> subscribing_;  ///< packet ids and filters
   PublishProperties properties_;
 };
 
-/// As MakeLink says.
+/// Makes a MosquittoLink, as MakeLink requires.
 std::shared_ptr<MqttLink> make_mosquitto_link(boost::asio::io_context& io,
                                               boost::asio::thread_pool& lane, LinkOptions options,
                                               MqttLinkListener& listener);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The properties of an MQTT 5 PUBLISH in libmosquitto's form, and those of its CONNACK and PUBLISH
-// in ours.
+// Converts the properties of an MQTT 5 PUBLISH to libmosquitto's form, and those of a received
+// CONNACK or PUBLISH to the daemon's.
 #pragma once
 
 #include <mosquitto.h>
@@ -24,7 +24,7 @@ class PublishProperties {
   PublishProperties(const PublishProperties&) = delete;
   PublishProperties& operator=(const PublishProperties&) = delete;
 
-  /// Those of `message`; null when there are none. Good until the next call.
+  /// Returns the properties of `message`, valid until the next call; null when there are none.
   const mosquitto_property* of(const BrokerMessage& message);
 
  private:
@@ -34,14 +34,14 @@ class PublishProperties {
   const MqttVersion version_;
   const std::string gateway_id_;
   mosquitto_property* list_ = nullptr;
-  std::optional<Provenance>
-      provenance_in_list_;  ///< in `list_`, to the millisecond: many messages may have the same
+  /// The provenance in `list_`, to the millisecond: many messages may have the same.
+  std::optional<Provenance> provenance_in_list_;
 };
 
 BrokerLimits limits_of(const mosquitto_property* connack);
-/// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
+/// Returns the subscription identifiers (MQTT 5 section 3.3.2.3.8); none with MQTT 3.1.1.
 std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish);
-/// Empty with MQTT 3.1.1.
+/// Returns the user properties; none with MQTT 3.1.1.
 UserProperties user_properties_of(const mosquitto_property* publish);
 
 }  // namespace slamgw

@@ -24,7 +24,7 @@ namespace slamgw {
 
 namespace {
 
-/// Of the other end; 0 for what is no TCP connection.
+/// Returns the port of the other end; 0 when `descriptor` is not a connection.
 std::uint16_t peer_port(int descriptor) {
   sockaddr_storage peer{};
   socklen_t size = sizeof peer;
@@ -66,9 +66,9 @@ void BrokerSocket::cork(int on) {
 
 namespace {
 
-/// Before the first client. OpenSSL sets itself up where TLS is used; Paho would have it load all
-/// it has in any case, 1.4 MiB. And Paho writes its last 400 calls and packets down as text, under
-/// one lock for all threads, also where nobody reads them: a fifth of what a message costs.
+/// Call before the first client. OpenSSL initialises itself where TLS is used; Paho would always
+/// have it load everything, 1.4 MiB. Paho also records its last 400 calls and packets as text,
+/// under one lock for all threads: a fifth of a message's cost, and useful only with a trace.
 void keep_paho_small() {
   MQTTAsync_init_options options = MQTTAsync_init_options_initializer;
   options.do_openssl_init = 0;
@@ -76,8 +76,8 @@ void keep_paho_small() {
   if (!std::getenv("MQTT_C_CLIENT_TRACE")) MQTTAsync_setTraceLevel(MQTTASYNC_TRACE_ERROR);
 }
 
-/// The code of the CONNACK that refused; 0 when none came. Paho returns that of MQTT 3.1.1 (1-5) as
-/// its own code, and its own errors as negative numbers.
+/// Returns the code of the CONNACK that refused; 0 when none came. Paho returns the codes of MQTT
+/// 3.1.1 (1-5) as its own, and its own errors as negative numbers.
 int connack_code_of(const mqtt::token& token) {
   const auto reason = token.get_reason_code();
   if (reason != mqtt::ReasonCode::MQTTPP_V3_CODE && reason != mqtt::ReasonCode::SUCCESS)
@@ -149,7 +149,7 @@ class PahoLink::SubscribeListener final : public mqtt::iaction_listener {
   explicit SubscribeListener(PahoLink& session) : session_(session) {}
   void on_success(const mqtt::token& token) override { finish(token, true); }
   void on_failure(const mqtt::token& token) override {
-    if (refusal_of(token)) finish(token, false);  // else the connection is lost, which is told
+    if (refusal_of(token)) finish(token, false);  // else connection_lost() reports the loss
   }
 
  private:
@@ -217,18 +217,20 @@ void PahoLink::open() {
   }
 }
 
-/// Paho tries one address of a name only, and an IPv4 one if there is any. TLS needs the name.
+/// Returns the address for this attempt, because Paho tries only one address of a name, and prefers
+/// IPv4. With TLS returns the name, which TLS needs.
 std::string PahoLink::host_of_attempt() const {
   if (settings_.tls) return settings_.host;
   const std::vector<std::string> addresses = resolve_host(settings_).literals;
   return addresses.empty() ? settings_.host : addresses[options_.attempt % addresses.size()];
 }
 
-/// The default, said all the same: where nothing is said, Mosquitto 2.0.11 counts 20, and each
-/// message that is too large for us stays counted, so that after 20 no command comes any more.
+/// The default of MQTT 5, which CONNECT names all the same: else Mosquitto 2.0.11 takes 20. It
+/// counts each message that is too large for us as under way for ever, so that after 20 no command
+/// comes any more.
 constexpr std::int32_t largest_receive_maximum = 65535;
 
-/// In place: copies of Paho's options forget or lose their properties.
+/// Sets the options in place, because copies of Paho's options lose their properties.
 void PahoLink::set_connect_options() {
   mqtt::connect_options& options = connect_options_;
   options.set_mqtt_version(static_cast<int>(options_.version));
@@ -266,7 +268,7 @@ void PahoLink::set_tls_options() {
   if (settings_.key_file) tls_options_.set_private_key(*settings_.key_file);
 }
 
-/// `code`: of the CONNACK, or 0. The reason is looked for on the lane, for that may take a while.
+/// `code`: of the CONNACK, or 0. The reason is found on the lane, because that may take a while.
 void PahoLink::report_failure(int code) {
   const bool is_in_time = std::chrono::steady_clock::now() - opened_ < options_.timeout;
   post_to_lane([code, is_in_time](PahoLink& session) {
@@ -349,14 +351,14 @@ void PahoLink::unsubscribe(std::string filter) {
     try {
       session.client_->unsubscribe(filter, nullptr, *session.subscribe_listener_);
     } catch (const mqtt::exception&) {
-      // the connection is going; the next one does not have the subscription
+      // the connection is ending; the next one does not have the subscription
     }
   });
 }
 
 void PahoLink::on_acknowledged() { nudge_.on_acknowledged(std::chrono::steady_clock::now()); }
 
-/// One timer for all messages: at full rate it fires some 40 times a second, idle never.
+/// Uses one timer for all messages: it fires about 40 times a second at full rate, never when idle.
 void PahoLink::watch_progress() {
   const auto deadline = nudge_.deadline();
   is_nudge_armed_ = deadline.has_value();
@@ -370,7 +372,7 @@ void PahoLink::watch_progress() {
 }
 
 void PahoLink::nudge() {
-  // Nobody has this filter: the smallest request that no subscriber can see.
+  // No session has this filter: the smallest request that no subscriber can see.
   unsubscribe("slam-gateway/nudge");
 }
 
@@ -389,12 +391,12 @@ void PahoLink::close(bool is_orderly) {
       disconnect_token_->wait_for(2 * goodbye_timeout);
     }
   } catch (const mqtt::exception&) {
-    // it was not connected
+    // the client was not connected
   }
   if (!is_orderly) socket_.discard_on_close();
   publish_form_.reset();
   client_.reset();
-  socket_.forget();  // the next session looks for its own
+  socket_.forget();  // the next link finds its own socket
 }
 
 void PahoLink::connection_lost(const std::string& cause) {

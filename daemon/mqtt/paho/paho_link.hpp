@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The broker link through Eclipse Paho. A client for each connection (a fresh one sheds Paho's
-// tokens, retry state and lost wake-ups; its own automatic reconnect is mute). Every Paho call is
-// made on the lane, a thread of its own, because connect resolves names under Paho's global lock.
-// Paho's callbacks come on Paho's threads and do exactly one thing: post to the loop.
+// The broker link through Eclipse Paho. Each connection has a new client, which sheds Paho's
+// tokens, retry state and lost wake-ups; Paho's own automatic reconnect reports nothing. Every Paho
+// call is made on the lane, a separate thread, because connect resolves names under Paho's global
+// lock. Paho's callbacks come on Paho's threads and do only one thing: post to the loop.
 #pragma once
 
 #include <mqtt/async_client.h>
@@ -28,13 +28,12 @@
 
 namespace slamgw {
 
-// From one thread to another, in order: what is given before the taker gets to look costs it one
-// wake-up together. Bounding what waits is the giver's. Any threads.
-
+/// A queue from one thread to another, in order. Items that are given before the consumer takes
+/// them cost it one wake-up together. The producer limits the length. May be called on any thread.
 template <class Item>
 class Handover {
  public:
-  /// How many wait now: at 1 the taker has to be woken, who must take() then.
+  /// Returns the queue length. At 1, wake the consumer, which must then take().
   std::size_t give(Item item) {
     const std::lock_guard lock(mutex_);
     items_.push_back(std::move(item));
@@ -51,13 +50,13 @@ class Handover {
   std::vector<Item> items_;
 };
 
-/// Paho's send thread can miss its signal and then sleeps for up to a second on a message
-/// (eclipse-paho/paho.mqtt.c 1.3.x). Another request wakes it. This says when one is due: nothing
-/// was acknowledged or published for a while although something is in flight. Pure.
+/// Decides when to wake Paho's send thread with another request. The thread can miss its signal and
+/// then sleeps for up to a second on a message (eclipse-paho/paho.mqtt.c 1.3.x). A request is due
+/// when messages are in flight, and none was acknowledged or published for a while. Pure.
 class SendNudge {
  public:
-  /// So many times what an acknowledgement takes as a rule, within these limits: a broker on this
-  /// host answers within a millisecond, one that is far away must not be asked for nothing.
+  /// The wait is this multiple of the usual time to an acknowledgement, within these limits: a
+  /// broker on this host answers within a millisecond, a distant one must not be asked in vain.
   static constexpr int patience = 4;
   static constexpr std::chrono::milliseconds shortest_wait{3};
   static constexpr std::chrono::milliseconds first_wait{25};
@@ -79,12 +78,12 @@ class SendNudge {
   }
   void clear() { *this = {}; }
 
-  /// Nothing: nothing is in flight.
+  /// Returns nothing when no message is in flight.
   std::optional<TimePoint> deadline() const {
     if (in_flight_ == 0) return std::nullopt;
     return last_progress_ + wait_;
   }
-  /// True when a nudge is due, which is then given.
+  /// Returns true when a nudge is due, and counts it as given.
   bool take(TimePoint now) {
     if (in_flight_ == 0 || now < last_progress_ + wait_) return false;
     last_progress_ = now;
@@ -107,7 +106,7 @@ class SendNudge {
   Duration usual_ = Duration{first_wait} / patience;  ///< smoothed
 };
 
-/// What has to be said to the socket of the broker's connection, which Paho keeps to itself.
+/// Sets options of the socket of the broker's connection, which Paho does not expose.
 class BrokerSocket {
  public:
   BrokerSocket() = default;
@@ -115,23 +114,23 @@ class BrokerSocket {
   BrokerSocket(const BrokerSocket&) = delete;
   BrokerSocket& operator=(const BrokerSocket&) = delete;
 
-  /// Takes this process's connection to that port and sets TCP_NODELAY, which Paho does not: with
+  /// Finds this process's connection to that port and sets TCP_NODELAY, which Paho does not: with
   /// Nagle's algorithm a message waits until the broker has acknowledged the TCP segment before, at
-  /// QoS 0 for up to 40 ms. Any thread, once.
+  /// QoS 0 for up to 40 ms. Call once, on any thread.
   void adopt(std::uint16_t broker_port);
-  /// What is written from now on goes out together, when it is released (the kernel waits 200 ms at
-  /// most). Nothing happens before adopt(). Any thread.
+  /// Collects the data written from now on, until release() sends them together; the kernel waits
+  /// 200 ms at most. Has no effect before adopt(). Call on any thread.
   void gather() { cork(1); }
   void release() { cork(0); }
-  /// What the kernel has not sent yet is thrown away when the connection is closed.
+  /// Has the kernel discard unsent data when the connection is closed.
   void discard_on_close();
-  /// Not while gather() or release() may run.
+  /// Closes the duplicate. Do not call while gather() or release() may run.
   void forget();
 
  private:
   void cork(int on);
 
-  /// A duplicate: Paho closes its own when it likes, and the number may then be another file's.
+  /// A duplicate: Paho may close its own at any time, and the number may then be another file's.
   std::atomic<int> descriptor_{-1};
 };
 
@@ -139,8 +138,8 @@ class PahoLink final : public MqttLink,
                        public std::enable_shared_from_this<PahoLink>,
                        private mqtt::callback {
  public:
-  /// What waits between Paho's receive thread and the loop; beyond it messages are dropped and
-  /// counted.
+  /// Limits of messages that wait between Paho's receive thread and the loop; beyond them, messages
+  /// are dropped and counted.
   static constexpr std::size_t max_inbound_waiting = 10000;
   static constexpr std::size_t max_inbound_waiting_octets = std::size_t{32} * 1024 * 1024;
   /// Cap on Paho's own queue; the outbox's windows stay well below it.
@@ -163,7 +162,7 @@ class PahoLink final : public MqttLink,
   /// waits for the rest of a batch.
   static constexpr std::size_t written_at_once = 16;
 
-  /// Paho looks for a connect that takes too long every four seconds.
+  /// Paho checks every four seconds for a connect that takes too long.
   static constexpr std::chrono::seconds connect_grace{5};
 
   struct Publication {
@@ -177,10 +176,10 @@ class PahoLink final : public MqttLink,
   // On the loop's thread:
   void on_acknowledged();
   void watch_progress();
-  /// Wakes Paho's send thread when it sleeps on something to send: its signals get lost.
+  /// Wakes Paho's send thread if it sleeps on an unsent message, because its signal was lost.
   void nudge();
-  /// Paho 1.3.12 waits by the wall clock between its looks: when that is set back by an hour, it
-  /// would not notice for an hour that the broker does not answer.
+  /// Reports a connect that takes too long. Paho 1.3.12 waits by the wall clock between its checks:
+  /// when that is set back by an hour, Paho would not notice a silent broker for an hour.
   void watch_connect();
 
   void connected(const std::string&) override {}
@@ -222,8 +221,8 @@ class PahoLink final : public MqttLink,
   Handover<Event> events_;     // to the loop
   BrokerSocket socket_;
   Handover<Publication> publications_;     // to the lane
-  std::atomic<std::size_t> unwritten_{0};  // QoS 0 that Paho has
-  Handover<std::uint64_t> written_;        // of them
+  std::atomic<std::size_t> unwritten_{0};  // QoS 0 messages that Paho has
+  Handover<std::uint64_t> written_;        // QoS 0 messages that were written, to the loop
   std::atomic<std::size_t> inbound_waiting_{0};
   std::atomic<std::size_t> inbound_octets_{0};
   std::atomic<std::uint64_t> inbound_dropped_{0};
@@ -237,8 +236,8 @@ class PahoLink final : public MqttLink,
   mqtt::token_ptr connect_token_;
   mqtt::token_ptr disconnect_token_;
   std::unique_ptr<mqtt::async_client> client_;  // lane only
-  /// Lane only. Goes before the client: with the last client Paho forgets what it has allocated,
-  /// and does not free it any more.
+  /// Lane only. Destroyed before the client: with the last client Paho forgets its allocations, and
+  /// no longer frees them.
   std::optional<PublishForm> publish_form_;
 };
 

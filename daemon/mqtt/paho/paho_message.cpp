@@ -15,7 +15,7 @@ namespace slamgw {
 namespace {
 
 MQTTLenString view_of(std::string_view text) {
-  return {static_cast<int>(text.size()), const_cast<char*>(text.data())};  // it is only read
+  return {static_cast<int>(text.size()), const_cast<char*>(text.data())};  // Paho only reads it
 }
 
 MQTTProperty user_property(std::string_view name, std::string_view value) {
@@ -26,7 +26,7 @@ MQTTProperty user_property(std::string_view name, std::string_view value) {
   return property;
 }
 
-/// The value of `received_at` is to be overwritten.
+/// Returns the properties with a placeholder for `received_at`, which write_time() overwrites.
 mqtt::properties user_properties(Mesh mesh, const std::string& gateway_id) {
   const std::string received_at = to_iso8601_ms(WallTime{});
   MQTTProperty list[] = {user_property(mesh_property, to_string(mesh)),

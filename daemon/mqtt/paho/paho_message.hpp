@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From our values to Paho's and back. Pure; called by PahoLink.
+// Converts the daemon's values to Paho's and back. Pure; called by PahoLink.
 #pragma once
 
 #include <mqtt/message.h>
@@ -19,15 +19,15 @@
 
 namespace slamgw {
 
-/// Messages as Paho takes them, with the user properties `mesh`, `gateway` and `received_at` where
-/// the version has such and a robot said it. Paho copies what it publishes, so one form is filled
-/// in again for each: making the properties anew would cost more than all the rest, for Paho keeps
-/// a record of each string that it allocates. To be made and destroyed while there is a client.
+/// Messages in Paho's form. A robot's message has the user properties `mesh`, `gateway` and
+/// `received_at` with MQTT 5. Paho copies what it publishes, so one form is filled in again for
+/// each message. New properties would cost more than all the rest, because Paho keeps a record of
+/// each string that it allocates. Make and destroy the form while there is a client.
 class PublishForm {
  public:
   PublishForm(MqttVersion version, const std::string& gateway_id);
 
-  /// Good until the next call; to be read on the same thread only.
+  /// Returns the form, valid until the next call; read it on the same thread only.
   mqtt::const_message_ptr fill(const BrokerMessage& message);
 
  private:
@@ -41,13 +41,13 @@ class PublishForm {
 
 BrokerMessage from_paho(const mqtt::message& message);
 UserProperties user_properties_of(const mqtt::message& message);
-/// Of a CONNACK.
+/// Returns the limits in a CONNACK.
 BrokerLimits limits_of(const mqtt::token& token, MqttVersion version);
 
-/// The reason code (0x80 and up) with which the broker has refused what `token` stands for. Nothing
-/// when it has refused nothing: then the connection is lost, or a request was not made. Paho gives
-/// everything that fails with MQTT 3.1.1 the pseudo code 255 (MQTTPP_V3_CODE), which is no refusal;
-/// of that version only a SUBACK can refuse (with 0x80).
+/// Returns the reason code (0x80 and up) with which the broker has refused the request of `token`;
+/// nothing when it has not. Then a failed request was not made, or its connection was lost. With
+/// MQTT 3.1.1, Paho gives all failures the pseudo code 255 (MQTTPP_V3_CODE), which is not a
+/// refusal; only a SUBACK can refuse there (with 0x80).
 std::optional<int> refusal_of(const mqtt::token& token);
 
 /// `host` is a literal address or a name.
