@@ -78,7 +78,7 @@ void BusConnection::reopen() {
   });
 }
 
-/// Waits for what sd-bus waits for.
+/// Waits for the socket and the deadline for which sd-bus waits.
 void BusConnection::watch() {
   if (!socket_) return;
   const auto on_wait = [this, life = std::weak_ptr(life_)](bool& is_waiting) {
@@ -107,7 +107,7 @@ void BusConnection::on_ready() {
   const std::weak_ptr<void> life = life_;
   for (int count = 0; count < max_at_once; ++count) {
     const int result = sd_bus_process(bus_.get(), nullptr);
-    if (life.expired()) return;  // closed meanwhile
+    if (life.expired()) return;  // a callback has closed the connection
     if (result < 0) return fail(result);
     if (result == 0) return watch();
   }

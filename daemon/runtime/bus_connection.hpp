@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A connection to D-Bus and to one service there: notices when the service comes and goes, and
-// opens the bus again when it breaks. A bus or a service that is not there is a state, not a
-// failure. Nothing waits: sd-bus gets its turns from the loop. Loop's thread only.
+// A connection to D-Bus and to one service there: notices when the service appears and disappears,
+// and opens the bus again when the connection breaks. A missing bus or service is a state, not a
+// failure. Nothing blocks: the loop runs sd-bus. Loop's thread only.
 #pragma once
 
 #include <systemd/sd-bus.h>
@@ -28,14 +28,14 @@ using SdBusMessage = std::unique_ptr<sd_bus_message, SdBusUnref<sd_bus_message_u
 class BusConnection {
  public:
   static constexpr std::chrono::seconds reopen_after{2};
-  /// Messages in one turn of the loop.
+  /// Limit of messages in one turn of the loop.
   static constexpr int max_at_once = 64;
 
   struct Handlers {
     /// Offers objects on a new connection. A negative errno closes it again. May be empty.
     std::function<int(sd_bus*)> on_opened;
-    /// The service came or is not there (owner()). `fault`: what is wrong with the bus; may be
-    /// empty. What waits for answers on this connection waits in vain.
+    /// The service has appeared or is missing (owner()). `fault`: what is wrong with the bus; may
+    /// be empty. Earlier calls on this connection get no answer.
     std::function<void(const std::string& fault)> on_service;
   };
 
@@ -47,16 +47,16 @@ class BusConnection {
   void close();
   /// Closes the connection, and opens another after `reopen_after`.
   void reopen();
-  /// Has what was queued sent. To be called after calls that come from outside sd-bus.
+  /// Sends queued messages. Call after using sd-bus from outside its callbacks.
   void watch();
-  /// Calls it from the loop, unless the connection has closed by then.
+  /// Calls `task` from the loop, unless the connection closes first.
   void post(std::function<void()> task);
 
-  /// Null while it is closed.
+  /// Returns null while the connection is closed.
   sd_bus* bus() const { return bus_.get(); }
-  /// The service's own connection; empty: it is not there.
+  /// Returns the unique name of the service's connection; empty while the service is missing.
   const std::string& owner() const { return owner_; }
-  /// A call to the owner and not to the name, because it must not have the bus start the service.
+  /// Makes a call to the owner and not to the name, so that the bus does not start the service.
   SdBusMessage call(const char* path, const char* interface, const char* member) const;
 
  private:
@@ -72,13 +72,13 @@ class BusConnection {
   const std::string service_;
   const Handlers handlers_;
   SdBus bus_;
-  std::optional<boost::asio::posix::stream_descriptor> socket_;  ///< to wait at
+  std::optional<boost::asio::posix::stream_descriptor> socket_;  ///< a duplicate, for waiting
   boost::asio::steady_timer timer_;  ///< sd-bus's own deadline, or the next attempt to open
   bool is_reading_ = false;
   bool is_writing_ = false;
   std::string owner_;
-  /// Each connection has one. A handler that is still queued when the connection closes sees by it
-  /// that it must do nothing.
+  /// Each connection has its own. A handler that is still queued when the connection closes finds
+  /// it expired, and does nothing.
   std::shared_ptr<void> life_;
 };
 

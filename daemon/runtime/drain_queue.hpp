@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The machines of one loop that have left actions: drained one after the other, never one inside
-// the other, so that a message passes from machine to machine on a flat stack. One for each
+// The machines of one loop that have actions left. They are drained one after the other, never one
+// inside the other, so that a message passes from machine to machine on a flat stack. One for each
 // io_context; MachineDriver finds it there.
 #pragma once
 
@@ -42,7 +42,7 @@ class DrainQueue final : public boost::asio::execution_context::service {
     }
     is_busy_ = false;
   }
-  /// `member` ends.
+  /// Removes `member`, which is being destroyed.
   void remove(Member& member) { std::erase(waiting_, &member); }
 
  private:

@@ -46,7 +46,8 @@ void InterfaceWatch::wait() {
                      });
 }
 
-/// What exactly changed does not matter, nor that the kernel may have dropped some (ENOBUFS).
+/// Discards the messages: their contents do not matter, nor that the kernel may have dropped some
+/// (ENOBUFS).
 void InterfaceWatch::drain() {
   std::array<char, 8192> ignored{};
   for (int i = 0; i < 64; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tells when network interfaces or their addresses come, go or change (rtnetlink). What that means
-// is for the caller to find out. Loop's thread only.
+// Reports that network interfaces or their addresses appear, disappear or change (rtnetlink). The
+// caller has to find out what has changed. Loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -14,8 +14,8 @@ class InterfaceWatch : public std::enable_shared_from_this<InterfaceWatch> {
  public:
   explicit InterfaceWatch(boost::asio::io_context& io);
 
-  /// From now on `on_change` is called, once for many changes at a time. False where the kernel has
-  /// no such socket for us; nothing is called then.
+  /// Calls `on_change` from now on, once for many changes at a time. Returns false, and calls
+  /// nothing, when the kernel refuses the socket.
   bool start(std::function<void()> on_change);
   void stop();
 

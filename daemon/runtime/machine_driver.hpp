@@ -40,8 +40,8 @@ class MachineDriver final : private DrainQueue::Member {
     const bool is_outermost_;
   };
 
-  /// `perform` does one action; it may lead back to an input of this machine or of another: the
-  /// outermost one drains them all. `on_drained` is called when no action is left.
+  /// `perform` carries out one action. It may call an input of this machine or of another; the
+  /// outermost input drains them all. `on_drained` is called when no action is left.
   MachineDriver(boost::asio::io_context& io, Machine& machine, std::function<void(Action&)> perform,
                 std::function<void()> on_drained = {})
       : machine_(machine),
@@ -56,12 +56,12 @@ class MachineDriver final : private DrainQueue::Member {
   const Machine& machine() const { return machine_; }
 
   /// Calls an input, `driver->on_published(sequence, read_clocks())`, then performs the actions
-  /// that it leaves. Inside an input of another machine they wait until that one is over.
+  /// that it leaves. Inside an input of another machine, they wait until that input ends.
   Input operator->() { return Input(*this); }
   /// Performs the actions that were left outside an input.
   void perform_actions() { Input(*this); }
 
-  /// No deadline fires any more.
+  /// Stops the timer: no deadline fires any more.
   void stop() {
     armed_.reset();
     is_stopped_ = true;
@@ -75,8 +75,8 @@ class MachineDriver final : private DrainQueue::Member {
     arm();
   }
 
-  /// A deadline that moves away, as with each message, leaves the timer as it is: a check too early
-  /// costs less than to set it anew each time.
+  /// Sets the timer to the machine's deadline. A timer that is earlier is left as it is: an early
+  /// check costs less than setting the timer again at each message.
   void arm() {
     const std::optional<TimePoint> next = machine_.deadline();
     if (is_stopped_ || !next || (armed_ && *armed_ <= *next)) return;

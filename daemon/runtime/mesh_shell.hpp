@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the shell of every mesh has in common: passes the core's calls to its machine, and answers
-// questions from it. A mesh's own shell adds its sockets or port, and performs the machine's
+// The common part of every mesh's shell: passes the core's calls to the machine, and answers
+// questions from its state. A mesh's own shell adds its sockets or port, and performs the machine's
 // actions.
 #pragma once
 
