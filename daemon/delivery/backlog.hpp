@@ -43,8 +43,8 @@ class Backlog {
   static constexpr std::size_t max_unforgotten = 65536;
   /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
   static constexpr std::uint64_t dead_letter_share = 4;
-  /// This part of the store, its last, is for robots that have stored less than twice what is still
-  /// free, so that a robot that floods leaves room for the others.
+  /// The last part of the store is for robots that have stored less than twice what is still free.
+  /// So a robot that floods leaves room for the others.
   static constexpr std::uint64_t share_reserve = 4;
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{60};
@@ -104,7 +104,7 @@ class Backlog {
   std::optional<WriteToStore> next_write(FairQueue& queue, TimePoint now);
   std::optional<LoadFromStore> next_load(const FairQueue& queue);
   std::optional<TimePoint> deadline() const;
-  /// True when a failing store is to be tried again.
+  /// Returns true when a failing store is tried again now.
   bool on_deadline(TimePoint now);
 
   /// Rows that are stored or being stored, and what they count against `store.max_bytes`.

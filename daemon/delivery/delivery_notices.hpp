@@ -14,14 +14,14 @@
 
 namespace slamgw {
 
-/// Why a message was not taken in.
+/// The reason why messages were refused.
 struct NoRoom {
   std::uint64_t count = 0;        ///< messages that the line stands for
   std::uint64_t store_bytes = 0;  ///< while the store is full; else 0
   std::uint64_t store_max_bytes = 0;
   bool is_of_refused_topic = false;
   std::size_t memory_bytes = 0;
-  StoreShares::Share largest{};  ///< of the store
+  StoreShares::Share largest{};  ///< the largest share of the store
 };
 Notice no_room_notice(const NoRoom& no_room);
 
@@ -54,7 +54,7 @@ class RefusalNotices {
  private:
   std::optional<Notice> within_budget(Severity severity, std::string text, TimePoint now);
 
-  std::unordered_set<std::size_t> unacknowledged_;  // TopicCounts::slot
+  std::unordered_set<std::size_t> unacknowledged_;  // reported topics, by TopicCounts::slot
   TimePoint begin_{};
   std::size_t lines_ = 0;
   std::size_t left_out_ = 0;

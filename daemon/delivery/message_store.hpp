@@ -22,9 +22,8 @@
 namespace slamgw {
 
 /// Counts messages by topic in bounded memory: one counter for each hash of a topic, stored only
-/// while it is not zero. Two topics may share a counter: that there is none is always true, that
-/// there are some may mean the other topic, which costs a detour through the store. Used by the
-/// backlog.
+/// while it is not zero. Topics with the same hash share a counter, so has() may return true for
+/// another topic's messages, which only costs a detour through the store. Used by the backlog.
 class TopicCounts {
  public:
   /// A thousand robots with three topics each rarely share a slot.
@@ -105,8 +104,8 @@ struct StoredMessage {
   Duration age{};  ///< since it was stored; only in StoreLoaded
 };
 
-/// A stored message becomes a dead letter: it is no longer among the messages and stays on disk,
-/// with its row and age, until it is a message again or an operator discards it.
+/// A stored message becomes a dead letter, which is not among the messages. It stays on disk, with
+/// its row and age, until it is a message again or an operator discards it.
 struct NewDeadLetter {
   std::uint64_t row = 0;    ///< stored, or among `keep` of the same request
   std::string reason;       ///< for people: "topic name invalid"

@@ -284,7 +284,7 @@ void Outbox::publish(Item& item, TimePoint now) {
 
 void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   Item* const item = window_.take(sequence, now);
-  if (!item) return;  // from before a reconnect
+  if (!item) return;  // an answer from before a reconnect
   if (!item->is_unacknowledged()) is_stalled_ = false;
   ++statistics_.published;
   trace(DeliveryStep::Kind::published, *item);
@@ -307,7 +307,7 @@ void Outbox::note_answer(std::uint64_t sequence) {
 
 void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now) {
   Item* const item = window_.take(sequence, now);
-  if (!item) return;  // from before a reconnect
+  if (!item) return;  // an answer from before a reconnect
   const std::string topic = item->message.topic;
   note_answer(sequence);
   const bool is_news = refused_.on_refused(topic, refusal, now);

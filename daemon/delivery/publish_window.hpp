@@ -73,7 +73,7 @@ class PublishWindow {
     for (Item* const item : items_) item->sequence = 0;
     return std::exchange(items_, {});
   }
-  /// By rising sequence.
+  /// The messages, by rising sequence.
   const Items& items() const { return items_; }
   bool empty() const { return items_.empty(); }
   /// Returns true when the broker owes an acknowledgement and has sent none for `patience`.

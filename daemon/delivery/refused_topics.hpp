@@ -125,8 +125,8 @@ class RefusedTopics {
   /// Call when the connection was lost for another reason, with these messages unanswered.
   void on_loss(const PublishWindow::Items& unanswered, TimePoint now);
   /// Call when the connection was lost while a message of `topic` was under way alone. Returns true
-  /// when the message is at fault. Then it is the second loss, the broker has answered other
-  /// messages in between, and the connections did not end early, as on a bad line.
+  /// when the message is at fault: this is the second loss, and the broker has answered other
+  /// messages in between. Short connections, as on a bad line, do not count.
   bool on_lost_alone(const std::string& topic, TimePoint now);
   /// Call after one of the three above: tries under way will not be answered.
   void on_link_down(TimePoint now);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The border to an MQTT client library: one connection to a broker, from its attempt to its end,
-// never reused. Nothing of a former connection is resumed: a client library forgets its packet ids,
-// and a broker that follows the standard takes a new QoS 2 message with an old id for a repeat. All
-// differences between the libraries are behind this border. Upstream decides when and where to
-// connect, and with which version.
+// never reused. Nothing of a former connection is resumed, because client libraries forget their
+// packet ids. A broker that follows the standard would take a new QoS 2 message with an old id for
+// a repeat. All differences between the libraries are behind this border. Upstream decides when and
+// where to connect, and with which version.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -26,8 +26,8 @@ namespace slamgw {
 /// far more than a robot can take. Without it, one message of 256 MiB would exhaust the daemon's
 /// memory. MQTT 3.1.1 has no such limit.
 inline constexpr std::uint32_t max_inbound_packet_octets = 1024 * 1024;
-/// Longest time from the attempt to the CONNACK, name look-up included: with one broker, and with
-/// several, when the next one is tried.
+/// Longest time from the attempt to the CONNACK, name look-up included. The second is for several
+/// brokers.
 inline constexpr std::chrono::seconds connect_timeout{10};
 inline constexpr std::chrono::seconds connect_timeout_of_many{3};
 /// Time given to the broker at shutdown to read what is still unsent.
@@ -90,8 +90,8 @@ class MqttLink {
 
   /// Ends the connection and its events. `is_orderly`: published messages are written, and then
   /// DISCONNECT; that takes the lane a second at most. Else data that the kernel has not sent are
-  /// discarded (SO_LINGER with no time, set before the socket is closed), because a broker that
-  /// hangs must not get them later.
+  /// discarded, because a broker that hangs must not get them later (SO_LINGER with no time, set
+  /// before the socket is closed).
   virtual void abandon(bool is_orderly) = 0;
 
   /// Number of the broker's messages for which there was no room on the way to the loop.

@@ -25,7 +25,7 @@ struct BrokerAddress {
   std::string host;  ///< a name or an address; IPv6 without brackets
   std::uint16_t port = 1883;
   bool tls = false;  ///< `mqtts://`
-  /// `mqtt://host:port`, as in the configuration.
+  /// Returns `mqtt://host:port`, as in the configuration.
   std::string uri() const {
     const bool is_ipv6 = host.find(':') != std::string::npos;
     return (tls ? "mqtts://" : "mqtt://") + (is_ipv6 ? "[" + host + "]" : host) + ":" +

@@ -259,7 +259,7 @@ bool Upstream::adapt_will(int code) {
   return false;
 }
 
-/// Goes on to the next broker, and explains a likely rival: two gateways with one client id end
+/// Goes on to the next broker, and explains a likely rival. Two gateways with one client id end
 /// each other's connections without end, and not every broker says so.
 void Upstream::on_lost(std::string why, bool is_taken_over) {
   place().version.on_lost();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The connection to the broker, or to one of several: one MqttLink at a time, reconnected for ever,
-// once round the list without a pause and then with back-off; MQTT 5 with fallback to 3.1.1. Keeps
+// The connection to the broker, or to one of several: one MqttLink at a time, reconnected for ever.
+// Tries the list once without a pause, and then with back-off; MQTT 5 with fallback to 3.1.1. Keeps
 // to the broker's limits. Knows nothing of robots; the outbox decides which messages are published
 // again.
 #pragma once

@@ -29,7 +29,7 @@ class UpstreamListener {
   /// `sequence` was acknowledged by the broker (QoS 0: handed to the network).
   virtual void on_published(std::uint64_t sequence) = 0;
   /// The broker has answered `sequence` with a reason code of 0x80 or above, or would, because the
-  /// packet is larger than its limit. (A publish that merely failed is reported by on_link_down.)
+  /// packet is larger than its limit. on_link_down() reports a publish that merely failed.
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool is_granted) = 0;
   virtual void on_message(BrokerMessage message, const UserProperties& said) = 0;

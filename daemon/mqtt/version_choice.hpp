@@ -37,7 +37,8 @@ class VersionChoice {
     return true;
   }
 
-  /// A connection was lost. After a guess MQTT 5 is tried again; one more closing then decides.
+  /// Call when a connection was lost. After a guess, MQTT 5 is tried again; then one more closing
+  /// decides.
   void on_lost() {
     if (is_guess_) version_ = MqttVersion::v5;
   }

@@ -43,7 +43,7 @@ void DescriptorStore::drop_rest() {
 
 void DescriptorStore::keep(const std::string& name, int descriptor) {
   drop(name);
-  // FDPOLL=0: an error on the socket is no reason to forget it.
+  // FDPOLL=0: systemd keeps the socket in spite of an error on it.
   const std::string message = "FDSTORE=1\nFDPOLL=0\nFDNAME=" + name;
   sd_pid_notify_with_fds(0, 0, message.c_str(), &descriptor, 1);
 }

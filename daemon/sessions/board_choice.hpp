@@ -18,7 +18,7 @@
 namespace slamgw::sessions {
 
 /// How well a board hears a robot: the RSSI of the last hop in dBm, less `relay_cost_db` for each
-/// relay before it, because the RSSI at the relays is unknown.
+/// relay before it. The RSSI at the relays is unknown.
 struct SignalLevel {
   static constexpr int relay_cost_db = 30;
   int db = 0;
@@ -49,7 +49,7 @@ std::optional<Hears> read_hears(ByteView payload);
 
 class BoardChoice {
  public:
-  /// RSSI flickers by a few dB, and by 10 dB where people walk: less is no reason to move.
+  /// RSSI flickers by a few dB, and by 10 dB where people walk: a smaller gain does not count.
   static constexpr int clearly_better_db = 10;
   static constexpr std::chrono::seconds better_for{5};
   /// A holder that misses this many messages in a row, for this long, does not hear the robot. A

@@ -233,8 +233,8 @@ void RobotSession::unsubscribe(const std::string& filter) {
   }
 }
 
-/// Filters that another gateway or an earlier process has subscribed are not known here: a session
-/// that may have some is ended and replaced by a new one.
+/// Filters that another gateway or an earlier process has subscribed are not known here. A session
+/// that may have some is replaced by a new one.
 void RobotSession::begin_clean(TimePoint now) {
   grant_waiting();
   if (is_held() && knows_all_) {

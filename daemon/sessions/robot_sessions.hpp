@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sessions of all robots of this gateway, as a pure machine: which robot is attached when, how
-// many CONNECTs are open at once, and what happens when the broker or another gateway is lost
-// (docs/fleet.md names the rules). The broker decides which gateway holds a session; gateways do
-// not negotiate. The shell is io/SessionHost.
+// The sessions of all robots of this gateway, as a pure machine. It decides which robot is attached
+// when, how many CONNECTs are open at once, and what a lost broker or gateway means (docs/fleet.md
+// names the rules). The broker decides which gateway holds a session; gateways do not negotiate.
+// The shell is io/SessionHost.
 #pragma once
 
 #include <deque>
@@ -34,7 +34,7 @@ class RobotSessions {
   /// Returns true when another living gateway shows the robot as its own.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
 
-  /// `last_alive`: when the gateway's former process ended; nothing where there was none.
+  /// `last_alive`: when the gateway's former process ended; nothing when there was none.
   RobotSessions(SessionNames names, ServedElsewhere is_served_elsewhere,
                 std::optional<TimePoint> last_alive = {},
                 std::size_t max_sessions = default_max_sessions);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The message store's shell: keeps a MessageLog in `store.directory` and serves the outbox's
-// requests on the disk's thread, where a commit may take as long as the disk takes; events come
+// requests on the disk's thread, where a commit may take as long as the disk takes. Events come
 // back through the loop. Damage loses only the records that it hit; a disk that fails for a moment
 // loses nothing. While there is no usable log, the daemon goes on without a store, and the shell
 // tries again.

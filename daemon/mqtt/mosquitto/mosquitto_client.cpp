@@ -62,8 +62,8 @@ bool reaches_reserve(int descriptor) {
 }
 
 /// The socket pair of a new client. libmosquitto 2.0 writes an octet for each packet to it, which a
-/// loop like ours never reads: 215 KiB of the kernel's memory for each client, unless the buffer is
-/// small. The library also leaves the pair open across exec().
+/// loop like ours never reads. That takes 215 KiB of the kernel's memory for each client, unless
+/// the buffer is small. The library also leaves the pair open across exec().
 class SocketPair {
  public:
   /// Finds the numbers that the next pair gets; another thread may take them first.

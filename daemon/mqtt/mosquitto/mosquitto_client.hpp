@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// One connection through libmosquitto, from its attempt to its end, on the loop's own thread: the
-// library is called when its socket can be read or written, and its callbacks become events, which
-// are reported after each call. Derived classes know the purpose of the connection: MosquittoLink
-// (the gateway's and the page's own) and RobotLink (a robot's session).
+// One connection through libmosquitto, from its attempt to its end, on the loop's own thread. The
+// library is called when its socket can be read or written; its callbacks become events, which are
+// reported after each call. Derived classes know the purpose of the connection: MosquittoLink (the
+// gateway's and the page's own) and RobotLink (a robot's session).
 #pragma once
 
 #include <mosquitto.h>

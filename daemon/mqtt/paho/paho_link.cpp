@@ -68,7 +68,7 @@ namespace {
 
 /// Call before the first client. OpenSSL initialises itself where TLS is used; Paho would always
 /// have it load everything, 1.4 MiB. Paho also records its last 400 calls and packets as text,
-/// under one lock for all threads: a fifth of a message's cost, and useful only with a trace.
+/// under one lock for all threads. That is a fifth of a message's cost, and only a trace needs it.
 void keep_paho_small() {
   MQTTAsync_init_options options = MQTTAsync_init_options_initializer;
   options.do_openssl_init = 0;
@@ -93,8 +93,8 @@ std::uint64_t sequence_of(const mqtt::token& token) {
 
 }  // namespace
 
-// The three listeners run on Paho's threads. They hold the session by reference: it destroys the
-// client, which ends all callbacks, before itself.
+// The three listeners run on Paho's threads. They hold the link by reference: before its own end,
+// the link destroys the client, which ends all callbacks.
 class PahoLink::ConnectListener final : public mqtt::iaction_listener {
  public:
   explicit ConnectListener(PahoLink& session) : session_(session) {}
@@ -260,7 +260,7 @@ void PahoLink::set_connect_options() {
 }
 
 void PahoLink::set_tls_options() {
-  tls_options_.set_verify(true);  // the host name too; Paho's default is not to look
+  tls_options_.set_verify(true);  // the host name too, which Paho does not check by default
   tls_options_.set_enable_server_cert_auth(true);
   tls_options_.set_ssl_version(MQTT_SSL_VERSION_TLS_1_2);
   if (settings_.ca_file) tls_options_.set_trust_store(*settings_.ca_file);

@@ -55,8 +55,8 @@ class Handover {
 /// when messages are in flight, and none was acknowledged or published for a while. Pure.
 class SendNudge {
  public:
-  /// The wait is this multiple of the usual time to an acknowledgement, within these limits: a
-  /// broker on this host answers within a millisecond, a distant one must not be asked in vain.
+  /// The wait is this multiple of the usual time to an acknowledgement, within these limits. A
+  /// broker on this host answers within a millisecond; a distant one needs more time.
   static constexpr int patience = 4;
   static constexpr std::chrono::milliseconds shortest_wait{3};
   static constexpr std::chrono::milliseconds first_wait{25};
@@ -114,9 +114,9 @@ class BrokerSocket {
   BrokerSocket(const BrokerSocket&) = delete;
   BrokerSocket& operator=(const BrokerSocket&) = delete;
 
-  /// Finds this process's connection to that port and sets TCP_NODELAY, which Paho does not: with
-  /// Nagle's algorithm a message waits until the broker has acknowledged the TCP segment before, at
-  /// QoS 0 for up to 40 ms. Call once, on any thread.
+  /// Finds this process's connection to that port and sets TCP_NODELAY, which Paho does not. With
+  /// Nagle's algorithm a message would wait until the broker has acknowledged the TCP segment
+  /// before, at QoS 0 for up to 40 ms. Call once, on any thread.
   void adopt(std::uint16_t broker_port);
   /// Collects the data written from now on, until release() sends them together; the kernel waits
   /// 200 ms at most. Has no effect before adopt(). Call on any thread.
