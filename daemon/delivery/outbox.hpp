@@ -70,6 +70,8 @@ class Outbox {
   Outbox(std::size_t window, std::uint64_t store_max_bytes)
       : store_max_bytes_(store_max_bytes), backlog_(store_max_bytes), window_(window) {}
 
+  /// Takes a message over. `receipt` fires at most once: when the broker or the disk has the
+  /// message, or when it is refused.
   void submit(BrokerMessage message, Receipt receipt, TimePoint now);
   /// `receive_maximum` is the broker's (MQTT 5 flow control); one slot of it stays free.
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);

@@ -100,6 +100,7 @@ class RefusedTopics {
     return flow == flows_.end() ? nullptr : &flow->second;
   }
 
+  /// Call when a message of `topic` was handed to the broker's client.
   void on_published(std::string_view topic);
   /// Call when a QoS 0 message was written to the network. `sequence` as in PublishAtBroker.
   void on_written(std::uint64_t sequence, std::string topic);

@@ -127,6 +127,7 @@ class RobotSession {
   void grant_waiting();
   /// Reads the robot's note, and asks for the session if it is not held. Answered by NoteRead.
   void read_note(TimePoint now);
+  /// Answers a waiting reader with `note`. Has no effect when there is none.
   void end_note(Bytes note);
 
   /// Call when the gateway uses another broker, which may have an older session of the robot.

@@ -29,7 +29,7 @@ class DiskSessionStore final : public SessionStore {
   /// A power cut loses at most the changes of this time.
   static constexpr std::chrono::seconds sync_interval{5};
 
-  /// Words of log lines for the kind of sessions that is kept.
+  /// The kind of sessions that is kept, and the words for it in log lines.
   struct Content {
     std::string folder;  ///< in `store.directory`
     std::string name;

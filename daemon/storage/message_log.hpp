@@ -61,6 +61,7 @@ class MessageLog {
 
   /// Returns what the log held at the start. Call once.
   StoreOpened take_opened() { return std::move(opened_); }
+  /// Records that were missing at the start.
   const RecordLog::Summary& lost() const { return lost_; }
 
   /// Writes all of the request durably. Returns the number of messages that were to become dead

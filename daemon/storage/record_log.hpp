@@ -99,6 +99,7 @@ class RecordLog {
   /// Restores segments and tally that were moved, removed or replaced while they were open. Returns
   /// the paths of the restored segments. Throws LogError.
   std::vector<std::string> put_back_in_place();
+  /// Returns true when the tally and the newest segment are in their places.
   bool is_in_place() const;
 
   /// Makes durable what earlier commits have written without `is_durable`. Throws LogError.

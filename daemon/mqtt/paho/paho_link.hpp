@@ -40,6 +40,7 @@ class Handover {
     return items_.size();
   }
 
+  /// Removes and returns all items.
   std::vector<Item> take() {
     const std::lock_guard lock(mutex_);
     return std::exchange(items_, {});
