@@ -112,7 +112,7 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (message.source == 0 || message.source > last_unicast_address)
     return uplink_.reject(message.source, "its source is no unicast address", now);
   if (is_banned(message.source)) {
-    provisioner_.on_message(message, now);  // an operator may still remove it
+    provisioner_.on_message(message, now);  // an operator may still remove the robot
     return settle(now);
   }
   Robot* robot = hear(message.source, &message, now);
@@ -125,8 +125,8 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   judge_hearing(now);
 }
 
-/// Robots that hear nothing from a radio that has just come up have heard this address before, with
-/// higher sequence numbers.
+/// If robots hear nothing from a radio that has just come up, they have heard its address before,
+/// with higher sequence numbers.
 void BleMesh::judge_hearing(TimePoint now) {
   const Robots::Hearing hearing = robots_.hearing();
   const bool were_mostly_deaf = std::exchange(are_mostly_deaf_, hearing.is_mostly_deaf());
@@ -147,7 +147,8 @@ void BleMesh::judge_hearing(TimePoint now) {
               {}});
 }
 
-/// Once for each life of the radio: a life that was begun here is not followed by another one.
+/// Begins a new life of the radio if that may help. Tries once for each life, and not in a life
+/// that it has begun itself.
 bool BleMesh::try_new_life(TimePoint now) {
   const std::uint32_t life = provisioner_.lives().number();
   const bool is_suspected = now - up_since_ <= address_suspected_for && life != tried_life_;
@@ -194,7 +195,8 @@ void BleMesh::on_session_held(const std::string& id, TimePoint now) {
   settle(now);
 }
 
-/// In a mesh of its own no other gateway can acknowledge what the robot has said here.
+/// In a mesh that is not shared, no other gateway can acknowledge the robot's messages, so this
+/// gateway still does.
 std::vector<WaitingMessage> BleMesh::give_up(const std::string& id, TimePoint now) {
   Robot* robot = robots_.find(id);
   if (robot == nullptr) return {};

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The BLE mesh on a radio. Its parts do the work: Radio (the air), Provisioner (who joins and is
-// configured), Robots (who is there), Uplink (robots' messages), Downlink (commands to them) and
-// Relay (what robots on other meshes say).
-// This class carries between them; no I/O, no clock, no kind of radio. Called by the radio's shell,
-// a BleMeshShell, which drains its actions after each input.
+// The BLE mesh on one radio. Its parts do the work: Radio (sends and receives), Provisioner (adds
+// and configures nodes), Robots (presence), Uplink (robots' messages), Downlink (commands to
+// robots) and Relay (updates of robots on other meshes). This class passes events between its
+// parts. It does no I/O, reads no clock and does not depend on the kind of radio. The radio's
+// shell, a BleMeshShell, calls it and drains its actions after each input.
 #pragma once
 
 #include <memory>
@@ -19,47 +19,49 @@ namespace slamgw::ble {
 
 class BleMesh {
  public:
-  /// Robots that are deaf within this time after the radio came up may have heard its address
-  /// before. What begins later has another cause.
+  /// Robots that turn deaf within this time after the radio came up may have heard its address in
+  /// an earlier life. Deafness that begins later has another cause.
   static constexpr Duration address_suspected_for = std::chrono::minutes{10};
 
-  /// `database`: this gateway's mesh.json, if there is one.
+  /// `database` is the content of this gateway's mesh.json; empty if there is none.
   BleMesh(Settings settings, TopicScheme topics, RobotNames names,
           std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio);
 
-  /// Before anything else; subscribes for the robots that the configuration names.
+  /// Call first. Subscribes to the commands for the robots that the configuration and the database
+  /// name.
   void on_start();
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
-  /// The radio forgets all and comes up again with an address that no robot has heard from. False
-  /// when it is down, or keeps its address anyway.
+  /// Restarts the radio with an address that no robot has heard; the radio forgets everything.
+  /// Returns false if the radio is down or keeps its address.
   bool begin_new_life(TimePoint now);
   /// `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   /// `id` comes back in OrderEnded.
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
-  /// `robots` of the configuration was read again. A renamed robot goes offline under its old name
-  /// and comes online under the new one; its open receipts stay open.
+  /// Call when `robots` of the configuration was read again. A renamed robot goes offline under its
+  /// old name and comes online under the new one; its open receipts stay open.
   void on_names(RobotNames names, TimePoint now);
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   void on_broker_message(const RobotMessage& message, TimePoint now);
-  /// Of `ble_mesh.relay`: what a robot on any mesh has said.
+  /// Takes a message of a robot on any mesh, for `ble_mesh.relay`.
   void on_robot_message(const BrokerMessage& message, TimePoint now);
   void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
                            TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
-  /// In a mesh that several gateways share: asked before anything of a robot is dealt with.
+  /// Sets the function that says whether this gateway serves a robot, for a mesh that several
+  /// gateways share.
   void ask_who_serves(ServiceGate::MayServe may_serve) { gate_.ask(std::move(may_serve)); }
-  /// Other gateways have radios in this mesh.
+  /// Returns true if other gateways' radios hear the robots of this mesh, too.
   bool is_shared() const { return gate_.is_shared(); }
-  /// As MeshAdapter.
+  /// See MeshAdapter.
   void on_session_held(const std::string& robot, TimePoint now);
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
-  /// Whether every MeshStep is reported, or only repeats.
+  /// While on, reports every MeshStep; while off, only repeats.
   void on_trace(bool is_on) { is_traced_ = is_on; }
-  /// The daemon ends: no command is accepted or waited for any more. Acknowledgements of robots'
-  /// messages are still sent.
+  /// Refuses open and new commands, because the daemon ends. Robots' messages are still
+  /// acknowledged.
   void on_stop(TimePoint now);
 
   std::optional<MeshAction> next_action() { return actions_.pop(); }
@@ -67,16 +69,16 @@ class BleMesh {
   void on_deadline(TimePoint now);
   std::optional<Presence> presence_of(std::string_view robot) const;
   Counters counters() const;
-  /// The database when the disk may not have it yet: to be written before the daemon ends.
+  /// Returns the database if it may not be on disk yet, else null. Write it before the daemon ends.
   const NodeDatabase* unsaved() const;
   /// Commands that have no outcome yet.
   OpenCommands open_commands() const;
-  /// How many of them are for this robot.
+  /// Returns the number of open commands for this robot.
   std::size_t queued_for(std::string_view robot) const;
 
  protected:
   Radio& radio() { return *radio_; }
-  /// Call after each input of the radio: carries on what it has left.
+  /// Handles the actions that the radio has left. Call after each input of the radio.
   void settle(TimePoint now);
 
  private:
@@ -86,8 +88,8 @@ class BleMesh {
   void on_send_refused(const SendRefused& refused, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);
   bool is_banned(std::uint16_t source) const;
-  /// The robot that this came from, which is online now; null when there is no room for it, or
-  /// when another gateway serves it.
+  /// Marks the robot at `source` as online and returns it. Returns null if there is no room for it,
+  /// or if only another gateway knows it. `message` is null for a heartbeat.
   Robot* hear(std::uint16_t source, const MessageReceived* message, TimePoint now);
   void judge_hearing(TimePoint now);
   bool try_new_life(TimePoint now);
@@ -108,8 +110,8 @@ class BleMesh {
   Uplink uplink_;
   Relay relay_;
   bool are_mostly_deaf_ = false;
-  TimePoint up_since_{};  ///< the link
-  std::optional<std::uint32_t> tried_life_;
+  TimePoint up_since_{};                     ///< when the link came up
+  std::optional<std::uint32_t> tried_life_;  ///< begun by try_new_life()
   LogThrottle stranger_throttle_{std::chrono::minutes{10}};
 };
 

@@ -7,14 +7,15 @@
 
 namespace slamgw::ble {
 
-/// Why bytes from the radio, the mesh or a file could not be read. The caller counts it.
+/// The reason why bytes from the radio, the mesh or a file could not be decoded. The caller counts
+/// it.
 enum class DecodeError : std::uint8_t {
   too_short,     ///< ends inside a field
-  wrong_length,  ///< longer than its kind allows
+  wrong_length,  ///< longer than this kind of value allows
   bad_value,     ///< a field holds what the specification forbids
 };
 
-/// Why something was not done, as a sentence for the operator.
+/// The reason for a refusal, as a sentence for the operator.
 struct Refusal {
   std::string why;
 };

@@ -17,14 +17,14 @@ namespace slamgw::ble {
 struct StoreMesh {
   NodeDatabase database;
 };
-/// BleMesh::open_commands() may have changed; write them down, they must survive a crash.
+/// Write BleMesh::open_commands() down if they have changed: they must survive a crash.
 struct CommandsChanged {};
-/// The radio has heard a robot of a mesh that other gateways' radios hear, too.
+/// The radio has heard a robot, in a mesh that several gateways share.
 struct HeardRobot {
   std::string robot;
-  std::optional<RadioFacts> radio;  ///< nothing for a heartbeat
+  std::optional<RadioFacts> radio;  ///< empty for a heartbeat
 };
-/// An operator's order has ended; once for each.
+/// An operator's order has ended. Sent once for each order.
 struct OrderEnded {
   std::uint64_t id = 0;
   OrderAnswer answer;
@@ -34,11 +34,11 @@ using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh
                                 HeardRobot, OrderEnded, MeshEvent>;
 using MeshActions = ActionQueue<MeshAction>;
 
-/// The link to the radio, as its events have told it. BleMesh keeps it.
+/// The state of the link to the radio, from the radio's events. BleMesh keeps it.
 struct LinkState {
   bool is_up = false;
   std::string down_reason = "not started";
-  std::uint16_t source = 0;  ///< the address that it sends from
+  std::uint16_t source = 0;  ///< the address that the radio sends from
 };
 
 }  // namespace slamgw::ble

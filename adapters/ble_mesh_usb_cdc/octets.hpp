@@ -9,7 +9,7 @@
 
 namespace slamgw::ble {
 
-/// These values one after the other: numbers with their type's size, and octets as they are.
+/// Returns these values one after the other: numbers in their type's size, octets unchanged.
 template <class... Values>
 Bytes octets_of(const Values&... values) {
   ByteWriter out;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The seam between the mesh and its radio, in the words of the Mesh Profile: what provisioning,
-// configuration and robots ask of a radio, and what it reports. Only nordic/ knows how Nordic's
-// serial board is spoken to, so another radio can take its place.
+// The interface between the mesh and its radio, in the words of the Mesh Profile: the requests of
+// provisioning, configuration and robots, and the radio's reports. Only nordic/ knows the protocol
+// of Nordic's serial board, so another radio can take its place.
 #pragma once
 
 #include <array>
@@ -19,7 +19,7 @@ namespace slamgw::ble {
 inline constexpr std::uint16_t last_unicast_address = 0x7fff;  // Mesh Profile section 3.4.2.2
 
 using Key = std::array<std::uint8_t, 16>;
-/// Of a device, most significant octet first.
+/// A device's UUID, most significant octet first.
 using Uuid = std::array<std::uint8_t, 16>;
 
 /// The secrets of one mesh. Never printed, never in a Notice.
@@ -31,20 +31,19 @@ struct MeshKeys {
 
 /// The keys for a radio. During a key refresh the nodes use two pairs of keys.
 struct RadioKeys {
-  MeshKeys keys;                      ///< sends under these, and hears them
-  std::optional<MeshKeys> next = {};  ///< hears these, too
-  std::optional<MeshKeys> former =
-      {};                      ///< a radio that still has these forgets all and starts again
-  std::uint32_t iv_index = 0;  ///< of the mesh, as far as it is known
+  MeshKeys keys;                        ///< the radio sends and hears under these
+  std::optional<MeshKeys> next = {};    ///< the radio hears under these, too
+  std::optional<MeshKeys> former = {};  ///< a radio that still has these is cleared
+  std::uint32_t iv_index = 0;           ///< the mesh's, as far as it is known
 };
 
 /// One access message to send. Urgent ones (acknowledgements) overtake the others.
 struct Outgoing {
-  std::uint16_t destination = 0;          ///< unicast, or a group: nothing acknowledges it then
-  std::optional<std::uint16_t> key = {};  ///< of `MessageReceived`; else the mesh's application key
+  std::uint16_t destination = 0;          ///< unicast, or a group, which does not acknowledge
+  std::optional<std::uint16_t> key = {};  ///< MessageReceived::key; empty: the application key
   Bytes payload;
   bool is_urgent = false;
-  bool is_under_device_key = false;  ///< the destination's, after DeviceKeyUsed
+  bool is_under_device_key = false;  ///< the destination's device key, after DeviceKeyUsed
 };
 
 /// A device that joins.
@@ -56,9 +55,9 @@ struct ProvisionDevice {
   std::optional<Key> static_oob;
 };
 
-// What the radio asks of its shell, when it is behind a serial port.
+// Requests of a radio behind a serial port to its shell.
 
-/// To the port, in order.
+/// Write these octets to the port, in order.
 struct WriteSerial {
   Bytes bytes;
 };
@@ -69,13 +68,13 @@ struct ReopenPort {
 
 // Events that the radio reports.
 
-/// Make keys for a new mesh and store them; answered by Radio::on_keys or on_keys_failed. The mesh
-/// itself asks for those of a refresh, and has them stored.
+/// Make keys for a new mesh and store them; answered by Radio::on_keys or on_keys_failed. For a key
+/// refresh, the mesh itself asks for the keys and has them stored.
 struct GenerateKeys {
   bool is_refresh = false;
 };
 
-/// The radio did not send to `destination`; the mesh above repeats by its own rules.
+/// The radio did not send a message to `destination`. The mesh repeats messages by its own rules.
 struct SendRefused {
   std::uint16_t destination = 0;
   std::string why;
@@ -84,11 +83,11 @@ struct SendRefused {
 /// An access message for a unicast address of the gateway, or for a group that it hears.
 struct MessageReceived {
   std::uint16_t source = 0;
-  std::uint16_t key = 0;  ///< the radio's number for it; an answer goes under the same key
-  bool is_under_device_key = false;  ///< the source's, which was added
-  std::optional<std::uint8_t> ttl;   ///< on arrival; nothing when the radio does not tell it
+  std::uint16_t key = 0;  ///< the radio's number of the key; an answer is sent under the same key
+  bool is_under_device_key = false;  ///< the source's device key, which was added
+  std::optional<std::uint8_t> ttl;   ///< on arrival; empty if the radio does not report it
   std::optional<std::int8_t> rssi_dbm;
-  std::uint16_t actual_length = 0;  ///< more than `payload` holds: the radio cut it short
+  std::uint16_t actual_length = 0;  ///< larger than the size of `payload` if the radio cut it short
   Bytes payload;                    ///< opcode first
 };
 
@@ -100,7 +99,7 @@ struct Heartbeat {
   std::uint16_t source = 0;
 };
 
-/// A device that is in no mesh says so.
+/// The beacon of a device that is not in a mesh.
 struct UnprovisionedBeacon {
   Uuid uuid{};
   std::optional<std::int8_t> rssi_dbm;
@@ -110,16 +109,16 @@ struct UnprovisionedBeacon {
 struct DeviceAnswered {
   std::uint8_t elements = 0;
 };
-/// It has become a node. Never printed.
+/// The device has become a node. Never printed.
 struct DeviceJoined {
-  std::optional<Key> device_key;  ///< nothing when the radio keeps it to itself
+  std::optional<Key> device_key;  ///< empty if the radio does not reveal it
 };
-/// Radio::provision is over; the radio can take in the next device.
+/// Radio::provision has ended; the radio can take in the next device.
 struct JoinEnded {
   std::string failure = {};      ///< empty when the device has joined
-  bool may_have_joined = false;  ///< despite the failure: it keeps the address until it is reset
-  bool is_key_lost = false;      ///< it has joined, and only a reset by hand brings it back
-  std::string remark = {};       ///< for the operator, after all else
+  bool may_have_joined = false;  ///< despite the failure; keeps its address until reset
+  bool is_key_lost = false;      ///< the device has joined; only a reset by hand brings it back
+  std::string remark = {};       ///< for the operator, at the end of the warning
 };
 /// The answer to Radio::use_device_key and forget_device_key.
 struct DeviceKeyUsed {
@@ -129,82 +128,86 @@ struct DeviceKeyUsed {
 
 struct LinkIsUp {
   std::string detail;
-  std::string radio;         ///< tells one radio from another; empty when that is unknown
-  std::uint16_t source = 0;  ///< the address that it sends from
-  bool has_kept = false;     ///< it restarted, and still had its address
+  std::string radio;         ///< identifies the radio; empty if unknown
+  std::uint16_t source = 0;  ///< the address that the radio sends from
+  bool has_kept = false;     ///< the radio restarted and still had its address
 };
-/// Also sent while down, when the reason changes.
+/// The link is down. Also sent when the reason changes while the link is down.
 struct LinkIsDown {
   std::string why;
-  std::optional<JoinEnded> join = {};  ///< there when a device was joining
+  std::optional<JoinEnded> join = {};  ///< set if a device was joining
 };
-/// How Radio::clear ended.
+/// Radio::clear has ended.
 struct RadioCleared {
-  std::string problem;  ///< empty when it is cleared
+  std::string problem;  ///< empty if the radio was cleared
 };
 
-/// Which address should the radio send from? Answered by Radio::use_source or delay_source. A radio
-/// that keeps its sequence numbers for ever does not ask.
+/// Asks for the address to send from; answered by Radio::use_source or delay_source. A radio that
+/// never loses its sequence numbers does not ask.
 struct SourceWanted {
   std::string radio;            ///< as in LinkIsUp
-  std::uint16_t addresses = 0;  ///< that it has; 0: it has no sequence numbers of this mesh
+  std::uint16_t addresses = 0;  ///< number that the radio has; 0: no sequence numbers of this mesh
   bool was_cleared = false;     ///< by an operator's order
 };
 
-/// What concerns taking in and configuring nodes.
+/// The events about taking in and configuring nodes.
 using ProvisionerEvent = std::variant<SourceWanted, UnprovisionedBeacon, DeviceAnswered,
                                       DeviceJoined, JoinEnded, DeviceKeyUsed, RadioCleared>;
 using RadioEvent = std::variant<LinkIsUp, LinkIsDown, GenerateKeys, SendRefused, MessageReceived,
                                 Heartbeat, IvUpdate, ProvisionerEvent, Notice>;
 using RadioAction = std::variant<WriteSerial, ReopenPort, RadioEvent>;
 
-/// A radio that goes down forgets what it was asked for. No call leads back into the mesh: what
-/// comes of it is an action.
+/// A radio that goes down forgets all requests. No call leads back into the mesh: results are
+/// actions.
 class Radio {
  public:
   virtual ~Radio() = default;
 
-  /// The longest access message that it sends.
+  /// Returns the size of the longest access message that the radio sends.
   virtual std::size_t max_send_bytes() const = 0;
-  /// How many senders its replay list keeps apart; it does not hear further ones.
+  /// Returns the number of senders that the replay list holds. The radio does not hear further
+  /// senders.
   virtual std::size_t max_senders() const = 0;
   virtual Counters counters() const = 0;
 
-  /// Drops it when the link is down, the queue full or the device key not there: senders repeat. A
-  /// message that is already waiting is not queued twice.
+  /// Queues a message. Drops it if the link is down, the queue is full or the device key is
+  /// missing: senders repeat. A message that already waits is not queued twice.
   virtual void send(Outgoing message, TimePoint now) = 0;
   /// Takes a message back if it still waits.
   virtual void withdraw(std::uint16_t destination, const Bytes& payload) = 0;
-  /// Nothing waits to be sent.
+  /// Returns true if nothing waits to be sent.
   virtual bool is_idle() const = 0;
 
-  /// Report devices that are in no mesh, or stop.
+  /// Starts or stops to report devices that are not in a mesh.
   virtual void scan(bool is_on) = 0;
-  /// Take this device in, one at a time. DeviceAnswered and DeviceJoined may come, then JoinEnded.
+  /// Takes this device into the mesh; one device at a time. DeviceAnswered and DeviceJoined may
+  /// follow, then JoinEnded.
   virtual void provision(const ProvisionDevice& device) = 0;
-  /// The answer to DeviceAnswered; `refusal` is empty when each element has an address on disk.
+  /// Answers DeviceAnswered. `refusal` is empty if each element has an address on disk.
   virtual void answer_device(const std::string& refusal, TimePoint now) = 0;
-  /// Get ready to speak with the node under its device key. `key`: as DeviceJoined told it.
+  /// Prepares messages under the node's device key; answered by DeviceKeyUsed. `key` is as in
+  /// DeviceJoined.
   virtual void use_device_key(std::uint16_t address, const std::optional<Key>& key) = 0;
-  /// It is not needed any more.
+  /// Removes the node's device key; answered by DeviceKeyUsed.
   virtual void forget_device_key(std::uint16_t address) = 0;
 
-  /// The answer to GenerateKeys.
+  /// on_keys or on_keys_failed answers GenerateKeys.
   virtual void on_keys(const MeshKeys& keys, TimePoint now) = 0;
   virtual void on_keys_failed(const std::string& why, TimePoint now) = 0;
-  /// The mesh has other keys than the radio was started up with. The link goes down when those that
-  /// it sends under change.
+  /// Call when the mesh's keys have changed. The link goes down if the keys change under which the
+  /// radio sends.
   virtual void change_keys(const RadioKeys& keys, TimePoint now) = 0;
 
-  /// Sends from this address, which the disk has. `count`: of the addresses for a radio without
-  /// one.
+  /// Answers SourceWanted with an address that is on disk. `count` is the number of addresses for a
+  /// radio that has none.
   virtual void use_source(std::uint16_t source, std::uint16_t count, TimePoint now) = 0;
-  /// The disk does not have it yet.
+  /// Answers SourceWanted: the address is not on disk yet.
   virtual void delay_source(const std::string& why) = 0;
-  /// Forgets keys, addresses and sequence numbers, on an operator's word only; answered by
+  /// Erases keys, addresses and sequence numbers. Call only on an operator's order. Answered by
   /// RadioCleared.
   virtual void clear(TimePoint now) = 0;
-  /// Comes back without its replay list. False when it can't now, or has none to lose.
+  /// Restarts the radio, which empties its replay list. Returns false if that is not possible now,
+  /// or if the radio has no list to empty.
   virtual bool restart(TimePoint now) = 0;
 
   /// Drain until empty after each call.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about BLE Mesh (`ble_mesh.*`, `presence.*`); defaults as in
+// The configuration of BLE Mesh (`ble_mesh.*`, `presence.*`). Defaults are as in
 // config/gateway.json.
 #pragma once
 
@@ -31,7 +31,7 @@ struct WillSettings {
   bool operator==(const WillSettings&) const = default;
 };
 
-/// Robots that the gateway configures publish their health so often, whatever else they say.
+/// Robots that the gateway configures publish their health at this interval, besides all else.
 inline constexpr std::chrono::seconds health_interval{10};
 
 struct Settings {
@@ -45,10 +45,11 @@ struct Settings {
   std::uint16_t address = 0x0001;  ///< the gateway's unicast address
   std::uint8_t ttl = 4;            ///< 0, 2-127
   std::vector<std::uint16_t> groups = {0xc002, 0xc003, 0xc004};
-  /// That robots publish to, so that the radios of several gateways hear them; nothing: they
-  /// publish to `address`.
+  /// The group that robots publish to, so that the radios of several gateways hear them. Empty:
+  /// robots publish to `address`.
   std::optional<std::uint16_t> gateway_group;
-  /// Filters below the prefix: robots whose updates the robots of this mesh hear, in `relay_group`.
+  /// Topic filters below the prefix. They select the robots whose updates are relayed to the robots
+  /// of this mesh, in `relay_group`.
   std::vector<std::string> relay;
   std::uint16_t relay_group = 0xc100;
   std::string min_com_type = "adv";
@@ -68,9 +69,9 @@ struct Settings {
     if (gateway_group) heard.push_back(*gateway_group);
     return heard;
   }
-  /// Where robots publish to.
+  /// Returns the address that robots publish to.
   std::uint16_t destination() const { return gateway_group.value_or(address); }
-  /// The group in which they hear relayed updates; nothing when there are none.
+  /// Returns the group in which robots hear relayed updates; nothing if none are relayed.
   std::optional<std::uint16_t> relayed_to() const {
     return relay.empty() ? std::nullopt : std::optional(relay_group);
   }

@@ -68,7 +68,7 @@ std::optional<PublicationState> decode_publication(ByteView params) {
   reader.read(1 + sizeof(std::uint16_t));  // status and element
   PublicationState state;
   state.address = reader.read_u16_le();
-  reader.read_u16_le();  // application key, and whether with friendship credentials
+  reader.read_u16_le();  // application key index and credential flag
   state.ttl = reader.read_u8();
   return reader.ok() ? std::optional(state) : std::nullopt;
 }
@@ -87,8 +87,8 @@ Transmissions decode_transmissions(std::uint8_t octet) {
           static_cast<std::uint16_t>(((octet >> count_bits) + 1) * step_ms)};
 }
 
-// Counts and periods of heartbeats are the power of two that is told by its exponent plus one (Mesh
-// Profile 1.0 table 4.1); 0: none.
+// Heartbeat counts and periods are powers of two, encoded as the exponent plus one (Mesh Profile
+// 1.0 table 4.1); 0 means none.
 
 Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl) {
   constexpr std::uint8_t count_log = 4;  // eight
@@ -112,7 +112,7 @@ std::optional<HeartbeatCount> decode_heartbeat_count(ByteView params) {
   HeartbeatCount count;
   count.source = reader.read_u16_le();
   reader.read_u16_le();  // destination
-  reader.read_u8();      // time that is left
+  reader.read_u8();      // remaining time
   constexpr std::uint8_t max_count_log = 16;
   const std::uint8_t count_log = std::min(reader.read_u8(), max_count_log);
   count.least = count_log == 0 ? 0 : 1U << (count_log - 1U);

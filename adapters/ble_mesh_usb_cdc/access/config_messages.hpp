@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The configuration messages (Mesh Profile 1.0 section 4.3.2) that a node gets, as access messages
-// with their opcode. Key index 0 of both keys. Numbers are little-endian; a vendor model's
-// company goes before its model number. Called by NodeConfiguration.
+// Configuration messages to a node and its answers (Mesh Profile 1.0 section 4.3.2), as access
+// messages with their opcode. Both keys have index 0. Numbers are little-endian; a vendor model's
+// company comes before its model number. Called by NodeConfiguration.
 #pragma once
 
 #include <array>
@@ -33,36 +33,36 @@ inline constexpr Opcode netkey_status = 0x8044;
 inline constexpr Opcode node_reset_status = 0x804a;
 
 struct ModelId {
-  std::optional<std::uint16_t> company;  ///< nothing: a model of the Bluetooth SIG
+  std::optional<std::uint16_t> company;  ///< empty: a model of the Bluetooth SIG
   std::uint16_t number = 0;
   bool operator==(const ModelId&) const = default;
 };
-/// `0x1000`, `0x0059:0x0006`
+/// Returns text such as `0x1000` or `0x0059:0x0006`.
 std::string to_string(const ModelId& model);
 Bytes encode_model_id(const ModelId& model);
 
 struct Composition {
-  std::uint16_t company = 0;                   ///< that made the node
-  std::vector<std::vector<ModelId>> elements;  ///< their models, those of the primary one first
+  std::uint16_t company = 0;                   ///< the node's maker
+  std::vector<std::vector<ModelId>> elements;  ///< the models of each; primary element first
 };
-/// The parameters of Composition Data Status; page 0 only.
+/// Decodes the parameters of Composition Data Status; page 0 only.
 Result<Composition, DecodeError> decode_composition(ByteView params);
 
-/// The addresses in SIG or Vendor Model Subscription List, as they stand there: groups, and the
-/// hashes of virtual addresses. `params` are those of an answer that repeats the element and
-/// `model`; an address that is cut short is left out.
+/// Returns the addresses in a SIG or Vendor Model Subscription List, in its order: groups, and the
+/// hashes of virtual addresses. `params` must be of an answer that repeats the element and `model`.
+/// An address that is cut short is left out.
 std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model);
 
-/// Where a model publishes to, as in Model Publication Status.
+/// A model's publication, as in Model Publication Status.
 struct PublicationState {
-  std::uint16_t address = 0;  ///< 0: it does not publish
+  std::uint16_t address = 0;  ///< 0: the model does not publish
   std::uint8_t ttl = 0;       ///< 0xff: the node's default TTL
 };
 /// `params` as for decode_subscription_list().
 std::optional<PublicationState> decode_publication(ByteView params);
 
-// Three bits of a count and five of steps of 10 ms, both less one (Mesh Profile 1.0 sections 4.2.19
-// and 4.2.20).
+// One octet: three bits of a count and five bits of steps of 10 ms, both minus one (Mesh Profile
+// 1.0 sections 4.2.19 and 4.2.20).
 std::uint8_t encode_transmissions(const Transmissions& transmissions);
 Transmissions decode_transmissions(std::uint8_t octet);
 
@@ -72,22 +72,22 @@ inline constexpr std::uint8_t max_publish_ttl = 127;
 
 struct Publication {
   std::uint16_t element = 0;
-  std::uint16_t address = 0;  ///< where to
+  std::uint16_t address = 0;  ///< destination
   std::uint8_t ttl = 0;       ///< sent as at most max_publish_ttl
-  std::uint8_t period = 0;    ///< steps, and their resolution in the two upper bits; 0: none
+  std::uint8_t period = 0;    ///< steps, and their resolution in the upper two bits; 0: none
   ModelId model;
   std::uint8_t retransmit_count = 0;  ///< 50 ms apart
 };
-/// Each 10 s (health_interval): ten steps of one second.
+/// A period of 10 s (health_interval): ten steps of one second.
 inline constexpr std::uint8_t period_10_s = 0x4a;
 
 // The messages to a node, with their opcodes (Mesh Profile 1.0 section 4.3.4).
 
-/// Key index 0 of the mesh's network and application key; both in one have 12 bits each.
+/// Key index 0, of the network key and of the application key; packed together, both have 12 bits.
 inline constexpr std::uint16_t key_index_0 = 0;
 inline constexpr std::array<std::uint8_t, 3> key_indexes_0{};
 
-/// Page 0.
+/// Asks for page 0.
 inline Bytes encode_composition_data_get() {
   return encode_access(0x8008, octets_of(std::uint8_t{0}));
 }
@@ -132,7 +132,7 @@ inline Bytes encode_default_ttl_set(std::uint8_t ttl) {
   return encode_access(0x800d, octets_of(ttl));
 }
 inline Bytes encode_relay_get() { return encode_access(0x8026, {}); }
-/// With this, a node that relays sends each packet of others.
+/// Number and interval of the transmissions with which a relay sends each packet of other nodes.
 inline constexpr Transmissions relay_transmissions{3, 20};
 inline Bytes encode_relay_set(bool is_on) {
   return encode_access(0x8027,
@@ -144,15 +144,16 @@ inline Bytes encode_network_transmit_set(const Transmissions& transmissions) {
 }
 inline Bytes encode_node_reset() { return encode_access(0x8049, {}); }
 
-/// How many a node is told to publish, the first at once and then one a second.
+/// Number of heartbeats that a node publishes on request: the first at once, then one each second.
 inline constexpr std::uint32_t heartbeats = 8;
-/// To this group, with no features that trigger more; 0: none any more.
+/// Publishes to this group, without features that trigger further heartbeats. Destination 0 stops
+/// the publication.
 Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl);
-/// The node counts those of this source to this group, for 256 s; zeros: none any more.
+/// The node counts heartbeats of this source to this group for 256 s. Zeros end the counting.
 Bytes encode_heartbeat_subscription_set(std::uint16_t source, std::uint16_t destination);
 inline Bytes encode_heartbeat_subscription_get() { return encode_access(0x803a, {}); }
 
-/// Heartbeat Subscription Status: nodes tell the count's highest bit only.
+/// The count in Heartbeat Subscription Status, as a range: nodes report only its highest bit.
 struct HeartbeatCount {
   std::uint16_t source = 0;
   std::uint32_t least = 0;
@@ -162,9 +163,9 @@ struct HeartbeatCount {
 };
 std::optional<HeartbeatCount> decode_heartbeat_count(ByteView params);
 
-/// A model that knows no groups.
+/// The status of a model that does not support subscriptions.
 inline constexpr std::uint8_t not_a_subscribe_model = 0x08;
-/// What a status octet of theirs means (Mesh Profile 1.0 table 4.108).
+/// Returns the meaning of a configuration message's status octet (Mesh Profile 1.0 table 4.108).
 std::string_view config_status_text(std::uint8_t status);
 
 }  // namespace slamgw::ble

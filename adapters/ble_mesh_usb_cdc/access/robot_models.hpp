@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The messages that robots and the gateway exchange: those of the thesis's three vendor models, and
-// on/off through a boolean model. Which of two boolean models the robots have, Bluetooth's Generic
-// OnOff or Nordic's older Simple OnOff, is a matter of configuration.
+// on/off through a boolean model. The configuration says which boolean model the robots have:
+// Bluetooth's Generic OnOff or Nordic's older Simple OnOff.
 //
 // The vendor models (thesis 5.2.1, tables 5.1 and 5.2) have the four messages SET, GET,
 // SET_UNRELIABLE and STATUS each, at consecutive vendor opcodes of company 0x0059. This gateway
@@ -28,14 +28,15 @@ using Opcode = std::uint32_t;
 
 struct AccessMessage {
   Opcode opcode = 0;
-  ByteView params;  ///< into the decoded bytes
+  ByteView params;  ///< a view into the decoded bytes
 };
 
 Result<AccessMessage, DecodeError> decode_access(ByteView payload);
 Bytes encode_access(Opcode opcode, ByteView params);
 
-/// How many segments the message takes (Mesh Profile 1.0 section 3.5.2): one while opcode and
-/// parameters fit in 11 octets, else 12 octets each with a 4-octet TransMIC at the end.
+/// Returns the number of segments that the message takes (Mesh Profile 1.0 section 3.5.2). It is
+/// one if opcode and parameters fit in 11 octets. Otherwise each segment carries 12 octets, with a
+/// 4-octet TransMIC at the end.
 std::size_t segments_of(std::size_t access_bytes);
 
 enum class VendorModel : std::uint8_t { min_com, sensor_update, pos_cmd };
@@ -53,15 +54,15 @@ struct VendorMessage {
 };
 
 Opcode opcode_of(VendorMessage message);
-/// Nothing for opcodes of other models.
+/// Returns nothing for opcodes of other models.
 std::optional<VendorMessage> vendor_message_of(Opcode opcode);
 
 /// A complete STATUS message: one state octet 00, as Nordic's models do it; then the transaction
 /// number of the SET_NUMBERED that it answers.
 Bytes encode_status(VendorModel model, std::optional<std::uint8_t> number = {});
 
-/// SENSOR_UPDATE_RELAYED, which the thesis does not have either: a robot on another mesh has said
-/// `update`. `sender`: relayed_number_of() it.
+/// SENSOR_UPDATE_RELAYED, which the thesis does not have either: a robot on another mesh has sent
+/// `update`. `sender` is relayed_number_of() that robot.
 Bytes encode_relayed_update(std::uint16_t sender, ByteView update);
 
 inline constexpr Opcode generic_on_off_status = 0x8204;
@@ -70,13 +71,13 @@ inline constexpr Opcode simple_on_off_status = 0xc45900;
 /// An acknowledged Set. `tid` is new for each command and the same for its repeats: receivers
 /// drop a TID that they saw within 6 s.
 Bytes encode_on_off_set(OnOffModel model, bool is_on, std::uint8_t tid);
-/// The opcode that answers it.
+/// Returns the opcode of the answer to encode_on_off_set().
 Opcode on_off_status(OnOffModel model);
 
-/// iv of Nordic's reliable publish (access_reliable.h): an acknowledged message is repeated at iv,
-/// 2iv, 4iv, 8iv ... after its first transmission until a STATUS comes back. Robots do it towards
-/// the gateway, and the gateway towards robots. 200 ms + 20 ms for each hop that the TTL allows +
-/// 20 ms for each segment if segmented.
+/// Returns iv, the interval of Nordic's reliable publish (access_reliable.h). An acknowledged
+/// message is repeated iv, 2iv, 4iv, 8iv ... after its first transmission, until a STATUS comes
+/// back. Robots do so towards the gateway, and the gateway towards robots. iv is 200 ms, plus 20 ms
+/// for each hop that the TTL allows, plus 20 ms for each segment if the message is segmented.
 Duration reliable_interval(std::uint8_t ttl, std::size_t access_bytes);
 
 }  // namespace slamgw::ble

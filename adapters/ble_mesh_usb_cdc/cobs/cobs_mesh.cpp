@@ -14,7 +14,7 @@ namespace slamgw::ble {
 
 namespace {
 
-constexpr std::uint8_t full_block = 0xff;  // 254 octets and no zero after them
+constexpr std::uint8_t full_block = 0xff;  // 254 octets without a zero after them
 
 }  // namespace
 
@@ -78,7 +78,7 @@ void CobsSplitter::reset() {
 
 namespace {
 
-constexpr std::size_t shortest_frame = 4;  // no data
+constexpr std::size_t shortest_frame = 4;  // a frame without data
 
 }  // namespace
 
@@ -149,7 +149,7 @@ std::optional<Bytes> LienConnection::on_simple(ByteView data) {
   if (part != next_part_ || parts_.size() + content.size() > max_message) {
     parts_.clear();
     next_part_ = 0;
-    return std::nullopt;  // a part was lost: so is the message
+    return std::nullopt;  // a part was lost, and so is the message
   }
   parts_.insert(parts_.end(), content.begin(), content.end());
   ++next_part_;
@@ -177,7 +177,7 @@ LienConnection::ArqOutcome LienConnection::on_arq(ByteView data) {
   if (kind == static_cast<std::uint8_t>(Segment::data))
     return on_segment(number & number_mask, reader.read_rest());
   if (kind == static_cast<std::uint8_t>(Segment::alive_test)) return {.reply = acknowledge()};
-  return {};  // its ACK of our SYNACK
+  return {};  // the robot's ACK of the SYNACK
 }
 
 LienConnection::ArqOutcome LienConnection::on_segment(std::uint8_t number, ByteView payload) {
@@ -186,7 +186,7 @@ LienConnection::ArqOutcome LienConnection::on_segment(std::uint8_t number, ByteV
   stream_before_ = stream_.size();
   stream_.insert(stream_.end(), payload.begin(), payload.end());
   if (stream_.size() > max_message + length_octets) {
-    is_connected_ = false;  // no robot sends that: start over
+    is_connected_ = false;  // no robot sends such a long message: start over
     return {};
   }
   auto message = complete_message();
@@ -224,7 +224,7 @@ Bytes LienConnection::acknowledge() const {
 
 namespace {
 
-constexpr std::uint8_t only_peer = 0;  // with positions
+constexpr std::uint8_t only_peer = 0;  // key of the only robot, with positions
 constexpr std::size_t lien_position_bytes = 4;
 
 }  // namespace
@@ -275,7 +275,7 @@ void CobsMesh::on_names(RobotNames names, TimePoint) {
     peer.is_subscribed = true;
     renamed.push_back(&peer);
   }
-  for (const Peer* peer : renamed) {  // after all have gone: names may have been exchanged
+  for (const Peer* peer : renamed) {  // after all have left their names: two may have swapped
     subscribe(*peer, /*is_here=*/true);
     if (peer->is_online) emit(PresenceChange{Mesh::ble, peer->id, Presence::online, peer->address});
   }
@@ -330,10 +330,11 @@ void CobsMesh::on_lien_frame(const LienFrame& frame, TimePoint now) {
 }
 
 void CobsMesh::on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id) {
-  // The position alone is what servers know as an update; heading and distances follow below.
+  // Servers know only the position as an update. The whole message, with heading and distances,
+  // follows.
   if (message.front() == lien_update_message && message.size() > lien_position_bytes)
     report(peer, settings_.sensor_update_type, message.subspan(1, lien_position_bytes), 0);
-  // The type octet stays in: a message of 4n octets would be read as coordinates by old servers.
+  // The type octet stays in the payload: old servers would read 4n octets as coordinates.
   const auto known = lien_type_name(message.front());
   report(peer, known ? std::string(*known) : fmt::format("lien_{}", message.front()), message,
          receipt_id);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Boards that only stream COBS frames: the thesis's positions, which carry no source and belong to
-// one configured robot, or the older robots' frames with an address (LienFrame). There is no
-// way to command a robot on such a link. Called by CobsAdapter.
+// The mesh behind a board that only streams COBS frames. They are the thesis's positions, which
+// carry no source and belong to one configured robot, or the older robots' frames with an address
+// (LienFrame). No robot on such a link can be commanded. Called by CobsAdapter.
 #pragma once
 
 #include <cstdint>
@@ -22,25 +22,25 @@
 
 namespace slamgw::ble {
 
-// Consistent Overhead Byte Stuffing: frames without zero octets, so that a zero ends each of them.
-// Unlike Nordic's framing it finds its own borders again. Called by CobsMesh.
+// Consistent Overhead Byte Stuffing: frames have no zero octets, and a zero ends each frame. After
+// a loss a reader finds the frame borders again, unlike with Nordic's framing. Called by CobsMesh.
 
-/// Without the zero that ends it on the wire.
+/// Returns the frame without the zero that ends it on the wire.
 Bytes encode_cobs(ByteView data);
 Result<Bytes, DecodeError> decode_cobs(ByteView encoded);
 
-/// Cuts a stream at its zeros.
+/// Cuts a stream into frames at its zeros.
 class CobsSplitter {
  public:
-  /// Robots send at most 50 octets; anything much longer is no frame of theirs.
+  /// Robots send at most 50 octets; a much longer frame is not from a robot.
   static constexpr std::size_t max_frame = 512;
 
-  /// The encoded frames that `bytes` completes, never empty. What comes before the first zero is
-  /// the end of a frame whose start was missed, and is dropped.
+  /// Returns the encoded frames that `bytes` completes; no frame is empty. Drops the octets before
+  /// the first zero: they end a frame whose start was missed.
   std::vector<Bytes> on_bytes(ByteView bytes);
-  /// The port was opened again: what was read of an unfinished frame is dropped.
+  /// Drops an unfinished frame. Call when the port was opened again.
   void reset();
-  /// Frames dropped for their length since the splitter was made.
+  /// Returns the number of frames that were dropped for their length since the splitter was made.
   std::uint64_t oversize() const { return oversize_; }
 
  private:
@@ -70,19 +70,19 @@ struct LienFrame {
 /// CRC-8/MAXIM: polynomial x^8+x^5+x^4+1 reflected (0x8c), start value 0.
 std::uint8_t crc8_maxim(ByteView bytes);
 
-/// As it goes over the wire, coded and ended.
+/// Returns the frame as it is sent: COBS-coded, with a zero at its end.
 Bytes encode_lien_frame(const LienFrame& frame);
-/// `raw` is COBS-decoded already.
+/// `raw` must be COBS-decoded already.
 Result<LienFrame, DecodeError> decode_lien_frame(ByteView raw);
 
-/// The name of a message by its first octet, for the topic's type; nothing for those that only the
-/// server sends and for unused numbers.
+/// Returns the topic's type for messages with this first octet; nothing for unused numbers and for
+/// messages that only the server sends.
 std::optional<std::string_view> lien_type_name(std::uint8_t message_type);
 inline constexpr std::uint8_t lien_update_message = 1;
 
-/// Messages from one older robot, put together from its frames. Two ways: "simple" (parts, sent
-/// once) and ARQ (a connection, numbered segments, each acknowledged with the next number
-/// expected). A message that came by ARQ is acknowledged only when it is safe: the segment that
+/// Assembles the messages of one older robot from its frames, in two ways: "simple" (parts, each
+/// sent once) and ARQ (a connection with numbered segments, each acknowledged with the next number
+/// expected). A message that came by ARQ is acknowledged only when it is safe. The segment that
 /// completes it stays unanswered until then, and the robot sends it again each 200 ms. Called by
 /// CobsMesh.
 ///
@@ -93,18 +93,18 @@ class LienConnection {
   /// The longest of the robots' messages is a handshake with a name, below 100 octets.
   static constexpr std::size_t max_message = 512;
 
-  /// The message that this completes, type octet first.
+  /// Returns the message that `data` completes, if any, type octet first.
   std::optional<Bytes> on_simple(ByteView data);
 
   struct ArqOutcome {
     std::optional<Bytes> reply = {};    ///< data of an ARQ frame for the robot
-    std::optional<Bytes> message = {};  ///< complete; to be followed by on_safe or on_refused
+    std::optional<Bytes> message = {};  ///< complete; call on_safe or on_refused next
     bool is_new_connection = false;     ///< an open message is void
   };
   ArqOutcome on_arq(ByteView data);
-  /// The last message is safe; the reply to send.
+  /// The last message is safe. Returns the reply to send.
   Bytes on_safe();
-  /// It was not taken: the robot's next copy counts again.
+  /// The last message was not taken: the robot's next copy counts as new.
   void on_refused();
 
  private:
@@ -118,32 +118,33 @@ class LienConnection {
   std::uint8_t next_part_ = 0;
 
   bool is_connected_ = false;
-  bool is_open_ = false;           ///< a complete message waits to be safe
+  bool is_open_ = false;           ///< a complete message is not safe yet
   std::uint8_t expected_ = 0;      ///< 7 bits
   Bytes stream_;                   ///< `length:2 message..` so far
-  std::size_t stream_before_ = 0;  ///< its size before the segment that completed it
+  std::size_t stream_before_ = 0;  ///< size of `stream_` before the segment that completed it
 };
 
 using CobsAction = std::variant<WriteSerial, MeshEvent>;
 
 class CobsMesh {
  public:
-  /// With positions `settings.robot_id` is set.
+  /// With positions, `settings.robot_id` must be set when the mesh is started.
   CobsMesh(Settings settings, TopicScheme topics, RobotNames names);
 
   void on_start();
   void on_port_open(TimePoint now);
   void on_port_closed(const std::string& why, TimePoint now);
   void on_bytes(ByteView bytes, TimePoint now);
-  /// With positions the one robot's name is a setting.
+  /// Renames older robots. With positions, the only robot's name is a setting, and this call
+  /// changes nothing.
   void on_names(RobotNames names, TimePoint now);
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  /// Answered with the outcome "refused" when the robot is on this link.
+  /// Ends the command as "refused" if its robot is on this link.
   void on_broker_message(const RobotMessage& message, TimePoint now);
   void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
                            TimePoint now);
-  /// As MeshAdapter; no command waits.
+  /// See MeshAdapter. Returns nothing, because no command waits.
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
   void on_trace(bool) {}      // no command is sent, and acknowledgements are not traced here
@@ -157,13 +158,14 @@ class CobsMesh {
   Counters counters() const;
 
  private:
-  /// A robot. Keyed by its Lien address, of which there are 255; with positions there is one.
+  /// A robot. Its key in `peers_` is its Lien address, at most 255; with positions there is only
+  /// one.
   struct Peer {
     std::string id;
-    std::string address;  ///< for people
+    std::string address;  ///< as operators see it
     bool is_online = false;
     TimePoint last_heard{};
-    bool is_subscribed = true;  ///< false: the broker refused it; asked again later
+    bool is_subscribed = true;  ///< false: the broker refused; asked again later
     LienConnection connection = {};
     std::uint64_t open_receipt = 0;  ///< 0: none
   };
@@ -177,7 +179,7 @@ class CobsMesh {
   void reply(std::uint8_t address, const Bytes& data);
   void report(const Peer& peer, std::string_view type, ByteView payload, std::uint64_t receipt_id);
   void reject(std::string_view why, TimePoint now);
-  /// `is_here`: counts as a sign that the robot is here, and not at another gateway.
+  /// `is_here`: the request counts as a sign that the robot is here, and not at another gateway.
   void subscribe(const Peer& peer, bool is_here);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
