@@ -192,8 +192,7 @@ void BoardLink::continue_start_up(TimePoint now) {
   }
 }
 
-/// An octet lost in an answer can make a good board look like one that must not be used: only the
-/// same refusal twice counts.
+/// A lost octet in an answer can make a good board look unusable: the same refusal must come twice.
 void BoardLink::on_refused(TimePoint now) {
   if (unconfirmed_refusal_ != start_up_->refusal()) {
     unconfirmed_refusal_ = start_up_->refusal();
@@ -227,7 +226,7 @@ void BoardLink::on_started(TimePoint now) {
 }
 
 void BoardLink::on_keys_needed(TimePoint now) {
-  if (keys_) {  // they came while the board started anew
+  if (keys_) {  // the keys came while the board started again
     start_up_->on_keys(keys_->keys);
     return continue_start_up(now);
   }
@@ -238,13 +237,13 @@ void BoardLink::on_keys_needed(TimePoint now) {
 void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
   keys_ = RadioKeys{keys};
   are_keys_requested_ = false;
-  if (stage_ != Stage::awaiting_keys) return;  // used when they are needed
+  if (stage_ != Stage::awaiting_keys) return;  // the next start-up uses the keys
   stage_ = Stage::starting;
   start_up_->on_keys(keys);
   continue_start_up(now);
 }
 
-/// A board that was used until now and is empty has restarted without saying so.
+/// A board that was up until now and has no address has restarted without saying so.
 void BoardLink::on_source_needed(TimePoint now) {
   const std::uint16_t addresses = start_up_->had_addresses();
   if (addresses == 0 && is_up_) {
@@ -300,7 +299,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
   std::visit(overloaded{
                  [&](DeviceStarted& started) { on_event(started, now); },
                  [&](CommandResponse& response) { on_event(response, now); },
-                 [](EchoResponse&) {},  // a late one, of an earlier attempt to get in step
+                 [](EchoResponse&) {},  // late, of an earlier attempt to get in step
                  [&](MessageReceived& message) {
                    if (is_up_) actions_.push(std::move(message));
                  },
@@ -316,7 +315,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
 }
 
 void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
-  // Everything the board held in RAM is void, and its answer to what was in flight with it.
+  // The board has lost everything in RAM, and with it the answer to the command in flight.
   ++counters_.restarts;
   has_restarted_ = has_restarted_ || is_up_;
   if (is_up_)
@@ -328,7 +327,7 @@ void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
 
 void BoardLink::on_event(CommandResponse& response, TimePoint now) {
   if (response.opcode == 0 && response.status == Status::invalid_length)
-    return on_lost_step(now);  // the board lost step in what we wrote
+    return on_lost_step(now);  // the board lost step in the octets sent to it
   if (!in_flight_ || response.opcode != in_flight_->opcode) {
     ++counters_.other_events;
     return;
@@ -363,10 +362,10 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
     case Issuer::start_up: break;  // handled while starting
     case Issuer::poll: return on_polled(response, now);
     case Issuer::clear: return on_board_cleared(response.status, now);
-    case Issuer::restart: break;  // the board can't
+    case Issuer::restart: break;  // the board can't restart
     case Issuer::traffic:
       traffic_.on_response(response);
-      // "Invalid data": the source is not an address of the board, which got it at start-up.
+      // "Invalid data": the board has lost the source address that it got at start-up.
       if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::packet_send) &&
           response.status == Status::invalid_data)
         on_address_lost(now);
@@ -401,8 +400,8 @@ void BoardLink::on_polled(const CommandResponse& response, TimePoint now) {
   if (is_good && data.ok()) on_drop_counter(total, now);
 }
 
-/// The board may have restarted without its event 81, such as by its reset button. The start-up
-/// finds out; the link goes down only if that is so.
+/// The board may have restarted without its event 0x81, such as by its reset button. The start-up
+/// finds out, and takes the link down only in that case.
 void BoardLink::on_address_lost(TimePoint now) {
   if (now < not_suspected_until_) return;
   not_suspected_until_ = now + refusal_interval;
@@ -460,7 +459,7 @@ bool BoardLink::issue_clear(TimePoint now) {
   return true;
 }
 
-/// One command in flight.
+/// Issues the next command if none is in flight.
 void BoardLink::send_next(TimePoint now) {
   if (stage_ != Stage::running || in_flight_) return;
   if (now >= poll_at_) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
-// starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
-// through unread, and what they are sent is BoardTraffic's. Called by BoardRadio, which drains
-// its actions.
+// The link to one serial board. It gets in step with the board (finds the frame borders), starts it
+// up, keeps one command in flight, and starts again from the beginning whenever something is lost.
+// It does not read robots' messages; BoardTraffic queues messages to robots. Called by BoardRadio,
+// which drains its actions.
 #pragma once
 
 #include <array>
@@ -23,32 +23,31 @@
 
 namespace slamgw::ble {
 
-/// Decides whether a serial line is usable: counts what goes wrong on it and names the likely
-/// cause. Nothing protects the octets on that line, so octets that are lost or added show only as
-/// torn frames, refusals of commands that were never sent, and answers that do not come. Called by
-/// BoardLink.
+/// Decides whether a serial line is usable: counts its faults and names the likely cause. The line
+/// has no checksum. So lost or added octets show only as torn frames, refusals of commands that
+/// were never sent, and missing answers. Called by BoardLink.
 class LineHealth {
  public:
   /// Losses in a row after which the link gives the line up.
   static constexpr int max_losses = 8;
-  /// Losses in a row from which on the journal warns.
+  /// Losses in a row from which the journal has a warning.
   static constexpr int noticeable_losses = 3;
-  /// A loss that comes later than this after the one before begins a new row.
+  /// A loss that comes later than this after the last one begins a new row.
   static constexpr Duration stable_time = std::chrono::seconds{10};
-  /// Unanswered commands of one kind in a row after which the line is a lost one.
+  /// Unanswered commands with one opcode in a row after which the link gives the line up.
   static constexpr int max_timeouts = 3;
 
   void on_port_open();
-  /// Octets were lost or added: a torn frame, or one that the board did not understand.
+  /// Octets were lost or added: a frame was torn, or the board did not understand a command.
   void on_lost_step(TimePoint now);
   void on_timeout(std::uint8_t opcode, TimePoint now);
   /// A command was answered.
   void on_answer(std::uint8_t opcode);
 
   int losses() const { return losses_; }
-  /// Why the port should be closed; nothing while the line is usable.
+  /// Returns why the port should be closed; nothing while the line is usable.
   std::optional<std::string> verdict() const;
-  /// From then on the line is good again, if nothing more is lost.
+  /// Returns when the line counts as good again, if no further loss comes.
   TimePoint stable_at() const { return last_loss_ + stable_time; }
 
  private:
@@ -57,20 +56,21 @@ class LineHealth {
   int losses_ = 0;
   bool has_lost_step_ = false;  ///< since the port was opened
   TimePoint last_loss_{};
-  std::uint8_t silent_opcode_ = 0;  ///< the command that was not answered last
-  int timeouts_ = 0;                ///< of that one, in a row
+  std::uint8_t silent_opcode_ = 0;  ///< of the last command that was not answered
+  int timeouts_ = 0;                ///< of `silent_opcode_`, in a row
 };
 
-/// Finds the frame borders again, whatever the board was in the middle of: 255 zero octets complete
-/// any torn command, then an Echo with a fresh nonce proves that a board with Nordic's serial
-/// firmware is there and marks the border in its answers. Also how every connection starts. Called
-/// by BoardLink, which throws away what else arrives meanwhile.
+/// Finds the frame borders again, in whatever state the board is. 255 zero octets complete any torn
+/// command. Then an Echo with a fresh nonce proves that a board with Nordic's serial firmware is
+/// there, and marks the border in its answers. Every connection starts this way, too. Called by
+/// BoardLink, which drops all other octets until then.
 class Resync {
  public:
   static constexpr Duration quiet_time = std::chrono::milliseconds{300};
   /// On a busy mesh the board is never quiet; the nonce alone then has to find the border.
   static constexpr Duration max_wait_for_quiet = std::chrono::seconds{1};
-  /// Of each attempt. A board that was just reset may be silent for seconds, or answer late.
+  /// Time limit of each attempt. A board that was just reset may be silent for seconds, or answer
+  /// late.
   static constexpr std::array<Duration, 5> echo_time_limits{
       std::chrono::milliseconds{500}, std::chrono::seconds{2}, std::chrono::seconds{2},
       std::chrono::seconds{2}, std::chrono::seconds{2}};
@@ -79,18 +79,19 @@ class Resync {
 
   explicit Resync(std::uint64_t seed) : random_(seed) {}
 
-  /// Forgets an earlier attempt. Returns what to write.
+  /// Forgets an earlier attempt. Returns the octets to write.
   Bytes start(TimePoint now);
-  /// Returns what follows the border once it was found; empty until then.
+  /// Returns the octets after the border once it is found; empty until then.
   ByteView on_bytes(ByteView bytes, TimePoint now);
   std::optional<TimePoint> deadline() const;
-  /// Returns what to write, if anything.
+  /// Returns octets to write, if any.
   std::optional<Bytes> on_deadline(TimePoint now);
 
   State state() const { return state_; }
-  /// Octets that came since `start`: none means that no board answers.
+  /// Returns the number of octets since `start`; 0 means that no board answers.
   std::size_t octets_seen() const { return octets_seen_; }
-  /// A zero was refused as only Nordic's firmware does, so that it is there even without an Echo.
+  /// Returns true if a zero was refused as only Nordic's firmware does. Then that firmware is
+  /// there, even without an Echo.
   bool has_seen_refusal() const { return has_seen_refusal_; }
 
  private:
@@ -114,24 +115,25 @@ class Resync {
 class BoardLink {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
-  /// What the board dropped and whether it has an address are asked in turn.
+  /// Interval of polls, which ask in turn for dropped events and for the board's address.
   static constexpr Duration poll_interval = std::chrono::seconds{10};
   static constexpr Duration first_reopen_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_reopen_delay = std::chrono::seconds{5};
-  /// Of a line that loses octets: each attempt costs a start-up.
+  /// Longest delay for a line that loses octets, because each attempt costs a start-up.
   static constexpr Duration max_unusable_delay = std::chrono::seconds{60};
-  /// A board that is busy during start-up, such as while it writes its flash, is asked again.
+  /// A board that is busy during start-up, such as while it writes flash, is asked again after
+  /// this.
   static constexpr Duration busy_pause = std::chrono::milliseconds{200};
   static constexpr int max_busy_answers = 25;
-  /// Messages that are not urgent wait while a device joins, but no longer than this: what the
-  /// board answers to them could take the room of the one event with the device key.
+  /// Messages that are not urgent wait while a device joins, but no longer than this. The board's
+  /// answers to them could take the place of its one event with the device key.
   static constexpr Duration longest_hold = std::chrono::seconds{10};
-  /// How often a board that must not be used is checked again, and how often at most one that seems
-  /// to have lost its address.
+  /// A board that must not be used is checked again at this interval. A board that seems to have
+  /// lost its address is checked at most this often.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
-  /// The same after such a board had lost it indeed.
+  /// The shortest interval of those checks after a board had lost its address indeed.
   static constexpr Duration confirmed_interval = std::chrono::seconds{3};
-  /// Different notices while the link is down; others are dropped until it has been up again.
+  /// Maximum of different notices while the link is down. Further ones are dropped.
   static constexpr std::size_t max_notified = 16;
 
   /// `seed` makes the Echo nonces.
@@ -142,9 +144,10 @@ class BoardLink {
   void on_bytes(ByteView bytes, TimePoint now);
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
-  /// The disk has it. `count`: the addresses for a board without one.
+  /// Takes the address to send from, which is on disk. `count` is the number of addresses for a
+  /// board that has none.
   void on_source(std::uint16_t source, std::uint16_t count, TimePoint now);
-  /// It is not on disk yet.
+  /// The address to send from is not on disk yet.
   void on_source_delayed(const std::string& why);
 
   bool is_up() const { return is_up_; }
@@ -153,20 +156,18 @@ class BoardLink {
     traffic_.withdraw(destination, payload);
   }
   bool is_idle() const { return traffic_.is_idle(); }
-  /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when
-  /// it was not taken: the link is down or an earlier one is still under way. When its answer is
-  /// lost it is sent again.
+  /// Sends one complete command, which ends with CommandEnded unless the link goes down. Repeats it
+  /// if its answer is lost. Returns false if the link is down or an earlier command is under way.
   bool command(Bytes frame, TimePoint now);
-  /// State Clear: the board forgets keys, addresses and sequence numbers and is started up anew.
-  /// Only on an operator's word. False when there is no board that could be cleared.
+  /// Sends State Clear: the board forgets keys, addresses and sequence numbers and is started up
+  /// again. Call only on an operator's order. Returns false if no board can be cleared now.
   bool clear_board(TimePoint now);
-  /// Has the board restart as if it was powered off and on, after the command in flight. False when
-  /// the link is down.
+  /// Restarts the board, as switching it off and on would, after the command in flight. Returns
+  /// false unless the board was started up.
   bool restart_board(TimePoint now);
-  /// The mesh has other keys than before; starts the board up with them. A board that has the
-  /// former ones is cleared.
+  /// Starts the board up with the mesh's changed keys. A board that has the former keys is cleared.
   void change_keys(const RadioKeys& keys, TimePoint now);
-  /// That was started up last.
+  /// Returns the board that was started up last.
   const StartedBoard& board() const { return traffic_.board(); }
 
   std::optional<TimePoint> deadline() const;
@@ -184,7 +185,7 @@ class BoardLink {
     running,
     refused
   };
-  /// Whose command is in flight.
+  /// The issuer of the command in flight.
   enum class Issuer : std::uint8_t { start_up, poll, clear, restart, traffic };
 
   struct InFlight {
@@ -249,7 +250,7 @@ class BoardLink {
   bool is_clear_wanted_ = false;
   bool is_restart_wanted_ = false;
   bool was_cleared_ = false;    ///< since the last start-up
-  bool has_restarted_ = false;  ///< the same, while it was running
+  bool has_restarted_ = false;  ///< while the link was up; since the last start-up
   std::optional<std::uint32_t> dropped_events_;
   LogThrottle drop_throttle_;
   LogThrottle loss_throttle_{std::chrono::minutes{1}};

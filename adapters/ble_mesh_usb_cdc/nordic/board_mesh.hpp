@@ -10,7 +10,7 @@ namespace slamgw::ble {
 
 class BoardMesh final : public BleMesh {
  public:
-  /// As BleMesh. `random` makes the keys for new robots, `seed` Echo nonces.
+  /// Arguments as for BleMesh. `random` makes the key pairs for new robots, `seed` the Echo nonces.
   BoardMesh(const Settings& settings, TopicScheme topics, RobotNames names,
             const std::optional<NodeDatabase>& database, RandomSource random, std::uint64_t seed)
       : BleMesh(settings, std::move(topics), std::move(names), database,
@@ -22,7 +22,7 @@ class BoardMesh final : public BleMesh {
     board().on_port_open(now);
     settle(now);
   }
-  /// Also when an attempt to open it failed.
+  /// Call also when an attempt to open the port failed.
   void on_port_closed(const std::string& why, TimePoint now) {
     board().on_port_closed(why, now);
     settle(now);

@@ -55,7 +55,7 @@ void BoardRadio::clear(TimePoint now) {
   if (!link_.clear_board(now)) actions_.push(RadioCleared{"the BLE link is down"});
 }
 
-/// The board gets its next command when the mesh has dealt with all that was reported before.
+/// The board gets its next command only when the mesh has handled all earlier events.
 std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
   do {
     if (auto action = actions_.pop()) return action;
@@ -104,20 +104,20 @@ void BoardRadio::on_command_ended(const CommandEnded& ended) {
   }
 }
 
-/// A key that the board does not take or let go means that its table has unknown entries: it is
-/// swept before a further key is added.
+/// If the board refuses to add or delete a key, its table has unknown entries. The table is then
+/// swept before the next key is added.
 void BoardRadio::on_device_key(const CommandEnded& ended) {
   DeviceKey& key = device_keys_.at(commanded_);
   DeviceKeyUsed used{commanded_, {}};
   const bool is_success = ended.status == Status::success;
-  if (key.handle) {  // it was to be deleted
+  if (key.handle) {  // the command was to delete it
     if (!is_success && !ended.is_repeat) sweep_ = {};
     key = {key.wanted, !sweep_.is_done()};
-    if (key.wanted) return;  // another one
+    if (key.wanted) return;  // another key is to be added
   } else {
     ByteReader data(ended.data);
     key.handle = data.read_u16_le();
-    if (is_success && data.ok() && !key.is_there()) return;  // it is not wanted any more
+    if (is_success && data.ok() && !key.is_there()) return;  // the key is not wanted any more
     if (!is_success || !data.ok()) {
       sweep_ = {};
       key.wanted.reset();
@@ -156,7 +156,7 @@ void BoardRadio::on_link_down(LinkIsDown& down) {
   actions_.push(std::move(down));
 }
 
-/// The board that comes up next knows nothing of what was asked of this one.
+/// Forgets all requests: the board that comes up next does not know them.
 void BoardRadio::forget() {
   in_flight_.reset();
   is_scan_wanted_ = is_scanning_ = false;
@@ -168,13 +168,14 @@ void BoardRadio::forget() {
 
 // --- What is to be done --------------------------------------------------------------------------
 
-/// Gives the board its next command. True when there may be actions again.
+/// Gives the board its next command. Returns true if there may be new actions.
 bool BoardRadio::begin_next(TimePoint now) {
   if (!link_.is_up() || in_flight_) return false;
-  // Not before the last answer for an earlier session is there, which could be taken for its own.
+  // A session begins only after the last answer for an earlier one, which could be taken for its
+  // own.
   if (device_ && !session_ && !begin_session(now)) return true;
   auto frame = choose();
-  // Not taken means that the link has gone down, which it reports next.
+  // If the link does not take the command, it has gone down and reports that next.
   if (frame) link_.command(std::move(*frame), now);
   return frame.has_value();
 }
@@ -193,8 +194,8 @@ std::optional<Bytes> BoardRadio::choose() {
   return key_command();
 }
 
-/// The device keys that were asked for since the table became unclear wait until the others have
-/// gone and the table is empty.
+/// Returns the next command about device keys. While the table has unknown entries, new keys wait.
+/// The table is swept when all earlier keys are deleted.
 std::optional<Bytes> BoardRadio::key_command() {
   bool is_sweep_due = !device_keys_.empty();
   for (auto& [address, key] : device_keys_) {

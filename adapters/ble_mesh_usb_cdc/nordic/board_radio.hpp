@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Nordic's serial board as the mesh's radio: turns what the mesh asks for into serial commands, one
-// at a time, and what the board reports into words of the mesh. Keeps the board's table of device
-// keys and the session with a device that joins. The line itself is BoardLink's. Called by BleMesh;
-// BoardMesh brings it the octets of the port.
+// Nordic's serial board as the mesh's radio. Turns the mesh's requests into serial commands, one at
+// a time, and the board's events into those of radio.hpp. Keeps the board's table of device keys
+// and the session with a device that joins. BoardLink handles the line. Called by BleMesh;
+// BoardMesh passes in the octets of the port.
 #pragma once
 
 #include <algorithm>
@@ -16,19 +16,19 @@
 
 namespace slamgw::ble {
 
-/// Empties the board's table of device keys before the first one is added: keys that an earlier run
-/// left there have handles that no command reads, and a second Devkey Add for the same node is
-/// refused. Called by BoardRadio while none of its own keys is in the table.
+/// Empties the board's table of device keys before the first key is added. No command reads the
+/// handles of keys that an earlier run left there, and the board refuses a second Devkey Add for a
+/// node. Called by BoardRadio while none of its own keys is in the table.
 class DeviceKeySweep {
  public:
-  /// The command that the board should get now; nothing when all is done.
+  /// Returns the command that the board should get now; nothing when the table is empty.
   std::optional<Bytes> command() const {
     if (!first_) return encode_command(CommandOpcode::appkey_count_max_get);
     if (!end_) return encode_command(CommandOpcode::devkey_count_max_get);
     if (next_ >= *end_) return std::nullopt;
     return encode_command(CommandOpcode::devkey_delete, next_);
   }
-  /// Most deletions are refused, because nothing is there.
+  /// Takes the end of that command. Most deletions are refused, because the handle has no key.
   void on_command_ended(const CommandEnded& ended) {
     ByteReader data(ended.data);
     const std::uint16_t count = std::min(data.read_u16_le(), max_keys);
@@ -55,10 +55,10 @@ class DeviceKeySweep {
 
 class BoardRadio final : public Radio {
  public:
-  /// Of a stock board.
+  /// The replay list of a stock board.
   static constexpr std::size_t replay_list_size = 40;
 
-  /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
+  /// `random` makes the key pairs of provisioning, `seed` the Echo nonces.
   BoardRadio(BoardSettings settings, std::optional<RadioKeys> keys, RandomSource random,
              std::uint64_t seed)
       : link_(std::move(settings), keys, seed), random_(std::move(random)) {}
@@ -104,10 +104,10 @@ class BoardRadio final : public Radio {
 
   /// The device key of one node: as it is wanted, and as the board has it.
   struct DeviceKey {
-    std::optional<Key> wanted;                 ///< nothing: the board is to delete it
+    std::optional<Key> wanted;                 ///< empty: the board is to delete the key
     bool is_waiting = false;                   ///< for the sweep
     std::optional<Key> on_board = {};          ///< also while the command that adds it is in flight
-    std::optional<std::uint16_t> handle = {};  ///< there when the board has it
+    std::optional<std::uint16_t> handle = {};  ///< set while the board has the key
 
     bool is_there() const { return handle && wanted == on_board; }
   };
@@ -133,13 +133,13 @@ class BoardRadio final : public Radio {
   std::optional<Purpose> in_flight_;
   bool is_scan_wanted_ = false;
   bool is_scanning_ = false;
-  std::optional<ProvisionDevice> device_;  ///< that joins, or waits for the board
+  std::optional<ProvisionDevice> device_;  ///< the device that joins or waits for the board
   std::optional<ProvisioningSession> session_;
-  std::uint8_t context_ = 0;      ///< of the session; the other one next time, as this may hang
+  std::uint8_t context_ = 0;      ///< of the session; the next one uses the other, as this may hang
   bool is_last_context_ = false;  ///< the board's other context is busy
   DeviceKeySweep sweep_;
   std::map<std::uint16_t, DeviceKey> device_keys_;  ///< by their nodes' addresses
-  std::uint16_t commanded_ = 0;                     ///< whose key the command in flight is about
+  std::uint16_t commanded_ = 0;                     ///< node of the device-key command in flight
 };
 
 }  // namespace slamgw::ble

@@ -120,7 +120,7 @@ void BoardTraffic::on_handle_added(const CommandResponse& response) {
   const std::uint16_t handle = data.read_u16_le();
   if (response.status == Status::success && data.ok())
     return board_.addresses.add_publication({destination_, handle});
-  if (response.status == Status::rejected) {  // its table is fuller than we know
+  if (response.status == Status::rejected) {  // the board's table is fuller than we know
     if (const auto oldest = board_.addresses.take_least_recent()) {
       handle_to_remove_ = oldest->handle;
       return;
@@ -144,8 +144,8 @@ void BoardTraffic::on_sent(const CommandResponse& response) {
     ++counters_.sent;
     return;
   }
-  // The handle or the key is unknown. The board counts how often an address was added, and frees
-  // it after as many removals: a handle that it still knows must not be added again.
+  // The board does not know the handle or the key. It counts how often an address was added, and
+  // frees it after as many removals. So a handle that it still knows must not be added again.
   if (response.status == Status::rejected)
     handle_to_check_ = board_.addresses.publication_handle(destination_);
   refuse(destination_,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a started board is to send: messages to robots, in two queues, and the provisioner's
-// commands. Makes a handle for each destination when it is needed. No timing: the next command, its
-// response, the next. Called by BoardLink.
+// The traffic to a started board: messages to robots, in two queues, and BoardRadio's commands.
+// Makes a handle for each destination when it is needed. Has no timing: a command is followed by
+// its response, then by the next command. Called by BoardLink.
 #pragma once
 
 #include <cstdint>
@@ -16,9 +16,9 @@
 
 namespace slamgw::ble {
 
-/// How the command that was given to `BoardLink::command` ended.
+/// The command that was given to `BoardLink::command` has ended.
 struct CommandEnded : CommandResponse {
-  bool is_repeat = false;  ///< its first answer was lost: the board may have done it then
+  bool is_repeat = false;  ///< the first answer was lost: the board may have obeyed then
 };
 
 using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
@@ -30,7 +30,7 @@ struct LinkCounters {
   std::uint64_t restarts = 0;  ///< the board's own
   std::uint64_t command_timeouts = 0;
   std::uint64_t malformed_events = 0;
-  std::uint64_t other_events = 0;  ///< known to the protocol or not, not used here
+  std::uint64_t other_events = 0;  ///< not used here, whether the protocol has them or not
   std::uint64_t board_drops = 0;   ///< events lost inside the board (command 0x14)
   std::uint64_t sent = 0;
   std::uint64_t send_refused = 0;
@@ -43,32 +43,32 @@ class BoardTraffic {
   /// Messages waiting in each queue: 32 take about a second at 115200 baud.
   static constexpr std::size_t max_queued = 32;
 
-  /// `actions` and `counters` are BoardLink's and outlive it.
+  /// `actions` and `counters` are BoardLink's and must outlive this object.
   BoardTraffic(std::uint8_t ttl, ActionQueue<LinkAction>& actions, LinkCounters& counters)
       : ttl_(ttl), actions_(actions), counters_(counters) {}
 
-  /// Also when the link only got in step again; waiting messages stay.
+  /// Call also when the link only got in step again. Waiting messages stay.
   void on_started(const StartedBoard& board);
-  /// Forgets what waits.
+  /// Drops all messages and the command.
   void on_link_down();
   /// The link lost step: the answer to the last command will not come.
   void on_answer_lost();
 
-  /// BoardLink's functions of the same names.
+  /// See BoardLink's functions of the same names. send() returns false if the queue is full.
   bool send(Outgoing message);
   void withdraw(std::uint16_t destination, const Bytes& payload);
   bool command(Bytes frame);
   bool is_idle() const { return urgent_.empty() && normal_.empty() && !command_; }
 
-  /// The frame to write now, if any; then its response or on_answer_lost. `is_holding`: messages
-  /// that are not urgent wait.
+  /// Returns the frame to write now, if any; then on_response() or on_answer_lost() must follow.
+  /// While `is_holding`, messages that are not urgent wait.
   std::optional<Bytes> next(bool is_holding);
   void on_response(const CommandResponse& response);
 
   const StartedBoard& board() const { return board_; }
 
  private:
-  /// What the response is for.
+  /// The purpose of the command that awaits its response.
   enum class Purpose : std::uint8_t {
     none,
     command,

@@ -140,7 +140,7 @@ void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
           fmt::format("; the serial board has dropped {} event(s) since its start", dropped);
     return fail(key_was_lost);
   }
-  // The first transmission was carried out, and its answer lost.
+  // The board obeyed the first copy, but its answer was lost.
   const bool was_done = ended.is_repeat && ended.status == Status::invalid_state;
   if (ended.status == Status::success || was_done) return;
   if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::provision) &&
@@ -214,7 +214,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now)
   } else if (event.reason == closed_by_timeout) {
     fail("the provisioning link ended: time-out");
   } else if (event.reason == closed_in_success && stage_ == Stage::completing) {
-    end_.is_key_lost = end_.may_have_joined = true;  // the board reports it once
+    end_.is_key_lost = end_.may_have_joined = true;  // the board reports the key once
     commands_.push_back(encode_command(CommandOpcode::housekeeping_get));
     enter(Stage::counting, now);
   } else {
@@ -261,7 +261,7 @@ void ProvisioningSession::enter(Stage stage, TimePoint now) {
 
 void ProvisioningSession::fail(std::string why) {
   state_ = State::failed;
-  if (!device_key_) end_.failure = std::move(why);  // else it has joined; only the link failed
+  if (!device_key_) end_.failure = std::move(why);  // else only the link failed
 }
 
 }  // namespace slamgw::ble

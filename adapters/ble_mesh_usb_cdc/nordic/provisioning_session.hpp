@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One device on its way into the mesh, from the key pair to the end of the provisioning link
-// (Mesh Profile 1.0 section 5.4.1): the board speaks with the device, this answers the board.
-// Nothing here is ever printed. Called by BoardRadio.
+// The provisioning of one device, from the key pair to the end of the provisioning link (Mesh
+// Profile 1.0 section 5.4.1). The board speaks with the device; this class answers the board. Never
+// printed. Called by BoardRadio.
 #pragma once
 
 #include <deque>
@@ -15,34 +15,34 @@
 
 namespace slamgw::ble {
 
-// P-256 for provisioning (Mesh Profile 1.0 section 5.4.2.3): the serial board leaves this to its
-// host. Arithmetic only: randomness comes from the caller. Nothing of it is ever printed.
+// P-256 for provisioning (Mesh Profile 1.0 section 5.4.2.3), which the serial board leaves to its
+// host. Arithmetic only: randomness comes from the caller. Never printed.
 
-/// Fills a span with random octets fit for keys; false when the system has none to give.
+/// Fills a span with random octets fit for keys. Returns false if the system has no randomness.
 using RandomSource = std::function<bool(std::span<std::uint8_t>)>;
 
-/// A fresh key pair for one provisioning; nothing when there is no randomness.
+/// Returns a fresh key pair for one provisioning; nothing without randomness.
 std::optional<KeyPair> make_key_pair(const RandomSource& random);
-/// Nothing when the private key is 0 or not below the order of the curve.
+/// Returns nothing if the private key is 0 or not below the order of the curve.
 std::optional<KeyPair> key_pair_of(const std::array<std::uint8_t, 32>& private_key);
-/// The X coordinate of the common point; nothing when `peer` is no point of the curve (an attack:
-/// Mesh Profile 1.0 section 5.4.3.1 wants it refused).
+/// Returns the X coordinate of the common point. Returns nothing if `peer` is not on the curve:
+/// that is an attack, and Mesh Profile 1.0 section 5.4.3.1 wants it refused.
 std::optional<SharedSecret> shared_secret(const KeyPair& own, const PublicKey& peer);
 
 class ProvisioningSession {
  public:
   enum class State : std::uint8_t { running, succeeded, failed };
 
-  /// For each thing that is waited for.
+  /// Time limit for each event that the session waits for.
   static constexpr Duration wait_limit = std::chrono::seconds{15};
-  /// For the end of the link once all is done.
+  /// Time limit for the end of the link once all else is done.
   static constexpr Duration close_limit = std::chrono::seconds{3};
 
-  /// `context`: the board's provisioning link that it uses. `version`: of the board.
+  /// `context` is the board's provisioning link for this session; `version` is the board's.
   ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair, std::uint8_t context,
                       SerialVersion version, TimePoint now);
 
-  /// The command that the board should get now, until on_command_ended.
+  /// Returns the command that the board should get now, the same one until on_command_ended().
   std::optional<Bytes> command() const;
   void on_command_ended(const CommandEnded& ended);
   void on_event(const ProvisioningEvent& event, TimePoint now);
@@ -52,17 +52,18 @@ class ProvisioningSession {
   State state() const { return state_; }
   /// The result; complete when the state is not `running`.
   const JoinEnded& end() const { return end_; }
-  /// The board did not even begin: its context still waits for the end of an earlier link.
+  /// Returns true if the board did not even begin: its context still waits for the end of an
+  /// earlier link.
   bool is_context_busy() const { return is_context_busy_; }
-  /// Known once the device has sent its capabilities; 0 before.
+  /// Returns 0 until the device has sent its capabilities.
   std::uint8_t elements() const { return elements_; }
-  /// It waits until an address is kept for each element.
+  /// Returns true while the session waits until each element has an address on disk.
   bool wants_addresses() const {
     return state_ == State::running && stage_ == Stage::awaiting_addresses;
   }
   void on_addresses(TimePoint now);
   void fail(std::string why);
-  /// There as soon as the device is in the mesh; the link may still have to end.
+  /// Returns the device key once the device is in the mesh. The link may still have to end.
   const std::optional<Key>& device_key() const { return device_key_; }
 
  private:
@@ -71,12 +72,12 @@ class ProvisioningSession {
     awaiting_capabilities,
     awaiting_addresses,
     exchanging,
-    completing,  ///< the board has the shared secret: the device may join any moment
+    completing,  ///< the board has the shared secret: the device may join at any moment
     counting,    ///< the key is lost; the board is asked how many events it has dropped
     closing
   };
 
-  // What the board reports of this session's link.
+  // The board's events about this session's link.
   void on(const ProvisioningLinkOpened& event, TimePoint now);
   void on(const ProvisioningLinkClosed& event, TimePoint now);
   void on(const CapabilitiesReceived& event, TimePoint now);
@@ -98,7 +99,7 @@ class ProvisioningSession {
   std::uint8_t elements_ = 0;
   std::uint8_t static_oob_types_ = 0;
   std::optional<Key> device_key_;
-  std::deque<Bytes> commands_;  ///< at most four: what one device can cause
+  std::deque<Bytes> commands_;  ///< at most four: one device causes no more
 };
 
 }  // namespace slamgw::ble

@@ -61,7 +61,7 @@ std::size_t send_limit(SerialVersion version) {
 }
 
 Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {
-  Bytes options{0};  // segmented only when the size asks for it; in 1.0: "reliable", no
+  Bytes options{0};  // segmented only if the size needs it; in 1.0: "reliable" off
   if (version >= SerialVersion::sdk_2_0) options.push_back(0);  // 32-bit TransMIC
   if (version >= SerialVersion::sdk_3_0)
     options.push_back(0);  // master credentials, not friendship
@@ -82,7 +82,7 @@ Bytes encode_capabilities_set() {
 }
 
 Bytes encode_oob_use(std::uint8_t context, OobMethod method) {
-  // Static data is as long as a key; only that size is taken.
+  // The board takes static data only with the size of a key.
   const std::uint8_t size = method == OobMethod::static_data ? sizeof(Key) : 0;
   return encode_command(CommandOpcode::oob_use, context, static_cast<std::uint8_t>(method),
                         std::uint8_t{0}, size);
@@ -143,7 +143,7 @@ EventResult decode_beacon(ByteReader params) {
   UnprovisionedBeacon event;
   read_into(params, event.uuid);
   event.rssi_dbm = static_cast<std::int8_t>(params.read_u8());
-  params.read(8);  // whether it has GATT; address type and address
+  params.read(8);  // GATT support, address type and address
   return finish(params, event);
 }
 
@@ -182,7 +182,7 @@ EventResult decode_ecdh(ByteReader params) {
   return finish(params, event);
 }
 
-/// An event of a provisioning link that has no more than a reason.
+/// Decodes an event of a provisioning link that has at most a reason.
 template <class T>
 EventResult decode_link(ByteReader params) {
   T event;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The words of Nordic's serial protocol (versions 5 to 10): its frames, the commands that the
-// daemon sends, and the events that the board reports. Multi-byte numbers are little-endian on the
-// wire, keys most significant octet first. Called by everything in nordic/.
+// Nordic's serial protocol (versions 5 to 10): its frames, the commands that the daemon sends, and
+// the events that the board reports. Multi-byte numbers are little-endian on the wire, keys most
+// significant octet first. Called by everything in nordic/.
 #pragma once
 
 #include <cstdint>
@@ -20,12 +20,12 @@
 namespace slamgw::ble {
 
 // Nordic's serial framing: `len opcode params`, where len counts opcode and params (1..255). There
-// is no checksum and no delimiter, so this only finds the borders and notices when they are lost;
-// Resync finds them again.
+// is no checksum and no delimiter. FrameDecoder only follows the borders and notices when they are
+// lost; Resync finds them again.
 
 inline constexpr std::size_t max_frame_params = 254;
 
-/// The frame as it goes over the wire; `params` is at most `max_frame_params` octets.
+/// Returns the frame as it is sent; `params` is at most `max_frame_params` octets.
 Bytes encode_frame(std::uint8_t opcode, ByteView params);
 
 class FrameDecoder {
@@ -33,9 +33,10 @@ class FrameDecoder {
   /// 255 octets take 22 ms at 115200 baud; a frame that takes longer than this is torn.
   static constexpr Duration max_partial_age = std::chrono::milliseconds{250};
 
-  /// The frames that `bytes` completes, without their length octet (opcode first, never empty).
+  /// Returns the frames that `bytes` completes, without their length octet (opcode first, never
+  /// empty).
   std::vector<Bytes> on_bytes(ByteView bytes, TimePoint now);
-  /// A zero length or a torn frame was seen: everything is ignored until `reset()`.
+  /// Returns true after a zero length or a torn frame. Everything is ignored then until `reset()`.
   bool has_lost_step() const { return has_lost_step_; }
   void reset();
 
@@ -67,7 +68,7 @@ enum class CommandOpcode : std::uint8_t {
   subnet_update = 0x93,  ///< a key refresh: hears the old and the new key, sends under the old
   subnet_get_all = 0x95,
   appkey_add = 0x97,
-  appkey_update = 0x98,  ///< during that of its subnet only
+  appkey_update = 0x98,  ///< only during the refresh of its subnet
   appkey_get_all = 0x9a,
   appkey_count_max_get = 0x9b,
   devkey_add = 0x9c,
@@ -101,9 +102,8 @@ struct PacketSend {
   ByteView payload;  ///< access message, opcode first; at most `send_limit`
 };
 
-/// The firmware's answer to command 0x09. The commands Packet Send and Provision differ between the
-/// versions: a Packet Send that is too long puts its last octets before each message
-/// on air.
+/// The firmware's answer to command 0x09. Packet Send and Provision differ between the versions.
+/// Options of Packet Send that a version does not have would be sent before each message on air.
 enum class SerialVersion : std::uint16_t {
   sdk_1_0 = 5,   ///< nRF5 SDK for Mesh 1.0.x
   sdk_2_0 = 6,   ///< 2.0.x, 2.1.x
@@ -111,12 +111,13 @@ enum class SerialVersion : std::uint16_t {
   sdk_3_0 = 9,   ///< 3.0.0
   sdk_3_1 = 10,  ///< 3.1.0 to 5.0.0
 };
-/// The releases of that version in words, such as "2.2"; empty for numbers that none has.
+/// Returns the releases with that version, such as "2.2"; empty for unknown versions.
 std::string_view sdk_releases(SerialVersion version);
-/// Longest access message that every firmware of this version sends: 244 octets, old ones less.
+/// Returns the size of the longest access message that every firmware of this version sends: 244
+/// octets, less for old versions.
 std::size_t send_limit(SerialVersion version);
 
-/// A command with these parameters, as octets_of() them.
+/// Returns a command with these parameters, written by octets_of().
 template <class... Params>
 Bytes encode_command(CommandOpcode opcode, const Params&... params) {
   return encode_frame(static_cast<std::uint8_t>(opcode), octets_of(params...));
@@ -133,10 +134,9 @@ Bytes encode_provision(std::uint8_t context, const ProvisionDevice& device, Seri
 Bytes encode_capabilities_set();
 Bytes encode_oob_use(std::uint8_t context, OobMethod method);
 
-// What Nordic's serial board reports to its host: one event per frame. Opcodes that the daemon does
-// not use come out as OtherEvent, never as errors; firmware newer than this file must not look
-// broken. Octets that the daemon has no use for are left out. Called by BoardLink with what
-// FrameDecoder found.
+// The events of Nordic's serial board, one per frame. Opcodes that the daemon does not use become
+// OtherEvent, never an error: firmware newer than this file must not look broken. Octets that the
+// daemon does not use are left out. BoardLink decodes the frames of FrameDecoder.
 
 /// 0x81, the first event after every reset of the board.
 struct DeviceStarted {
@@ -152,7 +152,7 @@ enum class Status : std::uint8_t {
   unknown_error = 0x80,
   internal = 0x81,  ///< Subnet and Appkey Add: the index already holds this very key
   command_unknown = 0x82,
-  invalid_state = 0x83,  ///< Packet Send: a segmented message to there is still in progress
+  invalid_state = 0x83,  ///< Packet Send: still sends a segmented message to there
   invalid_length = 0x84,
   invalid_parameter = 0x85,
   busy = 0x86,
@@ -178,7 +178,7 @@ struct OtherEvent {
   std::uint8_t opcode = 0;
 };
 
-// What the board reports while it scans for new devices and provisions one. A context is one of its
+// Events while the board scans for new devices and provisions one. A context is one of the board's
 // two provisioning links.
 
 /// 0xc1
@@ -223,12 +223,12 @@ using ProvisioningEvent =
                  CapabilitiesReceived, ProvisioningComplete, AuthenticationRequested, EcdhRequested,
                  ProvisioningFailed>;
 
-/// The words of the mesh among them: beacon 0xc0, MessageReceived 0xd0 and 0xd1 (at most 235 octets
-/// of payload), IvUpdate 0xd3, Heartbeat 0xd8 (firmware 4.0 and newer).
+/// Types of radio.hpp among them: beacon 0xc0, MessageReceived 0xd0 and 0xd1 (at most 235 octets of
+/// payload), IvUpdate 0xd3, Heartbeat 0xd8 (firmware 4.0 and newer).
 using Event = std::variant<DeviceStarted, EchoResponse, CommandResponse, MessageReceived,
                            TxComplete, IvUpdate, Heartbeat, ProvisioningEvent, OtherEvent>;
 
-/// `frame` is opcode and parameters, as FrameDecoder leaves them.
+/// `frame` is opcode and parameters, as FrameDecoder returns them.
 Result<Event, DecodeError> decode_event(ByteView frame);
 
 }  // namespace slamgw::ble

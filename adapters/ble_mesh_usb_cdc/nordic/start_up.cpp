@@ -99,7 +99,7 @@ void StartUp::on_version(const CommandResponse& response) {
   ByteReader data(response.data);
   const SerialVersion version{data.read_u16_le()};
   step_ = Step::get_uuid;
-  if (response.status != Status::success || !data.ok()) return;  // taken for the latest
+  if (response.status != Status::success || !data.ok()) return;  // treated as the latest version
   board_.version = version;
   if (version < SerialVersion::sdk_1_0)
     refuse(
@@ -149,7 +149,7 @@ void StartUp::on_keys(const MeshKeys& keys) {
   begin_writing();
 }
 
-/// Without keys there is no file that remembers which addresses were used.
+/// Without keys there is no mesh.json that records the used addresses, so none is asked for.
 void StartUp::begin_writing() {
   step_ = had_addresses_ > 0 ? first_key_step() : Step::set_address;
   if (had_addresses_ == 0 && keys_) state_ = State::needs_source;
@@ -168,8 +168,8 @@ StartUp::Step StartUp::first_key_step() const {
   return keys_->former && has_key ? Step::find_former : Step::add_subnet;
 }
 
-/// "The very same key" proves that the board belongs to this mesh and has missed its key refresh,
-/// or hears the old key, too. No command takes the old key from it.
+/// The status `internal` ("the very same key") proves that the board has the mesh's former key. It
+/// has missed the key refresh, or hears the old key, too. No command removes the old key.
 void StartUp::on_former_sought(const CommandResponse& response) {
   step_ = Step::add_subnet;
   if (response.status == Status::internal) state_ = State::needs_clear;
@@ -193,7 +193,7 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
   step_ = keys_->next ? Step::update_subnet : Step::get_appkeys;
 }
 
-/// Invalid state: the board has gone on to the new key by itself, as a node's beacon can make it.
+/// "Invalid state": the board has switched to the new key by itself, after a node's beacon.
 bool StartUp::is_updated(const CommandResponse& response, std::string_view what) {
   return response.status == Status::invalid_state || check(response, true, what);
 }
@@ -270,7 +270,7 @@ void StartUp::on_handle_read(const CommandResponse& response) {
   data.read_u8();  // the address type, which the address itself shows
   const bool is_subscribed = data.read_u8() != 0;
   entry.address = data.read_u16_le();
-  // A handle that vanished since it was listed is no reason to stop.
+  // A handle that has vanished since it was listed is not an error.
   if (response.status == Status::success && data.ok()) {
     if (is_subscribed) {
       board_.addresses.add_subscription(entry.address);
@@ -299,7 +299,7 @@ void StartUp::on_group_added(const CommandResponse& response) {
 }
 
 void StartUp::on_enabled(const CommandResponse& response) {
-  // Invalid state: already enabled, as the stock firmware does by itself.
+  // "Invalid state": the board was enabled already, as stock firmware does by itself.
   if (response.status == Status::invalid_state || check(response, true, "enabling the mesh"))
     state_ = State::done;
 }

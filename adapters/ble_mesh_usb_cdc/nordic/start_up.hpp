@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The questions and commands for a board that is in step, in an order that is safe whatever state
-// it is in: first read, then add what is missing, and stop rather than change another tool's
-// configuration. Never clears the board; asks for that when the board has the keys that this mesh
-// had before its key refresh. A board without an address has forgotten its sequence
-// numbers, and robots would discard what it sends from an address that they have heard before: the
-// caller says which address a board sends from. No timing: one command, its response, the next.
-// Called by BoardLink.
+// Starts up a board that is in step, in an order that is safe in any state of the board: first
+// reads, then adds missing parts. Stops rather than change another tool's configuration. Never
+// clears the board, but asks for that when the board has the mesh's keys from before the key
+// refresh. A board without an address has forgotten its sequence numbers, and robots discard its
+// messages from an address that they have heard before. So the caller names the address to send
+// from. Has no timing: a command is followed by its response, then by the next command. Called by
+// BoardLink.
 #pragma once
 
 #include <algorithm>
@@ -22,9 +22,10 @@
 
 namespace slamgw::ble {
 
+/// The known part of the board's address table: subscribed groups, and handles of destinations.
 class AddressBook {
  public:
-  /// The stock firmware's table of group and unicast addresses.
+  /// Size of the stock firmware's table of group and unicast addresses.
   static constexpr std::size_t max_addresses = 32;
 
   struct Publication {
@@ -39,19 +40,19 @@ class AddressBook {
     forget_publication(publication.address);
     publications_.push_front(publication);
   }
-  /// The handle to send to `address` with; marks it as just used.
+  /// Returns the handle for sending to `address`, and marks it as just used.
   std::optional<std::uint16_t> publication_handle(std::uint16_t address) {
     const auto found = std::ranges::find(publications_, address, &Publication::address);
     if (found == publications_.end()) return std::nullopt;
     publications_.splice(publications_.begin(), publications_, found);
     return found->handle;
   }
-  /// The board no longer knows this handle.
+  /// Call when the board no longer knows the handle of `address`.
   void forget_publication(std::uint16_t address) {
     publications_.remove_if([&](const Publication& p) { return p.address == address; });
   }
   bool is_full() const { return subscriptions_.size() + publications_.size() >= max_addresses; }
-  /// Takes out the publication that was not used for longest.
+  /// Removes and returns the publication that was unused for longest.
   std::optional<Publication> take_least_recent() {
     if (publications_.empty()) return std::nullopt;
     const Publication last = publications_.back();
@@ -65,17 +66,17 @@ class AddressBook {
 };
 
 struct BoardSettings {
-  std::uint16_t address = 0x0001;  ///< that robots publish to
+  std::uint16_t address = 0x0001;  ///< the gateway's unicast address
   std::vector<std::uint16_t> groups;
-  std::uint8_t ttl = 4;  ///< of what is sent
+  std::uint8_t ttl = 4;  ///< of sent messages
 };
 
 /// A board after start-up: its own values, and the handles and addresses that it was given.
 struct StartedBoard {
   SerialVersion version = SerialVersion::sdk_3_1;
-  std::string uuid = {};                             ///< in hex; empty when it did not answer
+  std::string uuid = {};                             ///< in hex; empty if the board did not answer
   std::uint16_t source = 0;                          ///< the address to send from
-  std::optional<std::uint32_t> dropped_events = {};  ///< since its reset, if it says
+  std::optional<std::uint32_t> dropped_events = {};  ///< since its reset, if reported
   std::uint16_t subnet_handle = 0;
   std::uint16_t appkey_handle = 0;
   AddressBook addresses = {};
@@ -92,34 +93,35 @@ class StartUp {
     done
   };
 
-  /// Without `keys` a board that holds keys is used as it is, and a fresh one asks for some.
+  /// Without `keys`, a board that holds keys is used as it is; with a fresh board the state is
+  /// `needs_keys`.
   StartUp(BoardSettings settings, std::optional<RadioKeys> keys);
 
   State state() const { return state_; }
-  /// While commanding: the frame to send now.
+  /// Returns the frame to send now. Call only while `commanding`.
   Bytes command() const;
-  /// The response to that command.
+  /// Takes the response to that command.
   void on_response(const CommandResponse& response);
-  /// While in `needs_keys`.
+  /// Call only in `needs_keys`.
   void on_keys(const MeshKeys& keys);
-  /// While in `needs_source`: the address to send from, and how many from
-  /// `BoardSettings::address` up a board without one gets.
+  /// Call only in `needs_source`. `source` is the address to send from. `count` is the number of
+  /// addresses, from `BoardSettings::address` up, for a board that has none.
   void on_source(std::uint16_t source, std::uint16_t count);
 
-  /// Why it refused, for the operator.
+  /// Returns why the board was refused, for the operator.
   const std::string& refusal() const { return refusal_; }
-  /// What the operator should read; empties the list.
+  /// Removes and returns the notices for the operator.
   std::vector<Notice> take_notices() { return std::exchange(notices_, {}); }
 
   /// Complete when done.
   const StartedBoard& board() const { return board_; }
-  /// How many addresses the board had; without one, it has no sequence number of this mesh.
+  /// Returns the number of the board's addresses before. 0: it has no sequence number of this mesh.
   std::uint16_t had_addresses() const { return had_addresses_; }
-  /// For `status`: protocol version and UUID.
+  /// Returns protocol version and UUID, for `status`.
   std::string description() const;
 
  private:
-  /// In this order, where no response says otherwise.
+  /// In this order, unless a response says otherwise.
   enum class Step : std::uint8_t {
     get_version,
     get_uuid,
@@ -158,12 +160,12 @@ class StartUp {
   void read_next_handle();
   void add_next_group();
   void refuse(std::string why);
-  /// Reads the handle of a key that was added. `listed`: the key indexes that the board had before,
-  /// in the order of its table, so that an index's place in it is the key's handle.
+  /// Reads the handle of a key that was added. `listed` has the key indexes that the board had
+  /// before, in the order of its table: the place of an index is the key's handle.
   bool take_handle(const CommandResponse& response, const std::vector<std::uint16_t>& listed,
                    std::uint16_t& handle, std::string_view what);
-  /// True when `response` is success and holds what it must; refuses otherwise. Octets beyond
-  /// those are ignored: firmware newer than this file may send more.
+  /// Returns true if `response` is a success and complete; otherwise refuses the board. Further
+  /// octets are ignored: firmware newer than this file may send more.
   bool check(const CommandResponse& response, bool is_complete, std::string_view what);
   void notice(Severity severity, std::string text);
 
@@ -177,11 +179,11 @@ class StartUp {
   StartedBoard board_;
   std::uint16_t had_addresses_ = 0;
   std::uint16_t count_ = 1;
-  bool is_fresh_ = false;                      ///< it had neither address nor keys
+  bool is_fresh_ = false;                      ///< the board had neither address nor keys
   std::vector<std::uint16_t> subnet_indexes_;  ///< as listed by the board
   std::vector<std::uint16_t> appkey_indexes_;
-  std::deque<std::uint16_t> unread_handles_;  ///< front: the one being read
-  std::deque<std::uint16_t> missing_groups_;  ///< front: the one being added
+  std::deque<std::uint16_t> unread_handles_;  ///< front: being read
+  std::deque<std::uint16_t> missing_groups_;  ///< front: being added
 };
 
 }  // namespace slamgw::ble
