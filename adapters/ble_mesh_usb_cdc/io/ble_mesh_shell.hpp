@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the BLE mesh's I/O shell that all radios share: the file with its nodes, the open
-// commands of its robots, and what operators order. Loop's thread only.
+// The part of the BLE mesh's I/O shell that all radios share: the file with the nodes, the open
+// commands of robots, and the operators' orders. Loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -34,7 +34,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
     BleShell<Machine>::stop();
     orders_.clear();
     disk_.join();
-    // What changed while the last write was under way, such as the key of a robot that just joined.
+    // Writes changes since the last write began, such as the key of a robot that just joined.
     if (const NodeDatabase* unsaved = this->machine().unsaved()) file_.replace(*unsaved);
     keep_commands();
   }
@@ -59,9 +59,9 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
   void reconfigure(RobotNames names) override { BleShell<Machine>::reconfigure(std::move(names)); }
 
  protected:
-  /// `sessions` and `listener` outlive the shell. Keeps `mesh.json` in `store_directory` and, at
-  /// start, reads the open commands of robots in `sessions`. `for_machine`: of Machine's
-  /// constructor, after the database.
+  /// `sessions` and `listener` must outlive the shell. Keeps `mesh.json` in `store_directory` and,
+  /// at start, reads the open commands of robots in `sessions`. `for_machine`: further arguments of
+  /// Machine's constructor, after the database.
   template <class... ForMachine>
   BleMeshShell(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
@@ -74,7 +74,8 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
         file_(store_directory),
         sessions_(sessions) {}
 
-  /// Does what every radio's mesh asks for, and has its port do the rest.
+  /// Performs the actions that are the same for every radio, and passes the others to
+  /// `perform_on_port`.
   void perform_shared(MeshAction& action, const auto& perform_on_port) {
     std::visit(overloaded{
                    [&](WriteSerial& serial) { perform_on_port(serial); },
@@ -122,7 +123,8 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
         [this, database = std::move(database)] { return file_.replace(database); },
         [this](const std::string& problem) { this->driver()->on_stored(problem, read_clocks()); });
   }
-  /// `write` runs on the disk's thread; `done` gets the problem that it returns, on the loop.
+  /// Runs `write` on the disk's thread, then `done` on the loop with the problem that `write`
+  /// returned.
   void write_file(std::function<std::string()> write,
                   std::function<void(const std::string&)> done) {
     boost::asio::post(disk_, [this, write = std::move(write), done = std::move(done),
@@ -172,7 +174,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
   std::uint64_t last_order_ = 0;
   /// Expires with the shell, so that a completion that comes later does not touch it.
   std::shared_ptr<const int> alive_ = std::make_shared<int>();
-  boost::asio::thread_pool disk_{1};  ///< writes mesh.json; last, so that it ends first
+  boost::asio::thread_pool disk_{1};  ///< writes mesh.json; last member, so that it ends first
 };
 
 }  // namespace slamgw::ble

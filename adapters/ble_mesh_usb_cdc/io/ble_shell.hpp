@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the shells of the BLE mesh have in common, whatever links them to a radio: the machine, its
-// driver, and a problem that keeps the mesh off. Loop's thread only.
+// The common part of the BLE mesh's shells, for any link to a radio: the machine, its driver, and a
+// problem that keeps the mesh off. Loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -36,7 +36,7 @@ class BleShell : public MeshShell<Machine> {
     return driver_->give_up(robot, read_clocks());
   }
 
-  /// `robots` of the configuration, read again. Robots stay in the mesh.
+  /// Takes `robots` of the configuration, read again. Robots stay in the mesh.
   void reconfigure(RobotNames names) {
     if (is_stopped_ || !problem_.empty()) return;
     driver_->on_names(std::move(names), read_clocks());
@@ -47,10 +47,10 @@ class BleShell : public MeshShell<Machine> {
 
   struct Made {
     std::unique_ptr<Machine> machine;
-    std::string problem;  ///< why the mesh stays off; empty when it does not
+    std::string problem;  ///< why the mesh stays off; else empty
   };
 
-  /// `listener` outlives the shell.
+  /// `listener` must outlive the shell.
   BleShell(boost::asio::io_context& io, Made made, MeshListener& listener)
       : problem_(std::move(made.problem)),
         listener_(listener),
@@ -59,7 +59,7 @@ class BleShell : public MeshShell<Machine> {
           if (!is_stopped_) perform(action);
         }) {}
 
-  /// Opens the way to the radio, and keeps it open from then on.
+  /// Opens the link to the radio, and keeps it open from then on.
   virtual void open() = 0;
   virtual void close() = 0;
   /// Does one action of the machine; not called after stop().

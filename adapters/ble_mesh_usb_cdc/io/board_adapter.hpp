@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The I/O shell of the BLE mesh behind Nordic's serial board: the serial port with BoardMesh behind
-// it. Loop's thread only.
+// The I/O shell of the BLE mesh behind Nordic's serial board: BoardMesh and its serial port. Loop's
+// thread only.
 #pragma once
 
 #include <random>
@@ -13,7 +13,7 @@ namespace slamgw::ble {
 
 class BoardAdapter final : public SerialShell<BleMeshShell<BoardMesh>> {
  public:
-  /// As BleMeshShell; `open_port` as for SerialShell.
+  /// Arguments as for BleMeshShell; `open_port` as for SerialShell.
   BoardAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
                MeshListener& listener, OpenPort open_port = {})

@@ -9,7 +9,7 @@ namespace slamgw::ble {
 
 class CobsAdapter final : public SerialShell<BleShell<CobsMesh>> {
  public:
-  /// As BoardAdapter, without files.
+  /// Arguments as for BoardAdapter, without those for files.
   CobsAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
               RobotNames names, MeshListener& listener, OpenPort open_port = {})
       : SerialShell(std::move(open_port), settings, io,

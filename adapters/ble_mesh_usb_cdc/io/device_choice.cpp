@@ -25,7 +25,7 @@ bool is_boot_loader(const UsbPort& port) {
   return port.vendor == nordic_vendor && port.product == boot_loader_product;
 }
 
-/// A board in the wrong role is taken for a missing one unless its id is shown.
+/// Lists the ports with their ids: without its id, a board in the wrong role seems missing.
 std::string list_others(const std::vector<UsbPort>& ports) {
   std::string list;
   for (const UsbPort& port : ports) {
@@ -67,7 +67,7 @@ namespace {
 
 constexpr unsigned group_may = 0060;
 
-/// As systemd's DeviceAllow= calls the kind of a node: /dev/ttyAMA0 is a char-ttyAMA.
+/// Returns the kind of a node as in systemd's DeviceAllow=: char-ttyAMA for /dev/ttyAMA0.
 std::string kind_of(const std::string& path) {
   const std::string name = path.substr(path.rfind('/') + 1);
   return "char-" + name.substr(0, name.find_last_not_of("0123456789") + 1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ble_mesh.device: auto`: which of the attached serial ports is the mesh board; and why a tty
-// can't be opened, in words. Pure; serial_port lists the ports and asks the system.
+// Chooses the mesh board among the attached serial ports (`ble_mesh.device: auto`), and explains
+// why a tty can't be opened. Pure; serial_port lists the ports and asks the system.
 #pragma once
 
 #include <cstdint>
@@ -21,9 +21,9 @@ struct UsbPort {
   std::string serial_number;
 };
 
-/// The one port that can be the mesh board, or a sentence for the operator: none, a board that
-/// waits in its boot loader, or several, among which guessing is dangerous. Thread co-processors
-/// (1915:cafe) are never candidates.
+/// Returns the only port that can be the mesh board, else a sentence for the operator: there is
+/// none, a board waits in its boot loader, or there are several, among which guessing is dangerous.
+/// Thread co-processors (1915:cafe) are never candidates.
 Result<UsbPort, Refusal> choose_device(const std::vector<UsbPort>& ports);
 
 /// The owner and mode of a device node, and the user who opens it.
@@ -33,7 +33,7 @@ struct NodeAccess {
   std::string process;  ///< name of this process's user
 };
 
-/// A sentence without a full stop. `error`: errno of the attempt.
+/// Returns a sentence without a full stop. `error`: errno of the attempt.
 std::string explain_open_failure(const std::string& path, int error, const NodeAccess& access);
 
 }  // namespace slamgw::ble

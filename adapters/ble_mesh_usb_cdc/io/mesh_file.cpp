@@ -34,7 +34,7 @@ bool write_all(int file, std::string_view text) {
 constexpr int read_attempts = 10;
 constexpr std::chrono::seconds read_pause{1};
 
-/// 0, or what errno says.
+/// Returns 0 or an errno value.
 int read_file(const std::string& path, std::string& content) {
   content.clear();
   const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
@@ -67,7 +67,8 @@ bool sync_directory(const std::string& path) {
   return is_synced;
 }
 
-/// No two in one mesh may send from the same address: robots would drop the messages of one.
+/// Sets `problem` if another sender in the mesh has this address: robots would drop the messages of
+/// one of them.
 void check_address(const NodeDatabase& database, std::uint16_t address, std::string& problem) {
   if (const Node* const taken = database.find_address(address))
     problem = fmt::format(
@@ -90,7 +91,7 @@ void check_address(const NodeDatabase& database, std::uint16_t address, std::str
 Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
   std::string content;
   int error = read_file(path_, content);
-  // A disk that fails for a moment is waited for: without its keys the whole mesh would stay off.
+  // Waits for a disk that fails for a moment: without its keys the whole mesh would stay off.
   for (int again = 0; error == EIO && again < read_attempts; ++again) {
     std::this_thread::sleep_for(read_pause);
     error = read_file(path_, content);
@@ -110,7 +111,7 @@ Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
 }
 
 std::string MeshFile::create(const NodeDatabase& database) const {
-  // link() instead of rename(): it fails when the file has appeared meanwhile.
+  // link() instead of rename(): it fails if the file has appeared since.
   return write(database, [](const char* from, const char* to) { return ::link(from, to); });
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `<store.directory>/mesh.json` on disk: readable by its owner only, replaced atomically. Writing
-// blocks until it is on disk, so BleMeshShell writes from a thread of its own.
+// blocks until the file is on disk, so BleMeshShell writes from a thread of its own.
 #pragma once
 
 #include <cstdint>
@@ -19,12 +19,12 @@ class MeshFile {
  public:
   explicit MeshFile(const std::string& directory) : path_(directory + "/mesh.json") {}
 
-  /// Nothing when there is no file. The error is a sentence for the operator; a file that can't be
-  /// read must not be replaced, because the mesh is lost with its keys.
+  /// Returns nothing if there is no file. The error is a sentence for the operator. A file that
+  /// can't be read must not be replaced: without its keys the mesh is lost.
   Result<std::optional<NodeDatabase>, Refusal> load() const;
-  /// An error message, or empty when the file is safely on disk. Never replaces an existing file.
+  /// Returns an error message, empty if the file is safely on disk. Replaces no existing file.
   std::string create(const NodeDatabase& database) const;
-  /// The same for a mesh that goes on.
+  /// As create(), but replaces an existing file.
   std::string replace(const NodeDatabase& database) const;
 
   const std::string& path() const { return path_; }
@@ -41,12 +41,12 @@ struct LoadedMesh {
   std::optional<NodeDatabase> database;
   std::string problem;  ///< why the mesh must stay off; else empty
 };
-/// From `mesh.json` in this directory; blocks.
+/// Loads `mesh.json` from this directory and checks `settings.address` against it; blocks.
 LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings);
 
-/// A RandomSource: the system's.
+/// The system's RandomSource.
 bool fill_random(std::span<std::uint8_t> octets);
-/// Fresh random keys; nothing when the system has no randomness to give.
+/// Returns fresh random keys; nothing if the system has no randomness.
 std::optional<MeshKeys> generate_random_keys();
 
 }  // namespace slamgw::ble

@@ -33,9 +33,9 @@ struct SerialReport {
   bool has_ended = false;              ///< the port is closed, the thread ends
 };
 
-/// One port from opening to closing, on a thread of its own. What it reads is collected and posted
-/// to the loop, one post at a time. Made by SerialLine for each attempt; the thread keeps this
-/// object alive, so a port that is stuck in the kernel delays nothing else.
+/// One port from opening to closing, on a thread of its own. Collects the octets that it reads and
+/// posts them to the loop, one post at a time. Made by SerialLine for each attempt; the thread
+/// keeps this object alive, so a port that is stuck in the kernel delays nothing else.
 class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
  public:
   /// Reports go to `line` on the loop's thread, until `abandon`.
@@ -45,10 +45,10 @@ class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
   SerialConnection(const SerialConnection&) = delete;
   SerialConnection& operator=(const SerialConnection&) = delete;
 
-  /// Queues `bytes`. False when more wait than SerialLine::max_unwritten.
+  /// Queues `bytes`. Returns false if more than SerialLine::max_unwritten would wait.
   bool write(ByteView bytes);
   void close();
-  /// No more reports, neither now nor later. Waits at most `limit` for the port to be closed.
+  /// Ends all reports, queued ones too. Waits at most `limit` for the port to be closed.
   void abandon(Duration limit);
 
  private:
@@ -83,8 +83,7 @@ class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
   Bytes unwritten_;
 };
 
-// --- The line, on the loop
-// -------------------------------------------------------------------------
+// --- The line, on the loop -----------------------------------------------------------------------
 
 SerialLine::SerialLine(boost::asio::io_context& io, OpenPort open_port, Callbacks callbacks)
     : io_(io),
@@ -266,7 +265,7 @@ std::unique_ptr<SerialPort> SerialConnection::open() {
   return nullptr;
 }
 
-/// False when the port is to be closed again.
+/// Returns false if the port is to be closed again.
 bool SerialConnection::prepare(SerialPort& port) {
   port.set_dtr(false);
   rest(SerialLine::dtr_off_time);
@@ -312,7 +311,7 @@ bool SerialConnection::read_some(SerialPort& port) {
   return true;
 }
 
-/// As much as the kernel takes now. False when the port is lost.
+/// Writes as much as the kernel takes now. Returns false if the port is lost.
 bool SerialConnection::write_some(SerialPort& port) {
   while (true) {
     Bytes next;
@@ -338,7 +337,7 @@ bool SerialConnection::is_closing() {
   return is_closing_;
 }
 
-/// Ends early when there is something to do.
+/// Waits for this time, or until there is something to do.
 void SerialConnection::rest(Duration time) {
   pollfd watched{wake_, POLLIN, 0};
   const auto limit = std::chrono::duration_cast<std::chrono::milliseconds>(time);

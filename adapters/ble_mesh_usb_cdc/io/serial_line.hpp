@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The octets of one serial port, for the loop: every call on the tty is made by a thread of its
-// own, because each of them may wait in the kernel (serial_port.hpp). Called by SerialShell on
-// the loop's thread, where all callbacks come as well.
+// Reads and writes one serial port for the loop. A thread of its own makes every call on the tty,
+// because each call may wait in the kernel (serial_port.hpp). Called by SerialShell on the loop's
+// thread, where all callbacks fire as well.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -27,20 +27,20 @@ class SerialLine {
   /// Octets read that the loop has not taken yet; the rest waits in the kernel. Six seconds at
   /// 115200 baud.
   static constexpr std::size_t max_unread = 65536;
-  /// Nordic's USB firmware delivers what an earlier reader left behind unless DTR was off so long.
+  /// Nordic's USB firmware delivers an earlier reader's octets unless DTR was off for this long.
   static constexpr Duration dtr_off_time = std::chrono::milliseconds{100};
   /// udev gives a new node its group some milliseconds after the node is there.
   static constexpr Duration permission_grace = std::chrono::seconds{2};
   static constexpr Duration permission_retry = std::chrono::milliseconds{100};
   /// Opening or closing that takes longer is reported.
   static constexpr Duration stuck_after = std::chrono::seconds{5};
-  /// `stop` waits so long for the port to close, so that the next program finds it free.
+  /// `stop` waits at most this long for the port to close, so that the next program finds it free.
   static constexpr Duration stop_limit = std::chrono::milliseconds{250};
 
   struct Callbacks {
     std::function<void()> on_open;
     std::function<void(ByteView)> on_bytes;
-    /// It could not be opened, or was lost, or does not take what is written. It is closed.
+    /// The port could not be opened, was lost, or does not take written octets. It is closed.
     std::function<void(const std::string& why)> on_failed;
     /// The kernel keeps open() or close() waiting; nothing is opened until that ends.
     std::function<void(const std::string& why)> on_open_stuck;
@@ -50,14 +50,14 @@ class SerialLine {
   SerialLine(boost::asio::io_context& io, OpenPort open_port, Callbacks callbacks);
   ~SerialLine() { stop(); }
 
-  /// Now, or as soon as the port that was open before is closed; ends in on_open or on_failed.
+  /// Opens the port now, or as soon as an earlier one is closed. Ends in on_open or on_failed.
   void open();
-  /// Returns at once, and no callback but on_close_stuck follows. What was written and fits into
-  /// the kernel's buffer is still handed over.
+  /// Returns at once; no callback but on_close_stuck follows. Written octets that fit into the
+  /// kernel's buffer are still handed over.
   void close();
-  /// Nothing happens while it is not open.
+  /// Does nothing while the port is not open.
   void write(ByteView bytes);
-  /// As close, but final; waits at most `stop_limit`. A port whose closing takes longer is left
+  /// As close(), but final; waits at most `stop_limit`. A port that takes longer to close is left
   /// to the end of the process.
   void stop();
 

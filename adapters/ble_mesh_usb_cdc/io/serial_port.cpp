@@ -43,7 +43,7 @@ UsbPort describe(sp_port* port) {
   return usb;
 }
 
-/// Sets everything; an empty string when it worked.
+/// Sets speed, 8N1 and flow control. Returns an error message, empty if it worked.
 std::string configure(sp_port* port, const Settings& settings, bool is_jlink) {
   const bool has_flow_control = settings.flow_control == FlowControl::rts_cts ||
                                 (settings.flow_control == FlowControl::automatic && is_jlink);
@@ -56,8 +56,8 @@ std::string configure(sp_port* port, const Settings& settings, bool is_jlink) {
   return is_configured ? std::string() : last_serial_error();
 }
 
-/// libserialport leaves VMIN at 0, with which an empty read returns 0 octets even where it should
-/// say "try again"; Asio takes that for the end of the stream.
+/// libserialport leaves VMIN at 0. Then an empty read returns 0 octets even where it should say
+/// "try again", which SerialConnection takes for the end of the file.
 bool let_empty_reads_wait(int descriptor) {
   termios attributes{};
   if (::tcgetattr(descriptor, &attributes) != 0) return false;
@@ -66,8 +66,8 @@ bool let_empty_reads_wait(int descriptor) {
   return ::tcsetattr(descriptor, TCSANOW, &attributes) == 0;
 }
 
-/// A terminal that is no serial port: raw bytes, nothing else to set; locked as libserialport locks
-/// serial ports. -1 with errno on failure.
+/// Opens a terminal that is not a serial port: raw octets, nothing else to set. Locks it as
+/// libserialport locks serial ports. Returns -1 with errno on failure.
 int open_plain(const std::string& path) {
   const int descriptor = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (descriptor < 0) return -1;
@@ -98,7 +98,8 @@ std::string user_name(uid_t id) {
   return found != nullptr ? found->pw_name : std::to_string(id);
 }
 
-/// What explain_open_failure needs, as far as the system knows. `error`: errno of the attempt.
+/// Collects the facts for explain_open_failure(), as far as the system knows them. `error`: errno
+/// of the attempt.
 OpenRefusal refuse_open(const std::string& path, int error) {
   NodeAccess access;
   struct stat status {};
@@ -143,7 +144,7 @@ class Tty final : public SerialPort {
   bool is_jlink_ = false;
 };
 
-/// The serial ports that are on USB.
+/// Returns the serial ports on USB.
 std::vector<UsbPort> list_usb_ports() {
   std::vector<UsbPort> usb;
   sp_port** ports = nullptr;
@@ -159,7 +160,7 @@ struct DeviceNode {
   std::string path;
 };
 
-/// The device node behind a link such as those under /dev/serial/by-id/.
+/// Returns the device node of `auto`, or behind a link such as those under /dev/serial/by-id/.
 Result<DeviceNode, Refusal> resolve(const Settings& settings) {
   if (settings.device == "auto") {
     const auto chosen = choose_device(list_usb_ports());

@@ -2,8 +2,9 @@
 // A serial port: found, opened and configured by libserialport, then read and written through its
 // descriptor. Pseudo-terminals, which libserialport does not know, are opened plainly.
 //
-// Any call here may wait in the kernel: to open and to set DTR until the device has answered, to
-// close for up to 30 s while it takes no data. Only SerialConnection's thread makes them.
+// Any call here may wait in the kernel. Opening and setting DTR wait until the device has answered.
+// Closing waits up to 30 s while the device takes no data. Only SerialConnection's thread makes
+// these calls.
 #pragma once
 
 #include <functional>
@@ -17,17 +18,17 @@
 
 namespace slamgw::ble {
 
-/// An open port; the destructor closes it. At the border to the system: tests have ports that are
-/// slow to open and close.
+/// An open port; the destructor closes it. An interface at the border to the system: tests have
+/// ports that are slow to open and close.
 class SerialPort {
  public:
   virtual ~SerialPort() = default;
 
   /// Non-blocking; owned by this object.
   virtual int descriptor() const = 0;
-  /// Longest write that the device stands.
+  /// Returns the size of the longest write of which the device loses nothing.
   virtual std::size_t max_write_bytes() const = 0;
-  /// Nordic's USB firmware only sends while DTR is on. Pseudo-terminals have none.
+  /// Nordic's USB firmware only sends while DTR is on. Pseudo-terminals have no DTR.
   virtual void set_dtr(bool is_on) = 0;
   virtual void flush_input() = 0;
 };
@@ -35,7 +36,7 @@ class SerialPort {
 /// Why a port can't be used.
 struct OpenRefusal {
   std::string why;  ///< a sentence for the operator
-  /// The node may only be so new that udev has not set its group yet: try again for a moment.
+  /// No permission; udev may not have set the group of a new node yet: try again for a moment.
   bool is_denied = false;
 };
 

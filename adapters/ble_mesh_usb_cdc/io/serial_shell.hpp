@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the shells of both protocols on the serial port have in common: the port, opened again and
-// again until it is there, and its octets to the machine. A missing board is a state, not a
+// The common part of the shells of both protocols on the serial port. It opens the port, again and
+// again until it is there, and passes its octets to the machine. A missing board is a state, not a
 // failure. Loop's thread only.
 #pragma once
 
@@ -28,7 +28,7 @@ class SerialShell : public Shell {
 
  protected:
   /// `open_port` opens the serial port in place of open_serial_port; it is called on a thread of
-  /// its own. `for_shell`: of Shell's constructor, after `io`.
+  /// its own. `for_shell`: further arguments of Shell's constructor, after `io`.
   template <class... ForShell>
   SerialShell(OpenPort open_port, const Settings& settings, boost::asio::io_context& io,
               ForShell&&... for_shell)
@@ -43,7 +43,7 @@ class SerialShell : public Shell {
              .on_close_stuck = [this](const std::string& why) { on_close_stuck(why); }}),
         timer_(io) {}
 
-  /// The machine's actions for its port.
+  /// Performs the machine's actions for its port.
   void perform_on_port(const WriteSerial& serial) { line_.write(serial.bytes); }
   void perform_on_port(const ReopenPort& reopen) {
     line_.close();

@@ -211,7 +211,7 @@ std::vector<WaitingMessage> CommandQueue::take_waiting(TimePoint now) {
 std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
   if (outstanding_) {
     if (now < outstanding_->first_sent + outstanding_->next_offset) return std::nullopt;
-    // Several times after a long pause: missed repeats are not sent in a burst.
+    // Doubles several times after a long pause: missed repeats are not sent in a burst.
     while (now >= outstanding_->first_sent + outstanding_->next_offset)
       outstanding_->next_offset *= 2;
     ++outstanding_->copies;
@@ -229,7 +229,7 @@ Duration CommandQueue::first_repeat(const Command& command) const {
   return segments_of(command.access.size()) > 1 ? interval : answer_time_.timeout(interval);
 }
 
-/// Of the command that waits in front.
+/// Returns when the first waiting command may start.
 TimePoint CommandQueue::earliest_start() const {
   const bool may_be_confused = waiting_.front().command.awaited_status == late_answer_;
   return may_be_confused ? late_answers_until_ : TimePoint::min();

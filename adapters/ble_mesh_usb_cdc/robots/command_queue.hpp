@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands on their way to one robot: one is sent and repeated until its STATUS comes, the
-// others wait. Every command that goes in comes out once, with its outcome. Called by Downlink.
+// The commands to one robot: one is sent and repeated until its STATUS comes, the others wait. Each
+// command leaves the queue once: with its outcome, or unsent by take_waiting(). Called by Downlink.
 //
-// The first repeat comes when the robot should have answered (AnswerTime), but no later than after
-// iv, reliable publish's interval; each wait is twice the one before. A segmented message is
-// repeated after iv at the earliest, because the radio repeats its segments by itself.
+// The first repeat comes when the robot should have answered (AnswerTime), but no later than iv,
+// the interval of reliable publish. The time since the first transmission then doubles with each
+// repeat. A segmented message is first repeated after iv, because the radio repeats its segments by
+// itself.
 //
-// A STATUS does not name the command that it answers. When a command was repeated, its other copies
-// may be answered after it has ended, and such an answer must not end the next command of the same
-// kind, which the robot may not have: so that one waits for a while.
+// A STATUS does not name the command that it answers. The robot may answer further copies of a
+// repeated command after that command has ended. Such an answer must not end the next command of
+// the same kind, which the robot may not have. So that next command waits for a while.
 #pragma once
 
 #include <algorithm>
@@ -27,30 +28,31 @@
 
 namespace slamgw::ble {
 
-/// How long one robot takes to answer a command, and so when to repeat one: the smoothed round trip
-/// and its variation (RFC 6298). Called by CommandQueue.
+/// Estimates how long one robot takes to answer a command, and so when to repeat a command:
+/// smoothed round trip and its variation (RFC 6298). Called by CommandQueue.
 class AnswerTime {
  public:
-  /// However fast a robot answers: a command and its STATUS each wait for the advertisers of a few
-  /// relays (20 ms and a random delay for each).
+  /// The minimum, however fast a robot answers. A command and its STATUS each wait for the
+  /// advertisers of a few relays (20 ms and a random delay for each).
   static constexpr Duration shortest_timeout = std::chrono::milliseconds{100};
-  /// Differences between round trips that are no news (G of RFC 6298).
+  /// Differences between round trips that do not count (G of RFC 6298).
   static constexpr Duration granularity = std::chrono::milliseconds{10};
   /// Doubling ends here; callers' own bounds are far below.
   static constexpr Duration longest_timeout = std::chrono::seconds{30};
 
-  /// The wait before the first repeat: at most `longest`, which it also is before the first answer.
+  /// Returns the wait before the first repeat: at most `longest`, and `longest` before the first
+  /// answer.
   Duration timeout(Duration longest) const {
     return timeout_ == Duration::zero() ? longest : std::min(timeout_, longest);
   }
-  /// The robot answered a command that was sent once, this long after it was sent.
+  /// The robot answered a command that was sent once, this long after the transmission.
   void on_answer(Duration round_trip) {
     round_trip_.on_answer(round_trip);
     timeout_ = std::max(shortest_timeout, round_trip_.timeout());
   }
-  /// It answered one that was sent several times, or did not answer. To which copy it answered
-  /// is unknown (Karn's rule): it teaches no round trip, but the timeout doubles until one is
-  /// measured again.
+  /// The robot answered a command that was sent several times, or did not answer. The copy that it
+  /// answered is unknown (Karn's rule), so no round trip is learned. The timeout doubles until one
+  /// is measured again.
   void on_repeated() { timeout_ = std::min(2 * timeout_, longest_timeout); }
 
  private:
@@ -58,27 +60,28 @@ class AnswerTime {
   Duration timeout_{};  ///< zero: unknown
 };
 
-/// One command to a robot, as it goes over the mesh: made from a broker message under
-/// `<prefix>/server/<id>/<type>`, or refused with a reason for the operator. Called by Downlink.
+/// One command to a robot in the form for the mesh, made from a broker message under
+/// `<prefix>/server/<id>/<type>`. Used by Downlink.
 struct Command {
   CommandId id = CommandId::none;
   std::string type;
   Bytes access;                 ///< the acknowledged message to send, opcode first
-  Opcode awaited_status = 0;    ///< what the robot answers when it has it
-  bool is_replaceable = false;  ///< a newer one makes it pointless: positions
-  BrokerMessage message{};      ///< that it was made from
+  Opcode awaited_status = 0;    ///< the robot's answer once it has the command
+  bool is_replaceable = false;  ///< a newer one replaces it: positions
+  BrokerMessage message{};      ///< the command was made from this
 };
 
-/// `settings.pos_cmd_type` becomes pos_cmd SET and takes 4 octets, x and y as little-endian int16
-/// in centimetres; `run` becomes an on/off Set; any other type is carried unread in min_com SET.
-/// The error says why not. `tid`: see encode_on_off_set. `max_send_bytes`: Radio's.
+/// Makes a command, or refuses with a reason for the operator. `settings.pos_cmd_type` becomes
+/// pos_cmd SET and takes 4 octets, x and y as little-endian int16 in centimetres. `run` becomes an
+/// on/off Set. Any other type is carried unread in min_com SET. `tid`: see encode_on_off_set.
+/// `max_send_bytes`: Radio's.
 Result<Command, Refusal> make_command(const Settings& settings, std::string_view type,
                                       ByteView payload, std::uint8_t tid,
                                       std::size_t max_send_bytes);
 
-/// A command to a robot that has no outcome yet, as the robot's session on disk keeps it. A daemon
-/// that was killed finds it there when it starts again, and reports its outcome. It is not sent
-/// again: the robot may have carried it out.
+/// A command to a robot that has no outcome yet, as the robot's session on disk keeps it. After a
+/// crash the next daemon finds the command there and reports its outcome. It does not send the
+/// command again: the robot may have carried it out.
 struct OpenCommand {
   std::string robot;
   std::string type;
@@ -89,17 +92,17 @@ struct OpenCommand {
 
 using OpenCommands = std::vector<OpenCommand>;
 
-/// The open commands of one robot. Times are kept by the wall clock, which goes on over a restart
-/// of the host.
+/// Encodes the open commands of one robot. Times are on the wall clock, which goes on over a
+/// restart of the host.
 Bytes encode_open_commands(const OpenCommands& commands, const Now& now);
-/// Ends where `octets` are damaged. A time ahead of `now` counts as `now`.
+/// Stops where `octets` are damaged. A time ahead of `now` counts as `now`.
 OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const Now& now);
-/// The outcome of a command that an earlier daemon had under way.
+/// Returns the outcome of a command that an earlier daemon had under way.
 CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
 
-/// How one command ended, without the robot.
+/// The outcome of one command, without the robot.
 struct EndedCommand : CommandOutcome {
-  Bytes access;  ///< was sent, and must not be sent again; empty when nothing was
+  Bytes access;  ///< was sent, and must not be sent again; empty if never sent
 };
 using EndedCommands = std::vector<EndedCommand>;
 
@@ -107,16 +110,16 @@ class CommandQueue {
  public:
   /// Promise 6 of docs/topics.md gives 30 s; the rest is for the way to the broker.
   static constexpr Duration time_limit = std::chrono::seconds{29};
-  /// Waiting for their turn; more would only grow older than the time limit.
+  /// Maximum of waiting commands; more would only grow older than the time limit.
   static constexpr std::size_t max_waiting = 16;
 
-  /// `ttl` of what is sent, for the repeats' timing.
+  /// `ttl` is that of sent commands; it determines the timing of repeats.
   explicit CommandQueue(std::uint8_t ttl) : ttl_(ttl) {}
 
   EndedCommands add(Command command, TimePoint now);
-  /// The robot sent a STATUS.
+  /// The robot sent a STATUS. Returns the command that this ends, if any.
   EndedCommands on_status(Opcode status, TimePoint now);
-  /// The radio did not take the last transmission; the outcome names it if no answer comes.
+  /// The radio did not take the last transmission. The outcome says why if no answer comes.
   void on_send_refused(const std::string& why);
   /// Ends overdue commands.
   EndedCommands on_deadline(TimePoint now);
@@ -126,17 +129,17 @@ class CommandQueue {
   /// Removes and returns the commands that were not sent, the oldest first.
   std::vector<WaitingMessage> take_waiting(TimePoint now);
 
-  /// What to send now, if anything.
+  /// Returns the access message to send now, if any.
   std::optional<Bytes> next_transmission(TimePoint now);
-  /// The command that next_transmission() gave last, and how often it did.
+  /// The command that next_transmission() returned last, and how often.
   struct UnderWay {
     const Command& command;
     int copies;
   };
   UnderWay under_way() const { return {outstanding_->entry.command, outstanding_->copies}; }
-  /// `may_send`: next_transmission() is called when it is due.
+  /// `may_send`: includes the time when next_transmission() is due.
   std::optional<TimePoint> deadline(bool may_send = true) const;
-  /// Appends those that have not ended.
+  /// Appends the commands that have not ended.
   void list(const std::string& robot, OpenCommands& open) const;
   std::size_t size() const { return waiting_.size() + (outstanding_ ? 1 : 0); }
 
@@ -152,7 +155,7 @@ class CommandQueue {
     TimePoint first_sent{};
     Duration next_offset{};  ///< of the next repeat, after the first transmission
     int copies = 1;          ///< sent so far
-    std::string refusal;     ///< why the radio did not send one of them; empty when it did
+    std::string refusal;     ///< why the radio did not send a copy; empty if it sent all
   };
 
   Duration first_repeat(const Command& command) const;
@@ -163,7 +166,8 @@ class CommandQueue {
   std::uint8_t ttl_;
   AnswerTime answer_time_;
   std::optional<Outstanding> outstanding_;
-  /// Until then the robot may answer copies of a command that has ended, with this STATUS.
+  /// Until `late_answers_until_`, the robot may answer copies of an ended command with
+  /// `late_answer_`.
   TimePoint late_answers_until_{};
   Opcode late_answer_ = 0;
   std::deque<Entry> waiting_;

@@ -54,8 +54,8 @@ std::vector<WaitingMessage> Downlink::give_up(Robot& robot, TimePoint now) {
   return waiting;
 }
 
-/// Nothing is sent while the gate is closed: another gateway may command the robot, and no repeat
-/// may overtake that.
+/// While the gate is closed, nothing is sent: another gateway may command the robot, and a repeat
+/// from here must not overtake that command.
 std::optional<TimePoint> Downlink::deadline(const Robot& robot) const {
   if (robot.commands.size() == 0) return std::nullopt;
   return robot.commands.deadline(gate_.is_open_for(robot));
@@ -76,7 +76,7 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
                   .bytes = sent.command.access.size(),
                   .command = sent.command.id});
   }
-  // What the radio does not take is repeated by the queue.
+  // The queue repeats a message that the radio does not take.
   radio_.send({robot.address, robot.key, std::move(*access)}, now);
 }
 

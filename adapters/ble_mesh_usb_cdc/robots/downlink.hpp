@@ -14,16 +14,16 @@ namespace slamgw::ble {
 
 class Downlink : private MeshPart {
  public:
-  /// Retained topics for one robot.
+  /// Maximum of topics whose retained message one robot gets.
   static constexpr std::size_t max_retained = 32;
   static constexpr const char* gateway_ends = "the gateway ends";
 
   explicit Downlink(const MeshPart& shared) : MeshPart(shared) {}
 
-  /// A command of this type for `robot`.
+  /// Queues a command of this type for `robot`, or ends it as refused.
   void on_command(Robot& robot, std::string_view type, const BrokerMessage& message, CommandId id,
                   TimePoint now);
-  /// The robot sent a STATUS. True when it is the answer to a command.
+  /// The robot sent a STATUS. Returns true if it is the answer to a command.
   bool on_status(Robot& robot, Opcode status, TimePoint now);
   void on_deadline(Robot& robot, TimePoint now);
   std::optional<TimePoint> deadline(const Robot& robot) const;
@@ -31,7 +31,7 @@ class Downlink : private MeshPart {
   /// Another gateway serves the robot. Returns the commands that were not sent; the one that was
   /// sent ends as `timeout`, because the robot may have carried it out.
   std::vector<WaitingMessage> give_up(Robot& robot, TimePoint now);
-  /// The daemon ends: no command is taken any more.
+  /// Refuses all further commands, because the daemon ends.
   void on_stop() { is_stopping_ = true; }
 
   std::uint64_t ended(CommandResult result) const {

@@ -24,8 +24,8 @@ std::uint16_t relayed_number_of(std::string_view robot) {
 }
 
 void Relay::on_robot_message(const BrokerMessage& message, TimePoint now) {
-  // What the broker kept may be of yesterday. A guest leaves relaying to the gateway that
-  // configures the robots, or they would hear everything twice.
+  // A retained message may be old. A guest leaves relaying to the gateway that configures the
+  // robots; otherwise they would hear everything twice.
   if (message.retain || nodes_.is_guest()) return;
   const auto topic = topics_.parse_robot_topic(message.topic);
   if (topic && !is_for_others(topic->robot)) return;
@@ -39,7 +39,7 @@ void Relay::on_robot_message(const BrokerMessage& message, TimePoint now) {
   send_due(now);
 }
 
-/// Robots of this mesh are never echoed into it, whether they are there or not.
+/// Robots of this mesh are never echoed into it, online or not. Banned robots are not relayed.
 bool Relay::is_for_others(std::string_view robot) const {
   return robots_.find(robot) == nullptr && !nodes_.names().bans().has(robot);
 }

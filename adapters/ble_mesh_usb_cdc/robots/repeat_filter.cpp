@@ -14,7 +14,7 @@ namespace {
 constexpr int earliest_shift = -2;
 constexpr int latest_shift = 4;
 
-/// How far `time` is from a whole number of periods, at least one.
+/// Returns the distance of `time` from a whole number of periods, at least one.
 Duration distance(Duration time, Duration period) {
   const auto periods = std::max<Duration::rep>(1, (time + period / 2) / period);
   return std::chrono::abs(time - periods * period);
@@ -65,7 +65,7 @@ bool ArrivalPattern::may_be_new(Duration period, Duration repeat_interval, TimeP
 
 namespace {
 
-/// When each copy is sent, in intervals after the first; 256 of the shortest are nearly 60 s.
+/// The time of each copy, in intervals after the first; 256 of the shortest are nearly 60 s.
 constexpr std::array<int, 10> schedule{0, 1, 2, 4, 8, 16, 32, 64, 128, 256};
 constexpr std::uint32_t any_copy = (1U << schedule.size()) - 1;
 constexpr std::size_t max_lost = 3;
@@ -129,9 +129,9 @@ void RepeatFilter::open(ByteView payload, std::optional<std::uint8_t> number, Ti
   first_heard_ = now;
 }
 
-/// A robot sends no other message of this model before the last one is acknowledged or given up:
-/// by Nordic's code after half a minute and many copies, by other firmware when the next one is
-/// due.
+/// A robot sends no other message of this model before the last one is acknowledged or given up.
+/// Nordic's code gives up after half a minute and many copies, other firmware when the next message
+/// is due.
 void RepeatFilter::on_copy(bool is_copy, bool is_equal, TimePoint now) {
   was_heard_ = !is_copy && state_ == State::answered && unheard_copies_ == 0;
   // Equal messages at the robot's own period can look like a few repeats.
@@ -152,7 +152,7 @@ bool RepeatFilter::has_crossed(TimePoint now) const {
 
 bool RepeatFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const {
   if (fitting == 0) return false;
-  // If it is new after all, the robot sends it again: nothing is lost or wrongly acknowledged.
+  // If the SET is new after all, the robot sends it again: nothing is lost or wrongly acknowledged.
   if (has_crossed(now)) return true;
   if (const auto period = pattern_.period()) return !pattern_.may_be_new(*period, interval, now);
   return doubt == Doubt::take_for_repeat && !is_schedule_deceptive_;

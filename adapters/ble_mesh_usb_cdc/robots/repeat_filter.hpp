@@ -1,30 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tells a robot's new acknowledged SET from its repeats of the last one. One filter for each robot
-// and model. Called by Uplink.
+// Distinguishes a robot's new acknowledged SET from repeats of the last one. There is one filter
+// for each robot and model. Called by Uplink.
 //
 // The models have no transaction number, every repeat is a fresh mesh message, and the serial board
-// reports no sequence number of the network layer: content and time are all that is left. (Firmware
-// can do better: see RepeatFilter::on_numbered_set.)
+// reports no sequence number of the network layer. Only content and time can tell repeats.
+// (Firmware can do better: see RepeatFilter::on_numbered_set.)
 //
-// While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
+// While a SET is open (not answered), the robot does not send another, so an equal SET is a repeat.
 // After the STATUS was sent, an equal SET is either a repeat, because the STATUS was lost, or a new
-// message of a robot that stands still. Copies keep to reliable publish's schedule, 0, iv, 2iv,
-// 4iv, 8iv ... after the first; new messages come at the robot's own period. So an equal SET whose
-// distance from the last copy does not fit the schedule, with up to three copies lost before and
-// between, is new. One that fits is
-//   - a repeat when the robot's period is known and no new message can arrive now;
-//   - in doubt when the two agree, or when the period is not known: `Doubt` says what then.
-// Gaps between copies double. Three equal messages at equal distances are therefore the robot's own
-// period: those of them that were taken for repeats are made up for.
+// message of a robot that stands still. Copies keep to reliable publish's schedule: 0, iv, 2iv,
+// 4iv, 8iv ... after the first. New messages come at the robot's own period. Up to three copies may
+// be lost before and between. An equal SET is new if its distance from the last copy does not fit
+// the schedule. If it fits, the SET is
+//   - a repeat if the robot's period is known and no new message can arrive now;
+//   - new if the period is known and a new message can arrive now;
+//   - in doubt if the period is unknown: `Doubt` decides.
+// Gaps between copies double. Three equal messages at equal distances therefore show the robot's
+// own period. Messages among them that were taken for repeats are then reported late.
 //
-// Known errors: a relay that delays by more than `tolerance` makes a repeat look new, and a robot
-// that changes its period to one of the schedule's gaps while it stands still, and then sends no
-// third equal message, loses one or two.
+// Known errors: a relay that delays by more than `tolerance` makes a repeat look new. A robot loses
+// one or two messages if it changes its period to one of the schedule's gaps while it stands still,
+// and then sends no third equal message.
 //
-// A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
-// therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
-// When such a repeat also comes off the schedule (a relay or a busy host has delayed it), it counts
-// as not heard at all; a robot whose new message it was sends that again.
+// A STATUS does not name its SET. So a repeat that was on its way when the STATUS left is not
+// answered: a second STATUS could meet the robot's next SET and acknowledge that one. If such a
+// repeat does not fit the schedule either (a relay or a busy host has delayed it), it is ignored.
+// If it was a new message, the robot sends it again.
 #pragma once
 
 #include <cstddef>
@@ -37,36 +38,36 @@
 
 namespace slamgw::ble {
 
-/// The period at which one robot sends new messages of one model, learned from when they arrive.
-/// Tells RepeatFilter whether a message that arrives now can be a new one.
+/// Learns the period at which one robot sends new messages of one model, from their arrival times.
+/// Says whether a message that arrives now can be new. Called by RepeatFilter.
 class ArrivalPattern {
  public:
-  /// Gaps between messages that are looked at.
+  /// Number of the last gaps between messages that are used.
   static constexpr std::size_t max_gaps = 15;
-  /// With fewer the period counts as unknown.
+  /// With fewer gaps the period is unknown.
   static constexpr std::size_t min_gaps = 12;
-  /// A gap that is at most `regular` away from a whole number of periods is regular. At one that is
-  /// `lost` or more away, copies were lost, which shifts a message by repeat intervals. With a gap
-  /// between the two the robot or the radio is irregular, and the period counts as unknown; it also
-  /// does when most gaps are not regular.
+  /// A gap at most `regular` away from a whole number of periods is regular. If a gap is `lost` or
+  /// more away, copies were lost, which shifts a message by repeat intervals. With a gap between
+  /// these two limits the robot or the radio is irregular, and the period is unknown. It is also
+  /// unknown unless most gaps are regular.
   static constexpr Duration regular = std::chrono::milliseconds{12};
   static constexpr Duration lost = std::chrono::milliseconds{45};
-  /// A message this close to its time is on time: twice what is regular.
+  /// A message this close to its time is on time; about twice `regular`.
   static constexpr Duration tolerance = std::chrono::milliseconds{25};
   /// After a longer silence the robot may do something else: its pattern is forgotten.
   static constexpr Duration longest_gap = std::chrono::seconds{60};
 
-  /// A message that is new arrived. `is_certain`: whatever the pattern says; the distance between
-  /// two such messages in a row is learned.
+  /// A new message arrived. `is_certain`: it is new whatever the pattern says. The gap between two
+  /// certain messages in a row is learned.
   void on_new(bool is_certain, TimePoint now);
-  /// The last message was repeated: the next one may be sent late, and its distance is not learned.
+  /// The last message was repeated. The next one may be sent late, so the gap to it is not learned.
   void on_repeat() { is_last_certain_ = false; }
   void forget();
-  /// Nothing when the robot's messages are too few or too irregular.
+  /// Returns nothing if the robot's messages are too few or too irregular.
   std::optional<Duration> period() const;
-  /// Whether a message that arrives now can be a new one: it comes a whole number of `period`s
-  /// after the last one, or up to four repeat intervals later because its first copies were lost,
-  /// or up to two earlier because those of the last one were lost. `repeat_interval`:
+  /// Returns true if a message that arrives now can be new: a whole number of `period`s after the
+  /// last one. It can come up to four repeat intervals later because its first copies were lost, or
+  /// up to two earlier because those of the last one were lost. `repeat_interval`:
   /// reliable_interval().
   bool may_be_new(Duration period, Duration repeat_interval, TimePoint now) const;
 
@@ -82,44 +83,44 @@ class RepeatFilter {
   static constexpr Duration tolerance = std::chrono::milliseconds{30};
   /// Reliable publish gives up after at most this long.
   static constexpr Duration longest_exchange = std::chrono::seconds{60};
-  /// How long a STATUS and then a repeat can be under way: a few hops, two segments, a busy host.
-  /// Below the shortest interval of repeats.
+  /// Time for which a STATUS and then a repeat can be under way: a few hops, two segments, a busy
+  /// host. Shorter than the shortest interval of repeats.
   static constexpr Duration crossing_time = std::chrono::milliseconds{100};
-  /// A robot that sends this many copies of a message, each after a STATUS, does not hear the
-  /// gateway; nor one that sends this many messages in a row, each at least twice. A radio that
-  /// loses three of ten makes one message in 400 look so.
+  /// A robot does not hear the gateway if it sends this many copies of a message, each after a
+  /// STATUS. The same holds if it sends this many messages in a row, each at least twice. A radio
+  /// that loses three of ten packets makes one message in 400 look so.
   static constexpr int unheard_limit = 5;
 
-  /// What to do with an answered SET that comes again and can be either, new or a repeat.
+  /// Decides about an answered SET that comes again and can be new or a repeat.
   enum class Doubt : std::uint8_t {
     take_for_new,     ///< a doubled message is better than a lost one
     take_for_repeat,  ///< unless the robot's period, where it is known, says that it may be new
   };
   enum class Verdict : std::uint8_t {
-    fresh,            ///< goes up; the filter is open from now on
+    fresh,            ///< report it; the filter is open from now on
     repeat_open,      ///< its receipt has not fired, or its STATUS is on its way: nothing to do
     repeat_answered,  ///< its STATUS was lost: answer again
   };
 
   /// `interval`: the robot's iv for this message, reliable_interval().
   Verdict on_set(ByteView payload, Duration interval, Doubt doubt, TimePoint now);
-  /// A SET with a transaction number: a repeat has number and content of the last one, and a new
-  /// message has another number.
+  /// Judges a SET with a transaction number: a repeat has number and content of the last one, and a
+  /// new message has another number.
   Verdict on_numbered_set(std::uint8_t number, ByteView payload, TimePoint now);
-  /// After a fresh one: how many equal messages before it were wrongly taken for repeats. They were
-  /// acknowledged, and go up now.
+  /// Call after `fresh`. Returns how many equal messages before were wrongly taken for repeats.
+  /// They were acknowledged already, so report them now.
   int missed() const { return missed_; }
-  /// The robot repeats the last message, again and again, although its STATUS was sent.
+  /// Returns true if the robot repeats its messages again and again although a STATUS was sent.
   bool is_unheard() const {
     return unheard_copies_ >= unheard_limit || unheard_messages_ >= unheard_limit;
   }
-  /// The gateway speaks from another address: what the robot did not hear before says nothing.
+  /// Forgets such repeats. Call when the gateway may send from another address from now on.
   void forget_unheard() { unheard_copies_ = unheard_messages_ = 0; }
-  /// After a fresh one: the robot went on to it because it got the STATUS for the one before.
+  /// Call after `fresh`. Returns true if the robot sent it because it got the STATUS before.
   bool was_heard() const { return was_heard_; }
   /// A STATUS for the last message is on its way.
   void on_answered(TimePoint now);
-  /// The open message was not taken: the next copy goes up again.
+  /// The open message was not taken: its next copy is `fresh` again.
   void on_refused() { state_ = State::idle; }
 
  private:
@@ -141,9 +142,10 @@ class RepeatFilter {
   TimePoint first_heard_{};
   TimePoint last_heard_{};
   TimePoint last_answered_{};
-  Copies last_copy_ = 0;  ///< which copies the one heard last can have been
+  Copies last_copy_ = 0;  ///< the copies that the last one heard can have been
   ArrivalPattern pattern_;
-  /// The same, but in doubt an equal message on the schedule is a repeat: only for what follows.
+  /// As `last_copy_`, but in doubt an equal message on the schedule is a repeat. Only for the
+  /// members on hearing that follow.
   Copies likely_copy_ = 0;
   int unheard_copies_ = 0;    ///< of the last message: likely repeats after its STATUS
   int unheard_messages_ = 0;  ///< in a row with such repeats, the last one included

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What BleMesh knows about one robot. Plain state; Robots, Uplink and Downlink hold the rules.
+// The state of one robot in BleMesh. Plain data; Robots, Uplink and Downlink hold the rules.
 #pragma once
 
 #include <array>
@@ -20,29 +20,30 @@
 
 namespace slamgw::ble {
 
-/// An acknowledged message that was left to another gateway, and comes again and again.
+/// An acknowledged message that was left to another gateway and may come again and again.
 struct UnservedSet {
   MessageReceived message;  ///< its first copy
   TimePoint first{};
   TimePoint last{};
   bool is_repeated = false;
 
-  /// Reliable publish doubles the time between copies: what comes much sooner is a new message.
+  /// Returns true if a message now can be the next copy. Reliable publish doubles the time between
+  /// copies, so a message that comes much sooner is new.
   bool may_come_again(TimePoint now) const {
     return now - first <= RepeatFilter::longest_exchange && (now - last) * 5 >= (last - first) * 2;
   }
-  /// The robot still waits for its STATUS: its next copy is not overdue.
+  /// Returns true if the robot still waits for its STATUS: its next copy is not overdue.
   bool is_open(TimePoint now) const {
     constexpr Duration lateness = std::chrono::milliseconds{200};
     return is_repeated && now - last <= last - first + lateness;
   }
 };
 
-/// Acknowledged messages of one model.
+/// The acknowledged messages of one robot and one model.
 struct Inbox {
   RepeatFilter filter;
   std::uint64_t open_receipt = 0;  ///< 0: none
-  std::uint16_t element = 0;       ///< that the last message came from
+  std::uint16_t element = 0;       ///< the source of the last message
   Bytes status;                    ///< the access message that acknowledges it
   std::optional<UnservedSet> unserved;
 };
@@ -55,26 +56,30 @@ struct Robot {
   std::string id;
   bool is_node = false;     ///< in the database of nodes
   bool is_online = false;   ///< heard lately, whichever gateway serves it
-  bool is_awaited = false;  ///< offline as soon as it is silent for long enough
+  bool is_awaited = false;  ///< goes offline when silent for long enough
   bool is_deaf = false;     ///< it does not hear the gateway
-  /// What was reported last; nothing before the first report and after the robot was given up.
+  /// The presence that was reported last; empty before the first report and after the robot was
+  /// given up.
   std::optional<Presence> announced{};
-  /// Since the radio came up: it sent an acknowledged message; it was seen to hear nothing.
+  /// Since the radio came up, the robot has sent an acknowledged message (`is_asking`), and was
+  /// seen not to hear the gateway (`is_deaf_now`).
   bool is_asking = false;
   bool is_deaf_now = false;
   TimePoint last_heard{};
   TimePoint sign_of_life_at{};           ///< of the last SignOfLife
-  std::optional<std::uint8_t> sent_ttl;  ///< that it was configured to publish with
+  std::optional<std::uint8_t> sent_ttl;  ///< configured by the gateway, for publishing
   std::uint8_t highest_ttl = 0;          ///< on arrival; the robot sends with at least this
   std::optional<std::uint16_t> key;      ///< of its last vendor message
   std::array<Inbox, vendor_model_count> inboxes;
   CommandQueue commands;
   TimePoint online_since{};
-  /// Topics whose retained message it got since it came online; at most Downlink::max_retained.
+  /// Topics whose retained message the robot got since it came online; at most
+  /// Downlink::max_retained.
   std::set<std::string, std::less<>> retained_given;
-  bool is_subscribed = true;  ///< false: the broker refused it; asked again later
+  bool is_subscribed = true;  ///< false: the broker refused; asked again later
 
-  /// How its message came. The number of relays is known when the TTL is that it was sent with.
+  /// Returns how the robot's message came. The number of relays is known only if the TTL that the
+  /// robot sent with is known.
   RadioFacts radio_facts(const MessageReceived& message) const {
     RadioFacts facts{message.rssi_dbm, std::nullopt, message.ttl};
     if (sent_ttl && message.ttl && *sent_ttl >= *message.ttl)
@@ -82,9 +87,10 @@ struct Robot {
     return facts;
   }
   bool is_expected() const { return is_online || is_awaited; }
-  /// This gateway reports it as online.
+  /// Returns true if this gateway reports the robot as online.
   bool is_shown() const { return announced == Presence::online; }
-  /// Announces it as offline unless it is heard: what the broker keeps may predate a restart.
+  /// Announces the robot as offline unless it is heard soon: its presence at the broker may predate
+  /// a restart.
   void await(TimePoint now) {
     if (announced) return;
     is_awaited = true;
@@ -92,26 +98,26 @@ struct Robot {
   }
 };
 
-// What Robots, Uplink and Downlink share; and whether this gateway deals with what a robot says. In
-// a mesh that only this gateway's radio hears, always. In one that several gateways share, all
-// radios hear a robot. The gateway that holds the robot's session at the broker reports and
-// acknowledges what it says; the others are silent.
+// The state that Robots, Uplink and Downlink share, and the decision whether this gateway handles a
+// robot's messages. It always does so in a mesh that only its own radio hears. In a shared mesh,
+// all radios hear a robot. Only the gateway that holds the robot's session at the broker reports
+// and acknowledges its messages.
 
 class ServiceGate {
  public:
-  /// Whether this gateway holds the robot's session.
+  /// Returns true if this gateway holds the robot's session.
   using MayServe = std::function<bool(const std::string& robot)>;
 
-  /// `nodes` outlives it. `has_group`: robots publish to a group of the gateways. Without one, a
-  /// single radio hears them, even if other gateways have the keys.
+  /// `nodes` must outlive this object. `has_group`: robots publish to a group of the gateways.
+  /// Without a group, a single radio hears them, even if other gateways have the keys.
   ServiceGate(const NodeTable& nodes, bool has_group) : nodes_(nodes), has_group_(has_group) {}
 
   void ask(MayServe may_serve) { may_serve_ = std::move(may_serve); }
-  /// Other gateways have radios in this mesh.
+  /// Returns true if other gateways' radios hear the robots of this mesh, too.
   bool is_shared() const { return has_group_ && nodes_.is_shared(); }
   bool is_open_for(const Robot& robot) const { return !is_shared() || may_serve_(robot.id); }
-  /// A robot that joined after the mesh was brought in here: the gateway that took it in knows its
-  /// name, this one does not, and would publish under another.
+  /// Returns true for a robot that joined after this gateway imported the mesh. Only the gateway
+  /// that took the robot in knows its name; this one would publish under another.
   bool is_stranger(std::uint16_t address) const {
     return nodes_.is_guest() && nodes_.find_joined(address) == nullptr;
   }
@@ -122,7 +128,7 @@ class ServiceGate {
   MayServe may_serve_ = [](const std::string&) { return true; };
 };
 
-/// All of them outlive it.
+/// The references that the parts of BleMesh share. All of them must outlive the part.
 struct MeshPart {
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 

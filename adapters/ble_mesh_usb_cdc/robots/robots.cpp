@@ -106,7 +106,7 @@ void Robots::on_names(TimePoint now) {
   std::vector<Robot*> renamed;
   for (auto& [address, robot] : robots_)
     if (nodes_.id_of(address) != robot.id) renamed.push_back(&robot);
-  // All leave their old names before one takes a new name: two may have swapped theirs.
+  // All robots leave their old names before one takes a new name: two may have swapped names.
   for (Robot* robot : renamed) leave_name(*robot, "the robot was renamed", now);
   for (Robot* robot : renamed) {
     const bool was_only_configured = !robot->is_node && !robot->announced;
@@ -122,7 +122,7 @@ void Robots::on_names(TimePoint now) {
     if (bans.has(robot.id)) shut_out(robot, now);
 }
 
-/// Nobody listens to a banned robot, so its commands can't be acknowledged.
+/// The gateway ignores a banned robot's answers, so commands to it can't be acknowledged.
 void Robots::shut_out(Robot& robot, TimePoint now) {
   robot.is_online = robot.is_awaited = robot.is_deaf = robot.is_deaf_now = false;
   downlink_.refuse_all(robot, "the robot is banned (slam-gatewayctl unban)", now);
@@ -135,7 +135,7 @@ void Robots::leave_name(Robot& robot, const std::string& why, TimePoint now) {
   emit(UnsubscribeRequest{Mesh::ble, robot.id, topics_.command_filter(robot.id)});
 }
 
-/// With another name it is a robot that has just come.
+/// With another name the robot counts as one that has just come.
 void Robots::take_name(Robot& robot, std::string id, TimePoint now) {
   robot.id = std::move(id);
   robot.announced.reset();
@@ -178,7 +178,7 @@ void Robots::on_link_up(TimePoint now) {
   for (auto& [address, robot] : robots_) {
     robot.is_asking = robot.is_deaf_now = false;
     for (Inbox& inbox : robot.inboxes) inbox.filter.forget_unheard();
-    // For retained messages that came while it was down.
+    // Asks for retained messages that came while the link was down.
     if (robot.is_shown()) subscribe(robot, /*is_here=*/true);
     if (robot.is_node) robot.await(now);
   }
@@ -195,7 +195,7 @@ void Robots::on_session_held(Robot& robot, TimePoint now) {
   subscribe(robot, robot.is_online && now - robot.online_since < newly_online);
 }
 
-/// In a shared mesh the radio goes on hearing it, and it keeps what it was given.
+/// In a shared mesh the radio still hears the robot, so it stays online with its retained messages.
 void Robots::on_given_up(Robot& robot) {
   robot.announced.reset();
   robot.is_online = robot.is_online && gate_.is_shared();
@@ -237,8 +237,8 @@ void Robots::announce(Robot& robot, Presence presence) {
 
 // --- Subscriptions -------------------------------------------------------------------------------
 
-/// At the start another gateway may serve the robot, and in a shared mesh at any time: then the
-/// request must not count as a sign that it is here.
+/// Another gateway may serve the robot at the start, and in a shared mesh at any time. Then the
+/// request must not count as a sign that the robot is here.
 void Robots::subscribe_known(const Robot& robot) {
   subscribe(robot, is_started_ && gate_.is_open_for(robot));
 }

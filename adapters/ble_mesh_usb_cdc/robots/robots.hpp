@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ble_mesh.will`: what the gateway publishes for a robot that went silent. Called by the meshes.
+// The robots of a BLE mesh, and `ble_mesh.will`: the report that the gateway publishes for a robot
+// that went silent. Called by the meshes.
 #pragma once
 
 #include <map>
@@ -14,14 +15,13 @@ namespace slamgw::ble {
 /// `{id}` in the topic stands for `robot`; the message is taken as it is.
 Report will_report(const WillSettings& will, std::string_view robot);
 
-/// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
-/// their behalf. Part of BleMesh.
+/// The robots on the mesh: names, presence, and subscriptions at the broker. Part of BleMesh.
 class Robots : private MeshPart {
  public:
-  /// Six times what a stock serial board's replay list holds; more is not a mesh that it can hear.
+  /// Six times the replay list of a stock serial board, which can't hear a larger mesh.
   static constexpr std::size_t max_robots = 256;
 
-  /// All of them outlive it.
+  /// All references must outlive this object.
   Robots(const MeshPart& shared, const NodeTable& nodes, Downlink& downlink)
       : MeshPart(shared), nodes_(nodes), downlink_(downlink) {}
 
@@ -30,40 +30,40 @@ class Robots : private MeshPart {
   auto begin() const { return robots_.begin(); }
   auto end() const { return robots_.end(); }
 
-  /// The robot that has this address on any of its elements; made when it is new. Null when there
-  /// is no room for it.
+  /// Returns the robot that has this address on any of its elements, and adds it if it is new.
+  /// Returns null if there is no room for it.
   Robot* at(std::uint16_t source, TimePoint now);
-  /// Null when there is none with this address on its first element.
+  /// Returns the robot with this address on its first element, or null.
   Robot* find(std::uint16_t address);
   Robot* find(std::string_view id);
   const Robot* find(std::string_view id) const;
   std::uint64_t online() const;
-  /// Robots that are online and do not hear the gateway.
+  /// Returns the number of robots that are online and do not hear the gateway.
   std::uint64_t deaf() const;
-  /// Of those that are online and have sent acknowledged messages since the radio came up, how many
-  /// have not heard the gateway since.
+  /// Robots that are online and have sent acknowledged messages since the radio came up (`asking`),
+  /// and those among them that have not heard the gateway since (`deaf`).
   struct Hearing {
     std::size_t deaf = 0;
     std::size_t asking = 0;
-    /// More than half, and two at least: one can have a fault of its own.
+    /// Returns true if more than half are deaf, and at least two: one can have a fault of its own.
     bool is_mostly_deaf() const { return deaf >= 2 && 2 * deaf > asking; }
   };
   Hearing hearing() const;
 
   /// Adds the robots that the configuration and the database of nodes name.
   void on_start();
-  /// The nodes have changed: adds and removes robots.
+  /// Adds and removes robots. Call when the nodes have changed.
   void on_nodes_changed(TimePoint now);
   /// Names of nodes have changed. Open receipts of a renamed robot stay open.
   void on_names(TimePoint now);
 
   void on_link_up(TimePoint now);
-  /// This gateway serves the robot from now on: reports whether it is there.
+  /// This gateway serves the robot from now on: reports its presence.
   void on_session_held(Robot& robot, TimePoint now);
   /// Another gateway serves the robot: it is announced again when it comes back.
   void on_given_up(Robot& robot);
   void on_heard(Robot& robot, TimePoint now);
-  /// The robot was seen to hear the gateway, or not to.
+  /// The robot was seen to hear the gateway, or not to hear it.
   void on_hearing(Robot& robot, bool is_deaf);
   /// Marks the robot as offline when it was silent for too long.
   void on_deadline(Robot& robot, TimePoint now);

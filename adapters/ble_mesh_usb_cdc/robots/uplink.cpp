@@ -34,7 +34,7 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
     on_vendor_message(robot, *kind, message, access->params, now);
   } else if (access->opcode == generic_on_off_status || access->opcode == simple_on_off_status) {
     on_status(robot, access->opcode, now);
-  } else if (access->opcode != health_current_status) {  // a sign of life, no more
+  } else if (access->opcode != health_current_status) {  // only a sign of life
     ++counters_.unknown_opcodes;
   }
 }
@@ -83,8 +83,8 @@ void Uplink::on_given_up(Robot& robot) {
   for (Inbox& inbox : robot.inboxes) forget(inbox);
 }
 
-/// Inboxes without such a message stay as they are: what this gateway has acknowledged before a
-/// short loss of the session is still known when it is repeated.
+/// Inboxes without an unserved message stay as they are. So a repeat of a message that this gateway
+/// acknowledged before a short loss of the session is still recognized.
 void Uplink::on_session_held(Robot& robot, TimePoint now) {
   for (Inbox& inbox : robot.inboxes) {
     const auto unserved = std::exchange(inbox.unserved, std::nullopt);
@@ -98,12 +98,13 @@ void Uplink::take_up(Robot& robot, const UnservedSet& unserved) {
     on_message(robot, unserved.message, heard);
 }
 
-/// In doubt an `update` goes up, because a lost one does more harm than a doubled one; a message of
-/// another type is then taken for a repeat.
+/// In doubt an `update` is reported, because a lost one does more harm than a doubled one. A
+/// message of another type is then taken for a repeat.
 RepeatFilter::Verdict Uplink::judge(const VendorReport& set, TimePoint now) const {
   RepeatFilter& filter = inbox_of(set.robot, set.model).filter;
   if (set.number) return filter.on_numbered_set(*set.number, set.params, now);
-  // The TTL that robots send with is not in the message: the mesh's, or more if more was seen.
+  // The message does not show the TTL that the robot sent with. It is taken to be the mesh's, or
+  // the highest that was seen.
   const std::uint8_t ttl = std::max(settings_.ttl, set.robot.highest_ttl);
   const auto doubt = type_of(set.model) == update_type ? RepeatFilter::Doubt::take_for_new
                                                        : RepeatFilter::Doubt::take_for_repeat;
@@ -124,8 +125,9 @@ void Uplink::on_set(const VendorReport& set, TimePoint now) {
       return send_status(set.robot, set.message.source, inbox.status, now);
     case RepeatFilter::Verdict::fresh: break;
   }
-  // A receipt still open here is of a SET that the robot has given up. Answering that one late
-  // would acknowledge this one, so it is forgotten, and so is a STATUS that still waits.
+  // A receipt that is still open is of a SET that the robot has given up. A late answer to that SET
+  // would acknowledge this one. So the receipt is forgotten, and a STATUS that still waits is
+  // withdrawn.
   radio_.withdraw(inbox.element, inbox.status);
   inbox.open_receipt = ++last_receipt_;
   inbox.element = set.message.source;
@@ -151,7 +153,7 @@ void Uplink::report(const VendorReport& what, std::uint64_t receipt_id) {
               .wire = {what.number, std::nullopt}});
 }
 
-/// A SET came again and does not go up.
+/// Counts a repeated SET and reports it as a MeshStep; it is not published again.
 void Uplink::report_repeat(const VendorReport& set) {
   ++counters_.repeats;
   const Robot& robot = set.robot;
@@ -195,7 +197,7 @@ void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePo
 
 void Uplink::send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now) {
   ++counters_.statuses_sent;
-  // The robot asks again for what the radio does not take.
+  // If the radio does not take the STATUS, the robot asks again.
   radio_.send({element, robot.key, std::move(status), /*is_urgent=*/true}, now);
 }
 

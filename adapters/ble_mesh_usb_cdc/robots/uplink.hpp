@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way up: an access message from a robot becomes a report, and its receipt the STATUS that the
-// robot waits for. Part of BleMesh.
+// The way up: turns a robot's access message into a report, and the report's receipt into the
+// STATUS that the robot waits for. Part of BleMesh.
 #pragma once
 
 #include <optional>
@@ -21,19 +21,19 @@ struct UplinkCounters {
 
 class Uplink : private MeshPart {
  public:
-  /// All of them outlive it.
+  /// All references must outlive this object.
   Uplink(const MeshPart& shared, Robots& robots, Downlink& downlink)
       : MeshPart(shared), robots_(robots), downlink_(downlink) {}
 
-  /// A message from `robot` that is no answer to a configuration request.
+  /// Takes a message from `robot` that does not answer a configuration request.
   void on_message(Robot& robot, const MessageReceived& message, TimePoint now);
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  /// Another gateway serves the robot: what is not yet acknowledged is not acknowledged any more.
+  /// Another gateway serves the robot: messages that are not acknowledged yet stay so here.
   void on_given_up(Robot& robot);
-  /// This gateway serves the robot from now on: a message that it repeats because no gateway has
-  /// answered it goes up now.
+  /// This gateway serves the robot from now on. Reports a message that the robot repeats because no
+  /// gateway has answered it.
   void on_session_held(Robot& robot, TimePoint now);
-  /// Counts a message that cannot be used, and names the reason once in a while.
+  /// Counts a message that can't be used, and logs the reason from time to time.
   void reject(std::uint16_t source, std::string_view why, TimePoint now);
 
   const UplinkCounters& counters() const { return counters_; }
