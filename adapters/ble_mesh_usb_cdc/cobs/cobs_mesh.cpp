@@ -380,7 +380,7 @@ void CobsMesh::reject(std::string_view why, TimePoint now) {
         {}});
 }
 
-// --- Who is there --------------------------------------------------------------------------------
+// --- Presence ------------------------------------------------------------------------------------
 
 CobsMesh::Peer& CobsMesh::lien_peer(std::uint8_t address) {
   const auto [peer, is_new] = peers_.try_emplace(address);

@@ -272,7 +272,7 @@ void BoardLink::on_keys_failed(const std::string& why, TimePoint now) {
   if (stage_ == Stage::awaiting_keys) refuse(why, now);
 }
 
-// --- What the board says -------------------------------------------------------------------------
+// --- Events of the board -------------------------------------------------------------------------
 
 void BoardLink::on_bytes(ByteView bytes, TimePoint now) {
   if (stage_ == Stage::closed) return;
@@ -419,7 +419,7 @@ void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
                     total - before));
 }
 
-// --- What is to be sent --------------------------------------------------------------------------
+// --- Sending -------------------------------------------------------------------------------------
 
 void BoardLink::send(Outgoing message, TimePoint now) {
   if (!is_up_ || !traffic_.send(std::move(message))) {

@@ -7,7 +7,7 @@
 
 namespace slamgw::ble {
 
-// --- What the mesh asks for ----------------------------------------------------------------------
+// --- Requests of the mesh ------------------------------------------------------------------------
 
 void BoardRadio::send(Outgoing message, TimePoint now) {
   if (message.is_under_device_key) {
@@ -80,7 +80,7 @@ void BoardRadio::on_deadline(TimePoint now) {
   end_session();
 }
 
-// --- What the board reports ----------------------------------------------------------------------
+// --- Events of the board -------------------------------------------------------------------------
 
 void BoardRadio::on_command_ended(const CommandEnded& ended) {
   if (!in_flight_) return;
@@ -166,7 +166,7 @@ void BoardRadio::forget() {
   device_keys_.clear();
 }
 
-// --- What is to be done --------------------------------------------------------------------------
+// --- The next steps ------------------------------------------------------------------------------
 
 /// Gives the board its next command. Returns true if there may be new actions.
 bool BoardRadio::begin_next(TimePoint now) {

@@ -27,7 +27,7 @@ void BoardTraffic::on_answer_lost() {
   if (std::exchange(purpose_, Purpose::none) == Purpose::command) is_command_repeated_ = true;
 }
 
-// --- What is to be sent --------------------------------------------------------------------------
+// --- Sending -------------------------------------------------------------------------------------
 
 bool BoardTraffic::send(Outgoing message) {
   withdraw(message.destination, message.payload);
@@ -99,7 +99,7 @@ Bytes BoardTraffic::remove_handle(std::uint16_t handle) {
   return encode_command(CommandOpcode::publication_remove, handle);
 }
 
-// --- What the board answers ----------------------------------------------------------------------
+// --- Answers of the board ------------------------------------------------------------------------
 
 void BoardTraffic::on_response(const CommandResponse& response) {
   switch (std::exchange(purpose_, Purpose::none)) {

@@ -155,12 +155,12 @@ bool Admission::wants_scan() const {
   return is_open() && nodes_.database() != nullptr && !nodes_.is_guest();
 }
 
-// --- Who is next ---------------------------------------------------------------------------------
+// --- The next device -----------------------------------------------------------------------------
 
 void Admission::choose_next(const IsBusy& is_busy, TimePoint now) {
-  // Beacons come again and again: a device that is not due now is considered with its next one.
+  // Beacons come again and again: a device that is not due now is considered with its next beacon.
   if (!is_idle() || order_.is(OpenOrder::Kind::scan)) return;
-  // It would get the keys that the others are giving up.
+  // A new device would get the keys that the others are giving up.
   const auto& refresh = nodes_.database()->refresh;
   if (refresh && refresh->step == RefreshStep::switching) return;
   if (order_.is(OpenOrder::Kind::provision)) {
@@ -182,7 +182,7 @@ bool Admission::is_wanted(const Candidate& candidate, const IsBusy& is_busy, Tim
   if (nodes_.database()->was_removed(candidate.uuid)) return false;
   if (permit_.is_open() && !permit_.admits(candidate.uuid)) return false;
   const Node* node = nodes_.find(candidate.uuid);
-  // It was reset by hand, unless the beacon is spoofed: then the real one is still heard.
+  // The node was reset by hand, unless the beacon is spoofed: then the real node is still heard.
   if (node != nullptr && node->state != NodeState::reserved)
     return was_silent(*node, now) && !is_busy(*node);
   const auto& prefixes = settings_.provisioning.uuid_prefixes;
@@ -217,7 +217,7 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
   return false;
 }
 
-/// The address is the device's from now on; it joins as soon as the disk has that.
+/// The address is the device's from now on. The device joins as soon as this is on disk.
 void Admission::keep(const Candidate& candidate, std::uint16_t address, const std::string& name) {
   NodeDatabase& database = nodes_.change();
   Node* node = database.find(candidate.uuid);
@@ -228,12 +228,12 @@ void Admission::keep(const Candidate& candidate, std::uint16_t address, const st
   }
   if (node->state == NodeState::reserved) {
     node->address = address;
-  } else {  // until it has joined it is the node that it was: the beacon may be spoofed
+  } else {  // the node stays as it was until it has joined: the beacon may be spoofed
     node->name = nodes_.id_of(node->address);
     node->new_address = address;
   }
   if (!name.empty()) {
-    for (Node& other : database.nodes)  // one that did not get as far as the mesh
+    for (Node& other : database.nodes)  // a device that did not join
       if (other.state == NodeState::reserved && other.name == name) other.name.clear();
     node->name = name;
     database.forget_removed(candidate.uuid);
@@ -341,8 +341,8 @@ void Admission::warn_of_replay_list(const Node& node) {
          id);
 }
 
-/// The device may have this address until it is reset, so others get it last. A name that an
-/// operator or the configuration gave stays with its device, and so does the address.
+/// Forgets a device that may have joined. It may have its address until it is reset, so others get
+/// that address last. A device that an operator or the configuration named keeps name and address.
 void Admission::release(const Uuid& uuid) {
   candidates_.erase(uuid);  // until it is heard again
   const Node* node = nodes_.find(uuid);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices become nodes, one at a time: who joins next, which address it gets, and what came of it.
-// Part of Provisioner.
+// Takes devices into the mesh as nodes, one at a time: chooses the next device, gives it an
+// address, and handles the result. Part of Provisioner.
 #pragma once
 
 #include <algorithm>
@@ -18,8 +18,7 @@
 
 namespace slamgw::ble {
 
-/// Devices that say they are in no mesh: when each was heard, and which is next. After a failure a
-/// device waits longer each time, so that it does not hold up the others. Called by Admission.
+/// A device whose beacon says that it is not in a mesh.
 struct Candidate {
   Uuid uuid{};
   std::optional<std::int8_t> rssi_dbm;
@@ -27,15 +26,16 @@ struct Candidate {
   TimePoint last_heard{};
   TimePoint not_before{};  ///< of the next attempt
   int failures = 0;
-  std::uint8_t elements = 1;  ///< as it said at an earlier attempt
+  std::uint8_t elements = 1;  ///< as it reported at an earlier attempt
 };
 
+/// The devices that may join: when each was heard, and which is next. After each failure a device
+/// waits longer, so that it does not hold up the others. Called by Admission.
 class Candidates {
  public:
-  /// The one that was silent for longest makes room.
+  /// A further device takes the place of the one that was silent for longest.
   static constexpr std::size_t max_candidates = 64;
-  /// Beacons come every few seconds (Mesh Profile 1.0 section 3.9.2); one silent for this long has
-  /// gone.
+  /// Beacons come every few seconds (Mesh Profile 1.0 section 3.9.2); a silent device has gone.
   static constexpr Duration max_silence = std::chrono::seconds{60};
   static constexpr Duration first_pause = std::chrono::seconds{5};
   static constexpr Duration max_pause = std::chrono::minutes{5};
@@ -48,7 +48,8 @@ class Candidates {
   void erase(const Uuid& uuid) { candidates_.erase(uuid); }
 
   const Candidate* find(const Uuid& uuid, TimePoint now) const;
-  /// The one with the fewest failures, then the first heard, among those that are due and wanted.
+  /// Returns the device with the fewest failures, then the first heard, of those that are due and
+  /// wanted; null without one.
   const Candidate* next(const Filter& is_wanted, TimePoint now) const;
   /// The devices that were heard lately.
   std::vector<Candidate> all(TimePoint now) const;
@@ -57,29 +58,28 @@ class Candidates {
   std::map<Uuid, Candidate> candidates_;
 };
 
-/// 5 s, 10 s, 20 s ... after the first, second, third failure; at most five minutes.
+/// Returns 5 s, 10 s, 20 s ... after the first, second, third failure; at most five minutes.
 Duration pause_after(int failures);
 
-/// For how long an operator lets new robots in although `ble_mesh.provisioning.enabled` is false,
-/// and what has come of it (`slam-gatewayctl ble permit-join`). Forgotten when the daemon ends.
-/// Pure; part of Admission.
+/// An operator's permission for new robots to join for a while although
+/// `ble_mesh.provisioning.enabled` is false, and its events (`slam-gatewayctl ble permit-join`).
+/// Forgotten when the daemon ends. Pure; part of Admission.
 class JoinPermit {
  public:
-  /// Events of the permit that are kept. A new one replaces the oldest.
+  /// Maximum of events that are kept. A new one replaces the oldest.
   static constexpr std::size_t max_events = 256;
 
-  /// `robot`: the name of the one robot that may join; empty: all may. A permit that is open is
-  /// replaced.
+  /// `robot` is the name for the only robot that may join; empty: all may. Replaces an open permit.
   void open(std::chrono::seconds time, std::string robot, TimePoint now);
   void close() { until_.reset(); }
   bool is_open() const { return until_.has_value(); }
-  /// Closes it when its time is over; true when it was closed now.
+  /// Closes the permit when its time is over. Returns true if it was closed now.
   bool on_time(TimePoint now);
   std::optional<TimePoint> deadline() const { return until_; }
 
-  /// Whether this device may join now.
+  /// Returns true if this device may join now.
   bool admits(const Uuid& uuid) const;
-  /// The name that it will get; empty: as the configuration says.
+  /// Returns the name that the device will get; empty: as the configuration says.
   const std::string& robot() const { return robot_; }
 
   /// A device was chosen while the permit was open. The other events are noted only of such
@@ -87,12 +87,12 @@ class JoinPermit {
   void on_chosen(const Uuid& uuid);
   void on_joined(const Uuid& uuid, const std::string& robot);
   void on_configured(const Uuid& uuid, const std::string& robot);
-  /// It did not join, or could not be configured yet.
+  /// The device did not join, or could not be configured yet.
   void on_failed(const Uuid& uuid, const std::string& why);
 
-  /// `seconds_left`, `under_way` (devices that were chosen and have not ended), and the `events`
-  /// after number `after`: `number`, `event` (`joining`, `joined`, `configured`, `failed`), `uuid`,
-  /// `robot`, `why`.
+  /// Returns `seconds_left`, `under_way` (devices that were chosen and have not ended), `last` (the
+  /// number of the last event), and the `events` after number `after`: `number`, `event`
+  /// (`joining`, `joined`, `configured`, `failed`), `uuid`, `robot`, `why`.
   std::string json(std::uint64_t after, TimePoint now) const;
 
  private:
@@ -116,11 +116,11 @@ class JoinPermit {
 
 class Admission : private ProvisionerPart {
  public:
-  /// A node is taken for reset only when it says so and was not heard for this long.
+  /// A node counts as reset only if its beacon says so and it was not heard for this long.
   static constexpr Duration reset_silence = std::chrono::seconds{5};
   static constexpr Duration order_time_limit = std::chrono::seconds{150};
 
-  /// Whether a conversation with the node is under way, so that it must not be provisioned anew.
+  /// Returns true during a conversation with the node: it must not be provisioned again then.
   using IsBusy = std::function<bool(const Node&)>;
 
   explicit Admission(const ProvisionerPart& shared);
@@ -130,7 +130,7 @@ class Admission : private ProvisionerPart {
   void on_join_ended(const JoinEnded& ended, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
 
-  /// Does what has waited for the disk.
+  /// Continues steps that have waited for the disk.
   void advance(TimePoint now);
   void choose_next(const IsBusy& is_busy, TimePoint now);
 
@@ -162,7 +162,7 @@ class Admission : private ProvisionerPart {
   JoinPermit permit_;
   std::optional<Uuid> chosen_;  ///< has its address and waits for the disk
   std::optional<Uuid> joining_;
-  std::uint8_t elements_ = 0;  ///< of the one that joins, while it waits for their addresses
+  std::uint8_t elements_ = 0;  ///< of the joining device, while it waits for addresses
 };
 
 }  // namespace slamgw::ble

@@ -12,7 +12,7 @@ namespace slamgw::ble {
 namespace {
 
 constexpr std::uint16_t all_nodes = 0xffff;
-/// Senders that a robot on Nordic's stack keeps apart by default, for good.
+/// Places in the replay list of a robot on Nordic's stack by default; senders keep them for good.
 constexpr std::size_t replay_list_size = 40;
 
 ConfigurationStep subscription_step(std::uint16_t source, std::uint16_t destination) {
@@ -22,8 +22,9 @@ ConfigurationStep subscription_step(std::uint16_t source, std::uint16_t destinat
           .echoed_head = octets_of(source, destination)};
 }
 
-/// Nordic's robots up to release 3.0 stop on a failed assertion when they are told to publish again
-/// before they have sent anything, so it is not repeated until the heartbeats would be over.
+/// Robots with Nordic's code up to release 3.0 stop on a failed assertion when they are asked to
+/// publish again before they have sent anything. So the request is not repeated until the
+/// heartbeats would be over.
 ConfigurationStep publication_step(std::uint16_t destination, std::uint8_t ttl) {
   return {.what = "the heartbeat publication",
           .request = encode_heartbeat_publication_set(destination, ttl),
@@ -98,7 +99,7 @@ bool HearingSurvey::is_skipped() const {
          (phase_ == Phase::counting && !robots_[at_].counts);
 }
 
-/// The next robot, or what comes after the last one.
+/// Goes on to the next robot, or to the next phase after the last robot.
 void HearingSurvey::go_on() {
   if (phase_ != Phase::publishing && ++at_ < robots_.size()) return;
   if (phase_ == Phase::subscribing) return go_to(Phase::publishing);
@@ -119,8 +120,8 @@ void HearingSurvey::go_to_source(std::size_t source) {
   go_to(source < robots_.size() ? Phase::subscribing : Phase::closing);
 }
 
-/// Robots' servers are subscribed to `ble_mesh.groups`: Nordic's code up to release 3.0 hears a
-/// heartbeat only in the group of a model.
+/// Heartbeats use one of `ble_mesh.groups`, to which robots' servers are subscribed: Nordic's code
+/// up to release 3.0 hears a heartbeat only in the group of a model.
 std::vector<ConfigurationStep> HearingSurvey::steps() const {
   const std::uint16_t group = settings_.groups.empty() ? all_nodes : settings_.groups.front();
   switch (phase_) {
@@ -159,7 +160,7 @@ void HearingSurvey::on_published(bool is_answered) {
   go_to_source(source_ + 1);
 }
 
-/// False when the robot has not counted this source, because it was switched off and on.
+/// Returns false if the robot has not counted this source, because it was switched off and on.
 bool HearingSurvey::keep_count(const NodeConfiguration& question) {
   const auto count = decode_heartbeat_count(question.answers().front().params);
   if (!count || count->source != robots_[source_].address) return false;
@@ -171,7 +172,7 @@ std::string HearingSurvey::json() const {
   nlohmann::ordered_json rows = nlohmann::ordered_json::array();
   nlohmann::ordered_json silent = nlohmann::ordered_json::array();
   for (const auto& [source, listener, count] : rows_) {
-    if (is_on()) break;  // told at the end
+    if (is_on()) break;  // reported at the end
     rows.push_back({{"source", robots_[source].id},
                     {"listener", robots_[listener].id},
                     {"sent", heartbeats},

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures which robots hear which, by heartbeats (Mesh Profile 1.0 section 3.6.7): one robot after
-// the other publishes some, the others count them, and then tell. Each robot ends both by itself,
-// so nothing has to survive a restart. NodeConversations asks. Part of Provisioner.
+// Measures which robots hear which others, by heartbeats (Mesh Profile 1.0 section 3.6.7). One
+// robot after the other publishes heartbeats; the others count them and then report the count. Each
+// robot ends both by itself, so nothing has to survive a restart. NodeConversations asks the
+// questions. Part of Provisioner.
 #pragma once
 
 #include <optional>
@@ -15,28 +16,29 @@ namespace slamgw::ble {
 
 class HearingSurvey : private ProvisionerPart {
  public:
-  /// From the request to the last heartbeat, and on their way.
+  /// Time from the request until the last heartbeat has arrived.
   static constexpr Duration heartbeat_time = std::chrono::seconds{9};
-  /// A typical one, for the forecast.
+  /// Time of a typical question, for the forecast.
   static constexpr Duration question_time = std::chrono::milliseconds{150};
-  /// Unanswered questions in a row after which a robot is asked no more.
+  /// Unanswered questions in a row after which a robot is not asked again.
   static constexpr unsigned max_misses = 2;
-  /// Requests to publish that a robot gets at most, when it does not answer.
+  /// Maximum of requests to publish for a robot that does not answer.
   static constexpr unsigned max_attempts = 3;
-  /// In robots' replay lists, after each source has taken a place there.
+  /// Free places that robots' replay lists must still have after each source has taken one.
   static constexpr std::size_t spare_places = 4;
 
   explicit HearingSurvey(const ProvisionerPart& shared) : ProvisionerPart(shared) {}
 
-  /// Goes on with the one that runs. Returns why none can begin, else nothing.
+  /// Begins a survey unless one is running. Returns why none can begin; else empty.
   std::string begin(TimePoint now);
   bool is_on() const { return state_ == State::running; }
   void on_link_down();
 
-  /// When and whom to ask next; nothing while an answer is waited for.
+  /// Returns when to ask next; nothing while a question awaits its answer.
   std::optional<TimePoint> due() const;
+  /// Returns the robot to ask next.
   std::uint16_t address() const { return at_ < robots_.size() ? robots_[at_].address : 0; }
-  /// The question; nothing when another robot is next.
+  /// Returns the question for that robot; empty if it is not due or another robot is next.
   std::vector<ConfigurationStep> next(TimePoint now);
   void on_asked(const NodeConfiguration& question, TimePoint now);
 
@@ -50,14 +52,14 @@ class HearingSurvey : private ProvisionerPart {
   enum class Phase : std::uint8_t {
     subscribing,  ///< the others get ready to count
     publishing,   ///< the source sends
-    counting,     ///< the others tell
-    closing,      ///< all switch it off
+    counting,     ///< the others report their counts
+    closing,      ///< all robots stop both
   };
   struct Robot {
     std::uint16_t address = 0;
     std::string id;
     unsigned misses = 0;     ///< in a row
-    bool is_silent = false;  ///< it has left a question unanswered
+    bool is_silent = false;  ///< the robot has left a question unanswered
     bool counts = false;     ///< the heartbeats of the present source
   };
   struct Row {

@@ -73,9 +73,9 @@ void KeyRefresh::advance(bool may_join, TimePoint now) {
   }
 }
 
-/// The first step waits for each robot: without the new keys it would hear nobody afterwards. The
-/// second step waits for one attempt, because a silent robot hears the new key already. The last
-/// step ends when all have answered.
+/// The first step waits for each robot: without the new keys a robot would hear nothing afterwards.
+/// The second step waits for one attempt, because a silent robot hears the new key already. The
+/// last step ends when all have answered.
 bool KeyRefresh::is_step_done(bool may_join) const {
   if (step() == RefreshStep::switching)
     return std::ranges::none_of(nodes_.database()->nodes, [&](const Node& node) {

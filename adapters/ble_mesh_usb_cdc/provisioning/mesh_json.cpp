@@ -35,8 +35,7 @@ bool is_group_address(std::uint16_t address) {
   return address >= first_group && address <= last_group;
 }
 
-// Members of the JSON files that hold a mesh: nothing where one is missing or not what it should
-// be.
+// Readers of members in the JSON files of a mesh. A missing or invalid member yields nothing.
 
 std::optional<std::string> read_text(const Json& json, const char* name) {
   if (!json.is_object()) return std::nullopt;
@@ -45,7 +44,7 @@ std::optional<std::string> read_text(const Json& json, const char* name) {
   return member->get<std::string>();
 }
 
-/// A whole number from 0 to `max`.
+/// Reads a whole number from 0 to `max`.
 std::optional<std::uint32_t> read_count(const Json& json, const char* name, std::uint32_t max) {
   if (!json.is_object()) return std::nullopt;
   const auto member = json.find(name);
@@ -55,7 +54,7 @@ std::optional<std::uint32_t> read_count(const Json& json, const char* name, std:
   return static_cast<std::uint32_t>(value);
 }
 
-/// An empty array where it is missing; nothing where it is anything else than an array.
+/// Returns an empty array if the member is missing, and null if it is not an array.
 const Json* read_array(const Json& json, const char* name) {
   static const Json empty = Json::array();
   const auto member = json.find(name);
@@ -63,13 +62,13 @@ const Json* read_array(const Json& json, const char* name) {
   return member->is_array() ? &*member : nullptr;
 }
 
-/// 32 hex digits, any case; UUIDs also with hyphens.
+/// Reads 32 hex digits, any case; UUIDs also with hyphens.
 std::optional<std::array<std::uint8_t, 16>> read_octets(const Json& json, const char* name) {
   const auto digits = read_text(json, name);
   return digits ? parse_uuid(*digits) : std::nullopt;
 }
 
-/// A number, or text of up to 4 hex digits with or without 0x; 0x0001-0x7fff.
+/// Reads a number, or text of up to 4 hex digits with or without 0x; 0x0001-0x7fff.
 std::optional<std::uint16_t> read_unicast(const Json& json, const char* name) {
   std::uint16_t address = 0;
   if (const auto text = read_text(json, name)) {
@@ -81,7 +80,7 @@ std::optional<std::uint16_t> read_unicast(const Json& json, const char* name) {
   return address;
 }
 
-/// Such a text or number, or the text of a group address.
+/// Reads a unicast address as read_unicast() does, or the text of a group address.
 std::optional<std::uint16_t> read_destination(const Json& json, const char* name) {
   if (const auto unicast = read_unicast(json, name)) return unicast;
   std::uint16_t group = 0;
@@ -90,7 +89,7 @@ std::optional<std::uint16_t> read_destination(const Json& json, const char* name
   return group;
 }
 
-/// A list of such texts; each 0xc000-0xfeff.
+/// Reads a list of texts with group addresses, each 0xc000-0xfeff.
 std::optional<std::vector<std::uint16_t>> read_groups(const Json& json, const char* name) {
   const auto* list = read_array(json, name);
   if (list == nullptr || list->size() > max_groups) return std::nullopt;
@@ -152,7 +151,7 @@ OrderedJson life_json(const RadioLife& life) {
   return json;
 }
 
-/// False when it is damaged. A file without it predates it: robots have heard the gateway.
+/// Returns false if `life` is damaged. A file without it predates it: robots heard the gateway.
 bool read_life(const Json& json, RadioLife& life) {
   life.number = 1;
   const auto found = json.find("life");
@@ -168,7 +167,7 @@ bool read_life(const Json& json, RadioLife& life) {
   return true;
 }
 
-/// Nothing where it is missing or unknown.
+/// Returns `none` if the step is missing or unknown.
 RefreshStep read_step(const Json& json, const char* name) {
   const auto text = read_text(json, name);
   for (const RefreshStep step :
@@ -177,7 +176,7 @@ RefreshStep read_step(const Json& json, const char* name) {
   return RefreshStep::none;
 }
 
-/// False when it is damaged.
+/// Returns false if the member is damaged.
 bool read_refresh(const Json& json, NodeDatabase& database) {
   const auto found = json.find("refresh");
   if (found == json.end()) return true;
@@ -196,7 +195,7 @@ std::optional<NodeState> read_state(const Json& json) {
   return std::nullopt;
 }
 
-/// False when it is damaged; without it the node stays as it is.
+/// Returns false if the settings are damaged. Without them the node is left as it is.
 bool read_applied(const Json& json, Node& node) {
   if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
   if (!json.contains("gateway") || !json.contains("groups")) return true;
@@ -212,7 +211,7 @@ bool read_applied(const Json& json, Node& node) {
   return true;
 }
 
-/// False when it is damaged.
+/// Returns false if the member is damaged.
 bool read_wishes(const Json& node, NodeWishes& wishes) {
   const auto found = node.find("wanted");
   if (found == node.end()) return true;
@@ -251,7 +250,7 @@ std::optional<Node> read_node(const Json& json) {
   node.new_address = new_address.value_or(0);
   node.refreshed = read_step(json, "refreshed");
   node.name = read_text(json, "name").value_or("");
-  if (!is_valid_level(node.name)) node.name.clear();  // goes by its default name
+  if (!is_valid_level(node.name)) node.name.clear();  // the node gets its default name
   node.device_key = read_octets(json, "device_key");
   const bool has_radio_key = json.contains("device_key") && json["device_key"].is_null();
   if (!node.device_key && !has_radio_key && node.state != NodeState::reserved) return std::nullopt;
@@ -286,7 +285,7 @@ bool read_removed(const Json& json, NodeDatabase& database) {
   return true;
 }
 
-/// False when it is damaged.
+/// Returns false if the member is damaged.
 bool read_gateways(const Json& json, NodeDatabase& database) {
   if (json.contains("guest")) {
     database.guest_address = read_unicast(json, "guest");
@@ -356,7 +355,7 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
       !read_gateways(json, database) || !read_refresh(json, database))
     return DecodeError::bad_value;
   database.iv_index = *iv_index;
-  // One past the last address when all were handed out.
+  // The number is one past the last address when all were handed out.
   if (*next_address == address_text(last_unicast_address + 1)) {
     database.next_address = last_unicast_address + 1;
   } else {
@@ -369,7 +368,7 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
 
 namespace {
 
-/// The key with index 0 in a list of `{"index", "key"}`.
+/// Returns the key with index 0 in a list of `{"index", "key"}`.
 std::optional<Key> read_key_0(const Json& json, const char* list) {
   const auto* keys = read_array(json, list);
   if (keys == nullptr) return std::nullopt;
@@ -417,7 +416,7 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
     auto node = (*nodes)[i].is_object() ? read_imported_node((*nodes)[i]) : std::nullopt;
     if (!node)
       return Refusal{fmt::format("nodes[{}] lacks a UUID, a deviceKey or a unicastAddress", i)};
-    // The robots' names must differ; the tool's need not.
+    // The robots' names must differ, unlike those in the tool.
     if (std::ranges::find(database.nodes, node->name, &Node::name) != database.nodes.end())
       node->name.clear();
     database.nodes.push_back(std::move(*node));
@@ -444,7 +443,7 @@ std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
   database.guest_addresses = addresses;
   database.life = {};
   database.host = host;
-  database.gateways.clear();  // known to the one that hands them out
+  database.gateways.clear();  // only the exporting gateway needs them
   return nlohmann::ordered_json{{"address", fmt::format("0x{:04x}", address)},
                                 {"mesh", encode_node_database(database)}}
       .dump();
@@ -467,7 +466,7 @@ Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDataba
   if (imported.guest_address) {
     if (own) imported.iv_index = std::max(own->iv_index, imported.iv_index);
     if (own) imported.life = own->life;
-    return imported;  // all that the other gateway knows
+    return imported;  // the other gateway knows all nodes
   }
   NodeDatabase merged = own.value_or(imported);
   if (!own) merged.nodes.clear();

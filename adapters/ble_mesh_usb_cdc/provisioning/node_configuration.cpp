@@ -44,7 +44,7 @@ ConfigurationStep appkey_step(const Key& app_key) {
           .echoed_head = Bytes(3, 0)};
 }
 
-/// A request about one model; its answer repeats element and model, whatever its status.
+/// Returns a request about one model. Its answer repeats element and model, whatever its status.
 ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std::uint16_t element,
                              const ModelId& model) {
   return {.what = fmt::format("{} of model {}", what, to_string(model)),
@@ -61,13 +61,13 @@ std::vector<std::uint16_t> groups_of(const ConfigurationSettings& settings, cons
   return {*settings.relay_group};
 }
 
-/// It listens, or hears relayed updates, or did so.
+/// Returns true if the model listens, or hears relayed updates, or did so.
 bool may_have_groups(const ConfigurationSettings& settings, const ModelId& model) {
   return is_one_of(servers, model) ||
          (model == sensor_update_client && (settings.relay_group || settings.had_relay_group));
 }
 
-/// Asks which groups the model has. One that knows no groups is right when none are wanted.
+/// Asks for the model's groups. A model without support for groups is right if none are wanted.
 ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t element,
                             const ModelId& model) {
   auto step = model_step(
@@ -120,7 +120,7 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
   if (may_have_groups(settings, model)) steps.push_back(list_step(settings, element, model));
 }
 
-/// Of each model that has the application key, in the order of the elements.
+/// Calls `add` for each model that has the application key, in the order of the elements.
 void add_each(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
               std::uint16_t address, const Composition& composition, decltype(&add_model) add) {
   std::uint16_t element = address;
@@ -171,8 +171,8 @@ void add_wishes(std::vector<ConfigurationStep>& steps, const NodeWishes& wishes)
                                Bytes{encode_transmissions(*wishes.transmit)}));
 }
 
-/// Mesh Profile 1.0 section 4.3.2.42: a node that is in another phase than it should be then says
-/// so, and is not believed.
+/// A node that is in another phase than it should be reports that (Mesh Profile 1.0 section
+/// 4.3.2.42), and such an answer does not count.
 ConfigurationStep phase_step(std::uint8_t transition, std::uint8_t phase) {
   return {.what = fmt::format("key refresh phase {}", transition),
           .request = encode_key_refresh_phase_set(transition),
@@ -181,7 +181,7 @@ ConfigurationStep phase_step(std::uint8_t transition, std::uint8_t phase) {
           .echoed_tail = Bytes(1, phase)};
 }
 
-/// Each may be said again: nodes answer as if it was the first time.
+/// Each request may be repeated: nodes answer as if it was the first time.
 std::deque<ConfigurationStep> plan_refresh(const RefreshState& refresh) {
   switch (refresh.step) {
     case RefreshStep::none: break;
@@ -220,7 +220,7 @@ std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose,
   return {composition_step()};
 }
 
-/// Where the model publishes to, and its groups.
+/// Asks for the model's publication and its groups.
 void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
                    std::uint16_t element, const ModelId& model, std::uint8_t /*retransmit_count*/) {
   const auto ask = [&](ConfigurationStep step) {
@@ -234,9 +234,10 @@ void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSet
   if (may_have_groups(settings, model)) ask(list_step(settings, element, model));
 }
 
-/// The steps that configure a node, by its composition: the application key for its models,
-/// publication to the gateway for those that speak, groups for those that listen. Only models that
-/// it has; at least the thesis's (thesis 5.2.1), on/off and health. `address` is the node's.
+/// Returns the steps that configure a node, by its composition: the application key for its models,
+/// publication to the gateway for models that send, groups for models that listen. The models are
+/// Nordic's, among them the thesis's (5.2.1), and those for on/off and health. `address` is the
+/// node's.
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
                                                   std::uint16_t address,
                                                   const Composition& composition) {
@@ -246,11 +247,11 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
   return steps;
 }
 
-/// The steps that leave a model with the groups of the settings, once its present ones are known.
-/// Groups are taken away one by one, because a robot that runs Nordic's code stops on a failed
-/// assertion when Subscription Delete All or Overwrite meets a model with more subscriptions than
-/// the robot has subscription lists (all releases). Virtual addresses stay: a list names their
-/// hashes only, and they are deleted by their label.
+/// Returns the steps that leave a model with the groups of the settings, from its present groups.
+/// Groups are deleted one by one: Subscription Delete All or Overwrite can stop a robot that runs
+/// Nordic's code (all releases) on a failed assertion. That happens if the model has more
+/// subscriptions than the robot has subscription lists. Virtual addresses stay: a list has only
+/// their hashes, and they are deleted by their label.
 std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
                                            const ModelElement& of,
                                            const std::vector<std::uint16_t>& subscribed) {
@@ -388,7 +389,7 @@ void NodeConfiguration::add_problem(const std::string& problem) {
 void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
   if (stage_ != Stage::talking) return;
   last_refusal_ = why;
-  if (steps_.front().is_sent_once) return;     // another message to this node may be meant
+  if (steps_.front().is_sent_once) return;     // the radio may mean another message
   pause_ = std::max(first_pause, pause_ / 2);  // nothing was sent
   send_at_ = now + refused_pause;
 }

@@ -31,7 +31,7 @@ void NodeConversations::on_key_used(const DeviceKeyUsed& used, TimePoint now) {
   if (found != conversations_.end()) found->second.on_key_used(used.problem, now);
 }
 
-// --- Who is next ---------------------------------------------------------------------------------
+// --- The next node -------------------------------------------------------------------------------
 
 bool NodeConversations::needs_configuration(const Node& node) const {
   if (nodes_.is_guest()) return false;
@@ -40,16 +40,17 @@ bool NodeConversations::needs_configuration(const Node& node) const {
   return is_behind && !is_talking_with(node) && !admission_.is_joining(node.uuid);
 }
 
-/// Its configuration differs from the settings. A node that another tool configured is left alone.
+/// Returns true if the node's configuration differs from the settings. A node that another tool
+/// configured is left alone.
 bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.applied) return false;
   return node.applied->is_changing || node.ttl != ttl_of(node) ||
          node.applied->destination != destination() || !has_right_groups(node);
 }
 
-/// Only its publications have to move to the address of the radio's present life. Until they have,
-/// its messages to the old one are heard, too, but the radio acknowledges their segments from
-/// there, which the robot ignores.
+/// Returns true if only the node's publications have to move to the address of the radio's present
+/// life. Until then, messages to the old address are heard, too. But the radio acknowledges their
+/// segments from the old address, which the robot ignores.
 bool NodeConversations::is_only_moved(const Node& node) const {
   const auto is_own = [&](std::uint32_t address) {
     return address >= settings_.address && address < settings_.address + std::uint32_t{max_sources};
@@ -71,9 +72,9 @@ bool NodeConversations::has_right_groups(const Node& node) const {
          node.applied->relay_group == settings_.relayed_to();
 }
 
-/// Marks the nodes whose configuration will be changed. True when there are some: the disk must
-/// have the marks first, so that a change that breaks off half-way is completed later, even when
-/// the settings have been changed back by then.
+/// Marks the nodes whose configuration will be changed. Returns true if there are some: the marks
+/// must be on disk first. So a change that breaks off half-way is completed later, even if the
+/// settings were changed back before.
 bool NodeConversations::begin_changes() {
   const auto is_new = [&](const Node& node) {
     return is_outdated(node) && !node.applied->is_changing && !is_only_moved(node);
@@ -114,12 +115,13 @@ void NodeConversations::begin_due(TimePoint now) {
     begin(*surveyed, NodeConfiguration::Purpose::survey, std::move(questions));
 }
 
-/// A survey's question waits for all else, and for the end of a conversation with that robot.
+/// A survey's question waits for all other conversations to begin, and for the end of a
+/// conversation with its robot.
 std::optional<TimePoint> NodeConversations::survey_due() const {
   return conversations_.contains(survey_.address()) ? std::nullopt : survey_.due();
 }
 
-/// The keys come first: a node that has missed a step may not understand the rest.
+/// The key refresh comes first: a node that has missed a step may not understand the rest.
 NodeConfiguration::Purpose NodeConversations::purpose_for(const Node& node) const {
   if (refresh_.is_due(node)) return NodeConfiguration::Purpose::refresh;
   return is_only_moved(node) ? NodeConfiguration::Purpose::move
@@ -133,8 +135,8 @@ std::optional<NodeConfiguration::Purpose> NodeConversations::ordered_purpose() c
   return std::nullopt;
 }
 
-/// The node that an operator's order makes the gateway speak with, when its turn has come: before
-/// a node tells its configuration, it gets what has changed.
+/// Returns the node of an operator's order when its conversation may begin, else null. A node gets
+/// changed settings before it is asked for its configuration.
 const Node* NodeConversations::ordered_node() const {
   if (!ordered_purpose()) return nullptr;
   const Node* node = nodes_.find(order_->uuid);
@@ -143,7 +145,7 @@ const Node* NodeConversations::ordered_node() const {
 }
 
 /// Nodes that miss a step of the key refresh come first, then those that were heard, then those
-/// that wait longest: a node that is switched off holds up nobody.
+/// that wait longest. So a node that is switched off does not hold up others.
 const Node* NodeConversations::next_node(TimePoint now) {
   const Node* next = nullptr;
   std::tuple<bool, bool, TimePoint> next_turn;
@@ -181,7 +183,7 @@ std::optional<TimePoint> NodeConversations::deadline() const {
   return next;
 }
 
-// --- What came of it -----------------------------------------------------------------------------
+// --- Results -------------------------------------------------------------------------------------
 
 void NodeConversations::continue_all(TimePoint now) {
   for (auto next = conversations_.begin(); next != conversations_.end();) {
@@ -220,14 +222,14 @@ void NodeConversations::on_asked(const Node& node, const NodeConfiguration& conv
   const std::string id = nodes_.id_of(node.address);
   if (order_.is(OpenOrder::Kind::ping, node.uuid))
     return order_.answer(ping_json(id, conversation));
-  if (!order_.is(OpenOrder::Kind::config, node.uuid)) return;  // the link was down meanwhile
+  if (!order_.is(OpenOrder::Kind::config, node.uuid)) return;  // the link has been down
   if (conversation.state() == NodeConfiguration::State::failed)
     return order_.refuse(fmt::format("{}: {}", id, conversation.problem()));
   order_.answer(node_config_json(id, node, conversation,
                                  [this](std::uint16_t address) { return hears(address); }));
 }
 
-/// Its groups, and the addresses of the radio's lives.
+/// Returns true for the gateway's groups, and for the addresses of its radio's lives.
 bool NodeConversations::hears(std::uint16_t address) const {
   const auto& groups = settings_.groups;
   return std::ranges::find(groups, address) != groups.end() || address == destination() ||
@@ -244,7 +246,7 @@ void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& 
          id);
 }
 
-/// Returns the words for it.
+/// Puts off the next attempt. Returns the problem and the pause in words.
 std::string NodeConversations::put_off(const Node& node, const std::string& problem,
                                        TimePoint now) {
   NodeHistory& history = nodes_.history(node.uuid);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Configures nodes, takes them through a key refresh, surveys them, and resets those that an
-// operator removes:
-// who is next, a few conversations at once, and what came of each. Part of Provisioner.
+// Configures nodes, takes them through a key refresh, surveys them, and resets nodes that an
+// operator removes. It chooses the next nodes, holds a few conversations at once, and handles the
+// results. Part of Provisioner.
 #pragma once
 
 #include <map>
@@ -22,18 +22,18 @@ class NodeConversations : private ProvisionerPart {
   /// robots.
   static constexpr std::size_t max_conversations = 3;
 
-  /// All of them outlive it.
+  /// All references must outlive this object.
   NodeConversations(const ProvisionerPart& shared, Admission& admission, KeyRefresh& refresh,
                     HearingSurvey& survey)
       : ProvisionerPart(shared), admission_(admission), refresh_(refresh), survey_(survey) {}
 
-  /// True when the message was an answer to a conversation, and not from a robot's own models.
+  /// Returns true if the message was an answer in a conversation, not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now);
   void on_link_down() { conversations_.clear(); }
   void on_key_used(const DeviceKeyUsed& used, TimePoint now);
 
-  /// Carries those that are under way on.
+  /// Continues all conversations, and handles the results of those that have ended.
   void continue_all(TimePoint now);
   void begin_due(TimePoint now);
   std::optional<TimePoint> deadline() const;
@@ -43,8 +43,9 @@ class NodeConversations : private ProvisionerPart {
   void drop(std::uint16_t address);
   bool is_talking_with(const Node& node) const { return conversations_.contains(node.address); }
 
-  /// The radio's replay list may know the address of a node that has joined, or be full, and only
-  /// a restart of the radio empties it. Once for a robot, and no conversation begins before it.
+  /// Returns true if the radio should restart before the next conversation, once for each robot.
+  /// Its replay list may know the address of a node that has joined, or be full; only a restart
+  /// empties it.
   bool wants_restart() const { return wants_restart_; }
   void on_restart() { wants_restart_ = false; }
 
@@ -58,9 +59,9 @@ class NodeConversations : private ProvisionerPart {
   bool is_only_moved(const Node& node) const;
   bool has_right_groups(const Node& node) const;
   std::vector<std::uint16_t> groups_of(const Node& node) const;
-  /// With which TTL the robot publishes.
+  /// Returns the TTL that the robot should publish with.
   std::uint8_t ttl_of(const Node& node) const { return node.wishes.ttl.value_or(settings_.ttl); }
-  /// What robots publish to.
+  /// Returns the address that robots should publish to.
   std::uint16_t destination() const { return settings_.gateway_group.value_or(link_.source); }
   bool hears(std::uint16_t address) const;
   bool begin_changes();

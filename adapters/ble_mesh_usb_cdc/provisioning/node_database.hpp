@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the gateway must not lose about its BLE mesh: keys, addresses, who has them. Values and
-// lookups only; mesh_json.hpp gives them their form in `mesh.json`, mesh_file.hpp their place on
-// disk. Holds secrets: never printed, never in a Notice.
+// The facts about a BLE mesh that the gateway must not lose: keys, and addresses with their owners.
+// Values and lookups only; mesh_json.hpp gives them their form in `mesh.json`, mesh_file.hpp their
+// place on disk. Holds secrets: never printed, never in a Notice.
 #pragma once
 
 #include <cstdint>
@@ -19,20 +19,20 @@ namespace slamgw::ble {
 
 inline constexpr std::uint32_t max_elements = 255;  ///< of one node
 
-/// Addresses for the lives of forgetful radios: each life gets the next one, from the gateway's own
-/// up. A robot's replay list has 40 places, which other senders need too, and a robot with a full
-/// list hears no new sender.
+/// Maximum of addresses for the lives of forgetful radios: each life gets the next one, from the
+/// gateway's own up. A robot's replay list has 40 places, which other senders need too, and a robot
+/// with a full list hears no new sender.
 inline constexpr std::uint16_t max_sources = 32;
 
-/// 32 hex digits, hyphens allowed.
+/// Reads 32 hex digits, hyphens allowed.
 std::optional<Uuid> parse_uuid(std::string_view text);
 
-/// `0x0100`, as in files and answers.
+/// Returns text such as `0x0100`, as in files and answers.
 std::string address_text(std::uint16_t address);
 
 /// How far a robot has come on its way into the mesh.
 enum class NodeState : std::uint8_t {
-  reserved,     ///< has an address; whether it took it is not known
+  reserved,     ///< has an address, which the device may not have taken
   provisioned,  ///< its device key is known
   configured,   ///< has its whole configuration
 };
@@ -42,24 +42,25 @@ std::string_view to_string(NodeState state);
 struct AppliedSettings {
   std::uint16_t destination = 0;  ///< where it publishes to: a gateway, or a group of gateways
   std::vector<std::uint16_t> groups;
-  bool is_changing = false;  ///< it is being changed, and may have parts of both
+  bool is_changing = false;                       ///< under change: the node may have parts of both
   std::optional<std::uint16_t> relay_group = {};  ///< in which it hears relayed updates
 };
 
-/// What an operator wants of one robot (`ble config`); nothing: as it is, the TTL as all have it.
+/// An operator's settings for one robot (`ble config`). An empty TTL is that of all robots; other
+/// empty members leave the node's values as they are.
 struct NodeWishes {
-  std::optional<std::uint8_t> ttl = {};  ///< of what it publishes, and its default
+  std::optional<std::uint8_t> ttl = {};  ///< of its publications, and its default TTL
   std::optional<bool> relay = {};
-  std::optional<Transmissions> transmit = {};  ///< of each packet that is its own
+  std::optional<Transmissions> transmit = {};  ///< of each packet of its own
   std::vector<std::uint16_t> groups = {};      ///< to hear beside those of all; at most max_groups
   static constexpr std::size_t max_groups = 8;
-  /// Where a model publishes to, by the model's id as text; at most one for each of `publishers`.
+  /// Destinations of publications, by the model's id as text; at most one for each of `publishers`.
   std::map<std::string, std::uint16_t> publications = {};
   bool operator==(const NodeWishes&) const = default;
 };
 
 /// The steps of a key refresh (Mesh Profile 1.0 section 3.10.4), each for all nodes. A step is on
-/// disk before anything of it is said.
+/// disk before any message of it is sent.
 enum class RefreshStep : std::uint8_t {
   none,
   distributing,  ///< nodes get the new keys, and hear both; they send under the old ones
@@ -71,7 +72,7 @@ std::string_view to_string(RefreshStep step);
 /// A key refresh that is under way. Holds secrets.
 struct RefreshState {
   RefreshStep step = RefreshStep::distributing;
-  MeshKeys other;  ///< than the mesh's: the new ones, while finishing the old ones
+  MeshKeys other;  ///< the new keys; while finishing, the old ones
 };
 
 struct Node {
@@ -79,20 +80,21 @@ struct Node {
   std::uint16_t address = 0;  ///< unicast, of the first element
   std::uint8_t elements = 1;  ///< their addresses follow each other
   NodeState state = NodeState::reserved;
-  std::optional<Key> device_key = {};    ///< nothing while `reserved`, or when the radio keeps it
+  std::optional<Key> device_key = {};    ///< empty while `reserved`, or if the radio keeps it
   std::string name = {};                 ///< given by an operator; may be empty
-  std::optional<std::uint8_t> ttl = {};  ///< that it was configured to publish with
-  /// Nothing: configured by another tool, or by an old version.
+  std::optional<std::uint8_t> ttl = {};  ///< configured for its publications
+  /// Empty: not configured, or configured by another tool or an old version.
   std::optional<AppliedSettings> applied = {};
-  /// It was reset by hand and joins again at this address; 0: no. It has both until it has joined.
+  /// The address at which the node joins again after a reset by hand; 0: none. The node has both
+  /// addresses until it has joined.
   std::uint16_t new_address = 0;
   NodeWishes wishes = {};
-  /// Of the key refresh that is under way: the last step that it has taken.
+  /// The last step that the node has taken in the key refresh under way.
   RefreshStep refreshed = RefreshStep::none;
 
-  /// That it gets when it joins.
+  /// Returns the address that the device gets when it joins.
   std::uint16_t joining_address() const { return new_address != 0 ? new_address : address; }
-  /// Nothing when it is not known.
+  /// Returns the TTL that the node publishes with; nothing if unknown.
   std::optional<std::uint8_t> sent_ttl() const {
     return applied && applied->is_changing ? std::nullopt : ttl;
   }
@@ -102,24 +104,24 @@ struct Node {
   }
 };
 
-/// A node that was removed from the mesh. Its address is given away again after all others, and it
-/// joins again only on an operator's order.
+/// A node that was removed from the mesh. Its address is used again after all others, and the
+/// device joins again only on an operator's order.
 struct RemovedNode {
-  Uuid uuid{};  ///< zeros: welcome again
+  Uuid uuid{};  ///< zeros: the device may join again
   std::uint16_t address = 0;
   std::uint8_t elements = 1;
 };
 
-/// What a radio remembers over a power-off, as far as it was seen.
+/// A radio's memory over a power-off, as far as it was seen.
 enum class RadioKind : std::uint8_t { unknown, forgets, keeps };
 std::string_view to_string(RadioKind kind);
 
 /// One life of a radio lasts as long as it keeps its sequence numbers.
 struct RadioLife {
-  std::uint32_t number = 0;  ///< counts them from 1; 0: no radio was used yet
-  /// Of the lives so far, the last address that was given to one; 0: not known.
+  std::uint32_t number = 0;  ///< counts the lives from 1; 0: no radio was used yet
+  /// The last address that was given to a life; 0: unknown.
   std::uint16_t source = 0;
-  std::string radio = {};  ///< the last one, as in LinkIsUp
+  std::string radio = {};  ///< the last radio, as in LinkIsUp
   RadioKind kind = RadioKind::unknown;
   bool operator==(const RadioLife&) const = default;
 };
@@ -127,22 +129,22 @@ struct RadioLife {
 struct NodeDatabase {
   /// As many as BleMesh has room for; a stock serial board hears 40 (its replay list).
   static constexpr std::size_t max_nodes = 256;
-  /// The oldest are forgotten beyond it; `next_address` then still keeps their addresses back.
+  /// Beyond this, the oldest are forgotten. `next_address` still keeps their addresses back.
   static constexpr std::size_t max_removed = 256;
 
   MeshKeys keys;
   std::uint32_t iv_index = 0;
-  std::uint16_t next_address = 0x0100;    ///< none from here up has been handed out in order
+  std::uint16_t next_address = 0x0100;    ///< no address from here up was handed out in order
   std::vector<Node> nodes = {};           ///< in the order in which they came
   std::vector<RemovedNode> removed = {};  ///< oldest first
   /// Unicast addresses of other gateways in this mesh (`ble export`).
   std::vector<std::uint16_t> gateways = {};
-  /// There when another gateway provisions this mesh: the unicast address that it gave this one.
+  /// Set if another gateway provisions this mesh: the unicast address that it gave this gateway.
   std::optional<std::uint16_t> guest_address = {};
-  /// So many addresses from that one are this gateway's.
+  /// The number of this gateway's addresses, from `guest_address` up.
   std::uint16_t guest_addresses = 1;
   RadioLife life = {};
-  std::string host = {};  ///< `gateway.id` of the gateway that provisions it; may be empty
+  std::string host = {};  ///< `gateway.id` of the gateway that provisions the mesh; may be empty
   std::optional<RefreshState> refresh = {};
 
   Node* find(const Uuid& uuid);
@@ -150,45 +152,46 @@ struct NodeDatabase {
   /// The node that has this address on any of its elements.
   const Node* find_address(std::uint16_t address) const;
   bool was_removed(const Uuid& uuid) const;
-  /// Takes the node out and remembers that.
+  /// Removes the node and remembers that.
   void remove(Uuid uuid);
-  /// Its address is used again after all others. `uuid`: joins only on order; zeros for none.
+  /// The address is used again after all others. The device `uuid` joins only on an operator's
+  /// order; zeros for none.
   void retire(std::uint16_t address, std::uint8_t elements, const Uuid& uuid);
-  /// The device is welcome again; its address stays retired.
+  /// The device may join again; its address stays retired.
   void forget_removed(const Uuid& uuid);
 };
 
-/// The keys for the radio. A radio that distributes hears the old ones only: no node sends under
-/// the new ones yet.
+/// Returns the keys for the radio. While they are distributed, the radio has the old ones only: no
+/// node sends under the new ones yet.
 RadioKeys radio_keys(const NodeDatabase& database);
-/// The same; nothing without a mesh.
+/// Returns the same; nothing without a mesh.
 inline std::optional<RadioKeys> radio_keys(const std::optional<NodeDatabase>& database) {
   return database ? std::optional(radio_keys(*database)) : std::nullopt;
 }
 
-// Which unicast address a new robot gets. In this order: the addresses that `robots` names, as they
-// stand there; the next free one from 0x0100; one that was passed over; at last the one whose robot
-// was removed longest ago, because the other nodes' replay lists may still know it.
+// The choice of a new robot's unicast address, in this order: the addresses that `robots` names, as
+// they stand there; the next free one from 0x0100; one that was passed over; at last the one whose
+// robot was removed longest ago, because the other nodes' replay lists may still know it.
 
 inline constexpr std::uint16_t first_robot_address = 0x0100;
 
 struct AddressWish {
   std::uint8_t elements = 1;
   std::vector<std::uint16_t> preferred;
-  /// Of others than nodes: the gateway, robots that another tool has taken in.
+  /// Addresses of gateways, and of robots that another tool has taken in.
   std::set<std::uint16_t> taken;
 };
 
-/// Nothing when no room of this size is left.
+/// Returns nothing if no free range of this size is left.
 std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const AddressWish& wish);
-/// Whether a node could have this address: `own`, or a new one.
+/// Returns true if a node could have this address: `own`, or a new node.
 bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements,
                      const std::set<std::uint16_t>& taken, const std::optional<Uuid>& own);
-/// How many addresses from `address` up a gateway can have for the lives of its radio: at most
-/// `max_sources`, and none of a node, of `taken`, or of those that robots get by themselves.
+/// Returns how many addresses from `address` up a gateway can have for the lives of its radio: at
+/// most `max_sources`, without those of a node, of `taken`, and of the range for robots.
 std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
                           const std::set<std::uint16_t>& taken);
-/// An earlier node had it: the radio's replay list may still know it.
+/// Returns true if an earlier node had the address: the radio's replay list may still know it.
 bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements);
 
 }  // namespace slamgw::ble

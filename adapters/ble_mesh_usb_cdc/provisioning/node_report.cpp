@@ -16,7 +16,7 @@ std::string text_of(const OrderedJson& json) {
   return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
 }
 
-/// As the thesis and Bluetooth call it; else its number.
+/// Returns the name that the thesis or Bluetooth gives the model, else its number.
 std::string name_of(const ModelId& model) {
   constexpr std::array names{"Simple OnOff server",
                              "Simple OnOff client",
@@ -62,7 +62,7 @@ OrderedJson& row_of(OrderedJson& models, const ModelElement& about) {
 }
 
 void add_model_answer(OrderedJson& models, const NodeAnswer& answer) {
-  if (answer.params.empty() || answer.params[0] != 0) return;  // named among the problems
+  if (answer.params.empty() || answer.params[0] != 0) return;  // the problem names the refusal
   OrderedJson& row = row_of(models, *answer.about);
   if (answer.opcode == model_publication_status) {
     const auto publication = decode_publication(answer.params);
@@ -101,7 +101,7 @@ OrderedJson wanted_json(const NodeWishes& wishes) {
   return wanted;
 }
 
-/// Wanted publications that do not come here.
+/// Warns of wanted publications that do not come to the gateway.
 OrderedJson warnings_json(const OrderedJson& models, const NodeWishes& wishes, const Hears& hears) {
   OrderedJson warnings = OrderedJson::array();
   for (const auto& [model, address] : wishes.publications) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a node has said about itself, as operators see it: `slam-gatewayctl ping` and `ble config`.
+// A node's answers about itself, as operators see them: `slam-gatewayctl ping` and `ble config`.
 // Pure.
 #pragma once
 
@@ -16,15 +16,16 @@ namespace slamgw::ble {
 /// on arrival, `hops`: relays on the way.
 std::string ping_json(const std::string& robot, const NodeConfiguration& ping);
 
-/// Whether messages to this address come to the gateway.
+/// Returns true if messages to this address come to the gateway.
 using Hears = std::function<bool(std::uint16_t)>;
 
-/// `{"robot", "uuid", "address", "ttl", "relay", "transmit", "models": [...], "wanted",
-/// "warnings": [...], "problem"}`: what the node has, then what an operator wants of it.
+/// `{"robot", "uuid", "address", "ttl", "relay", "transmit", "models": [...], "wanted", "warnings":
+/// [...], "problem"}`: the node's values, then those that an operator wants.
 std::string node_config_json(const std::string& robot, const Node& node,
                              const NodeConfiguration& inquiry, const Hears& hears);
 
-/// The model of `publishers` that has this id, or this name with or without " client" or " server".
+/// Returns the model of `publishers` with this id, or with this name, whose " client" or " server"
+/// may be missing.
 std::optional<ModelId> find_publisher(std::string_view name);
 
 }  // namespace slamgw::ble

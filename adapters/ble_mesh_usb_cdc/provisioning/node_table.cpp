@@ -87,7 +87,7 @@ void NodeTable::on_heard(std::uint16_t address, TimePoint now) {
   NodeHistory& history = histories_[node->uuid];
   const bool was_silent = !history.heard_at || now - *history.heard_at > settings_.offline_after;
   history.heard_at = now;
-  if (was_silent && history.failures > 0) history.retry_at = now;  // it is in reach again
+  if (was_silent && history.failures > 0) history.retry_at = now;  // the node is in reach again
 }
 
 const NodeHistory* NodeTable::find_history(const Uuid& uuid) const {
@@ -130,10 +130,10 @@ std::uint16_t NodeTable::source_room() const {
 std::optional<std::uint16_t> NodeTable::address_for(const Uuid& uuid, std::uint8_t elements,
                                                     const std::string& name) const {
   const Node* node = database()->find(uuid);
-  // The radio's replay list would drop its new, low numbers from an address that it had.
+  // A node that had joined needs another address: the radio would drop its new, low numbers.
   const bool was_joined = node != nullptr && node->state != NodeState::reserved;
   AddressWish wish{.elements = elements, .preferred = {}, .taken = taken_addresses()};
-  for (const Node& other : database()->nodes)  // a new robot there would have the name of this one
+  for (const Node& other : database()->nodes)  // a new robot there would get its name
     if (const auto named = names_.ble_address_of(other.name); named && other.uuid != uuid)
       wish.taken.insert(*named);
   const auto is_free = [&](std::uint16_t address) {

@@ -173,7 +173,7 @@ std::string OperatorOrders::scan_json(TimePoint now) const {
 
 // --- Robots of the mesh --------------------------------------------------------------------------
 
-/// Null when the order was refused.
+/// Returns null if the order was refused.
 const Node* OperatorOrders::node_called(const std::string& robot) {
   if (is_refused(problem_with_mesh())) return nullptr;
   const Node* node = find_robot(robot);
@@ -199,7 +199,7 @@ const Node* OperatorOrders::find_robot(const std::string& robot) const {
   return node == nodes.end() ? nullptr : &*node;
 }
 
-/// Null when the order was refused.
+/// Returns null if the order was refused.
 const Node* OperatorOrders::node_to_ask(OpenOrder::Kind kind, const std::string& robot,
                                         Duration limit, TimePoint now) {
   const Node* node = node_called(robot);
@@ -219,7 +219,7 @@ void OperatorOrders::take(const PingOrder& wanted, TimePoint now) {
   node_to_ask(Kind::ping, wanted.robot, short_order_time_limit, now);
 }
 
-/// A changed wish makes the node's configuration outdated, so that it is configured anew.
+/// A changed wish makes the node's configuration outdated, so that the node is configured again.
 void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
   const Node* node = node_to_ask(Kind::config, wanted.robot, Admission::order_time_limit, now);
   if (node == nullptr || !wanted.is_change()) return;
@@ -315,7 +315,7 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   order_.answer(fmt::format(R"({{"nodes":{}}})", database.nodes.size()));
 }
 
-/// Of a mesh that another gateway provisions: this radio must hear what robots publish to.
+/// Warns if this radio does not hear the address that robots of another gateway's mesh publish to.
 void OperatorOrders::warn_of_unheard_robots() {
   if (!nodes_.is_guest()) return;
   const auto is_unheard = [&](const Node& node) {
@@ -376,7 +376,7 @@ std::string OperatorOrders::problem_with_refresh(const RefreshKeysOrder& wanted)
   return {};
 }
 
-/// Whom a new key was sent may have it, even without an answer.
+/// A robot that was sent a new key may have it, even if it did not answer.
 void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
   std::vector<Uuid> left;
   for (const Node& node : nodes_.database()->nodes) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What operators order (`slam-gatewayctl ble ...`), and the answers they get: at once, or when the
-// one order that may be under way is fulfilled. No answer but that to `ble export` holds a key.
-// Part of Provisioner.
+// Takes operators' orders (`slam-gatewayctl ble ...`), and answers them at once, or when they are
+// fulfilled. Only one such order may be under way. Only the answer to `ble export` holds keys. Part
+// of Provisioner.
 #pragma once
 
 #include <deque>
@@ -16,10 +16,10 @@ namespace slamgw::ble {
 class OperatorOrders : private ProvisionerPart {
  public:
   static constexpr Duration scan_time = std::chrono::seconds{10};
-  /// For a device that an operator named to be heard.
+  /// Time limit for hearing a device that an operator named.
   static constexpr Duration search_time_limit = std::chrono::seconds{30};
 
-  /// All of them outlive it. `gateway`: `gateway.id`.
+  /// All references must outlive this object. `gateway`: `gateway.id`.
   OperatorOrders(const ProvisionerPart& shared, Admission& admission,
                  NodeConversations& conversations, KeyRefresh& refresh, HearingSurvey& survey,
                  std::string gateway)
@@ -33,14 +33,14 @@ class OperatorOrders : private ProvisionerPart {
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
   void on_radio_cleared(const std::string& problem);
-  /// Called after the ledger; `problem` is empty when the database is on disk.
+  /// Call after NodeTable::on_stored(). `problem` is empty if the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   void on_deadline(TimePoint now);
   /// Begins the next order that waits in line, when none is under way.
   void begin_waiting(TimePoint now);
 
  private:
-  /// Pings and questions wait in line for a while, for each takes some seconds.
+  /// Maximum of pings and questions that wait in line, because each takes some seconds.
   static constexpr std::size_t max_waiting = 16;
   using Waiting = std::pair<std::uint64_t, BleOrder>;
 
@@ -54,7 +54,7 @@ class OperatorOrders : private ProvisionerPart {
   void take(const ResetBoardOrder&, TimePoint now);
   void take(const RefreshKeysOrder& wanted, TimePoint now);
   OrderAnswer measure(const MeasureHearingOrder& wanted, TimePoint now);
-  /// Refuses the order that is under way, if there is a problem with it.
+  /// Refuses the order that is under way if `problem` is not empty, and then returns true.
   bool is_refused(const std::string& problem) {
     if (!problem.empty()) order_.refuse(problem);
     return !problem.empty();

@@ -38,7 +38,7 @@ void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
   admission_.on_link_down(down, now);
   conversations_.on_link_down();
   survey_.on_link_down();
-  if (is_restart) return;  // on the way to a new robot
+  if (is_restart) return;  // on the way to a robot that has just joined
   orders_.on_link_down();
   advance(now);
 }
@@ -97,7 +97,7 @@ void Provisioner::on_order(std::uint64_t id, const BleOrder& order, TimePoint no
   advance(now);
 }
 
-// --- What is to be done --------------------------------------------------------------------------
+// --- The next steps ------------------------------------------------------------------------------
 
 void Provisioner::advance(TimePoint now) {
   orders_.on_deadline(now);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Takes robots into the mesh, configures them, and does what operators order. Its parts do the
-// work: NodeTable (what is known), Admission (who joins next), KeyRefresh (the step of a key
-// refresh), HearingSurvey (who hears whom), NodeConversations (who is configured or reset),
+// Takes robots into the mesh, configures them, and carries out operators' orders. Its parts do the
+// work: NodeTable (the known nodes), Admission (joining), KeyRefresh (the steps of a key refresh),
+// HearingSurvey (which robots hear which), NodeConversations (configuration and reset),
 // OperatorOrders. This class gives them their turns and has the database written. Called by
 // BleMesh.
 #pragma once
@@ -16,8 +16,8 @@ namespace slamgw::ble {
 
 class Provisioner {
  public:
-  /// `settings`, `radio`, `link` and `actions` outlive it. `gateway`: `gateway.id`, for gateways
-  /// that join this mesh.
+  /// `settings`, `radio`, `link` and `actions` must outlive this object. `gateway`: `gateway.id`,
+  /// for gateways that join this mesh.
   Provisioner(const Settings& settings, Radio& radio, const LinkState& link, MeshActions& actions,
               std::string gateway, RobotNames names, std::optional<NodeDatabase> database);
   Provisioner(const Provisioner&) = delete;
@@ -26,7 +26,7 @@ class Provisioner {
   void on_link_up(const LinkIsUp& up, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
   void on_event(const ProvisionerEvent& event, TimePoint now);
-  /// True when the message was for this and not from a robot's own models.
+  /// Returns true if the message was an answer in a conversation, not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now) {
     conversations_.on_send_refused(address, why, now);
@@ -34,18 +34,18 @@ class Provisioner {
   /// A message came from this unicast address.
   void on_heard(std::uint16_t address, TimePoint now) { nodes_.on_heard(address, now); }
   void on_iv_index(std::uint32_t iv_index, TimePoint now);
-  /// New keys are there. True when they are for a key refresh; else a new mesh was made, and they
+  /// Takes new keys. Returns true if they are for a key refresh; else they belong to a new mesh and
   /// are on disk.
   bool on_keys(const MeshKeys& keys, TimePoint now);
   void on_stored(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
-  /// `robots` of the configuration was read again.
+  /// Call when `robots` of the configuration was read again.
   void on_names(RobotNames names) { nodes_.on_names(std::move(names)); }
 
   const NodeTable& nodes() const { return nodes_; }
   const SourceLives& lives() const { return lives_; }
   const KeyRefresh& refresh() const { return refresh_; }
-  /// True once after nodes, or their names, have changed.
+  /// Returns true once after nodes, or their names, have changed.
   bool take_change() { return nodes_.take_change(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now) { advance(now); }
@@ -67,7 +67,7 @@ class Provisioner {
   NodeConversations conversations_;
   OperatorOrders orders_;
   bool is_scanning_ = false;
-  bool is_restarting_ = false;           ///< the radio, because this has asked for it
+  bool is_restarting_ = false;           ///< the radio, because Provisioner has asked for it
   bool is_store_problem_known_ = false;  ///< to the operator
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the parts of Provisioner share: the radio, what is known of the nodes, and the operator's
-// order that is under way.
+// The state that the parts of Provisioner share: the radio, the nodes, and the operator's order
+// that is under way.
 #pragma once
 
 #include <optional>
@@ -11,11 +11,11 @@
 
 namespace slamgw::ble {
 
-/// The one order of an operator that is under way, and its answer. OperatorOrders opens
-/// it, the part that fulfils it answers it.
+/// The operator's order that is under way, if there is one, and its answer. OperatorOrders opens
+/// the order; the part that fulfils it answers.
 class OpenOrder {
  public:
-  enum class Kind : std::uint8_t {  // those up to `config` need the radio
+  enum class Kind : std::uint8_t {  // the kinds up to `config` need the radio
     scan,
     provision,
     remove,
@@ -54,9 +54,9 @@ class OpenOrder {
     order_->due = due;
     order_->uuid = uuid;
   }
-  /// Ends it with a JSON document.
+  /// Ends the order with a JSON document.
   void answer(std::string json) { end({std::move(json), {}}); }
-  /// Ends it with a sentence for the operator.
+  /// Ends the order with a sentence for the operator.
   void refuse(std::string why) { end({{}, std::move(why)}); }
 
  private:
@@ -69,7 +69,7 @@ class OpenOrder {
   std::optional<Order> order_;
 };
 
-/// All of them outlive it.
+/// The references that the parts of Provisioner share. All of them must outlive the part.
 struct ProvisionerPart {
   void notify(Severity severity, std::string text, std::string robot = {}) {
     actions_.push(MeshEvent(Notice{severity, std::move(text), std::move(robot)}));

@@ -64,7 +64,7 @@ void SourceLives::on_link_up(const LinkIsUp& up) {
   if (up.has_kept) next.kind = RadioKind::keeps;
   next.radio = up.radio;
   next.number = std::max(next.number, std::uint32_t{1});
-  // A radio that kept its address from a life which this file does not know.
+  // The radio may have kept its address from a life that this file does not know.
   next.source = std::max(next.source, up.source);
   if (next != *life()) nodes_.change().life = next;
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which unicast address the gateway sends from. A stock serial board forgets its sequence numbers
-// with its power, and robots drop what comes again from an address with low ones. So each life of
-// such a radio sends from the next address, which is on disk first. Part of Provisioner.
+// Chooses the unicast address that the gateway sends from. A stock serial board forgets its
+// sequence numbers when it loses power. Robots drop messages with low numbers from an address that
+// they have heard before. So each life of such a radio sends from the next address, which is on
+// disk first. Part of Provisioner.
 #pragma once
 
 #include <cstdint>
@@ -16,17 +17,18 @@ class SourceLives : private ProvisionerPart {
  public:
   explicit SourceLives(const ProvisionerPart& shared) : ProvisionerPart(shared) {}
 
-  /// Answered by Radio::use_source. The next life begins when the radio has no sequence numbers of
-  /// this mesh, or is another one, whose numbers robots may have passed long ago.
+  /// Answers with Radio::use_source, now or in on_stored(). The next life begins if the radio has
+  /// no sequence numbers of this mesh, or is another radio, whose numbers robots may have passed
+  /// long ago.
   void on_source_wanted(const SourceWanted& wanted, TimePoint now);
   void on_link_up(const LinkIsUp& up);
-  /// The disk has the database, or has not.
+  /// `problem` is empty if the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
 
   RadioKind kind() const;
-  /// For `status`: what the radio remembers, and the address that is sent from.
+  /// Returns what the radio remembers and the address that it sends from, for `status`.
   std::string description() const;
-  /// The address was used in an earlier life already: robots may not hear it.
+  /// Returns true if an earlier life has used the address already: robots may not hear it.
   bool is_reused() const;
   std::uint32_t number() const { return life() ? life()->number : 0; }
 
@@ -37,8 +39,8 @@ class SourceLives : private ProvisionerPart {
   void begin_life(RadioLife& life, std::uint32_t end);
   void answer(TimePoint now);
 
-  std::optional<std::uint16_t> unanswered_;  ///< how many addresses the radio has that waits
-  std::optional<std::uint32_t> unused_;      ///< the life of which nothing was sent yet
+  std::optional<std::uint16_t> unanswered_;  ///< number of addresses of the radio that waits
+  std::optional<std::uint32_t> unused_;      ///< the life in which nothing was sent yet
 };
 
 }  // namespace slamgw::ble

@@ -35,7 +35,7 @@ auto find_id(Map& robots, std::string_view id) -> decltype(&robots.begin()->seco
 
 }  // namespace
 
-// --- Who they are --------------------------------------------------------------------------------
+// --- The robots and their names ------------------------------------------------------------------
 
 Robot* Robots::at(std::uint16_t source, TimePoint now) {
   const Node* node = nodes_.find_joined(source);
@@ -146,7 +146,7 @@ void Robots::take_name(Robot& robot, std::string id, TimePoint now) {
   if (robot.is_online && gate_.is_open_for(robot)) announce(robot, Presence::online);
 }
 
-// --- Who is there --------------------------------------------------------------------------------
+// --- Presence ------------------------------------------------------------------------------------
 
 std::uint64_t Robots::online() const {
   return static_cast<std::uint64_t>(
