@@ -7,8 +7,7 @@
 
 namespace slamgw::ble {
 
-/// The reason why bytes from the radio, the mesh or a file could not be decoded. The caller counts
-/// it.
+/// The reason why bytes from radio, mesh or file could not be decoded. The caller counts it.
 enum class DecodeError : std::uint8_t {
   too_short,     ///< ends inside a field
   wrong_length,  ///< longer than this kind of value allows

@@ -116,7 +116,7 @@ struct DeviceJoined {
 /// Radio::provision has ended; the radio can take in the next device.
 struct JoinEnded {
   std::string failure = {};      ///< empty when the device has joined
-  bool may_have_joined = false;  ///< despite the failure; keeps its address until reset
+  bool may_have_joined = false;  ///< despite the failure; the device keeps its address until reset
   bool is_key_lost = false;      ///< the device has joined; only a reset by hand brings it back
   std::string remark = {};       ///< for the operator, at the end of the warning
 };
@@ -178,7 +178,7 @@ class Radio {
   /// Returns true if nothing waits to be sent.
   virtual bool is_idle() const = 0;
 
-  /// Starts or stops to report devices that are not in a mesh.
+  /// Starts or stops reporting devices that are not in a mesh.
   virtual void scan(bool is_on) = 0;
   /// Takes this device into the mesh; one device at a time. DeviceAnswered and DeviceJoined may
   /// follow, then JoinEnded.

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The configuration of BLE Mesh (`ble_mesh.*`, `presence.*`). Defaults are as in
-// config/gateway.json.
+// The configuration of BLE Mesh (`ble_mesh.*`, `presence.*`); defaults as in config/gateway.json.
 #pragma once
 
 #include <chrono>

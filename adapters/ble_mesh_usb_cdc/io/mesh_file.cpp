@@ -67,8 +67,8 @@ bool sync_directory(const std::string& path) {
   return is_synced;
 }
 
-/// Sets `problem` if another sender in the mesh has this address: robots would drop the messages of
-/// one of them.
+/// Sets `problem` if this gateway must not use the address. If two senders in a mesh share an
+/// address, robots drop the messages of one of them.
 void check_address(const NodeDatabase& database, std::uint16_t address, std::string& problem) {
   if (const Node* const taken = database.find_address(address))
     problem = fmt::format(

@@ -22,7 +22,7 @@ class MeshFile {
   /// Returns nothing if there is no file. The error is a sentence for the operator. A file that
   /// can't be read must not be replaced: without its keys the mesh is lost.
   Result<std::optional<NodeDatabase>, Refusal> load() const;
-  /// Returns an error message, empty if the file is safely on disk. Replaces no existing file.
+  /// Returns an error message, empty if the file is on disk. Never replaces an existing file.
   std::string create(const NodeDatabase& database) const;
   /// As create(), but replaces an existing file.
   std::string replace(const NodeDatabase& database) const;

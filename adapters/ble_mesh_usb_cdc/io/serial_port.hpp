@@ -33,7 +33,7 @@ class SerialPort {
   virtual void flush_input() = 0;
 };
 
-/// Why a port can't be used.
+/// The reason why a port can't be used.
 struct OpenRefusal {
   std::string why;  ///< a sentence for the operator
   /// No permission; udev may not have set the group of a new node yet: try again for a moment.

@@ -30,7 +30,7 @@ class LineHealth {
  public:
   /// Losses in a row after which the link gives the line up.
   static constexpr int max_losses = 8;
-  /// Losses in a row from which the journal has a warning.
+  /// Losses in a row from which a warning is logged.
   static constexpr int noticeable_losses = 3;
   /// A loss that comes later than this after the last one begins a new row.
   static constexpr Duration stable_time = std::chrono::seconds{10};
@@ -121,7 +121,7 @@ class BoardLink {
   static constexpr Duration max_reopen_delay = std::chrono::seconds{5};
   /// Longest delay for a line that loses octets, because each attempt costs a start-up.
   static constexpr Duration max_unusable_delay = std::chrono::seconds{60};
-  /// A board that is busy during start-up, such as while it writes flash, is asked again after
+  /// A board that is busy during start-up, for example writing its flash, is asked again after
   /// this.
   static constexpr Duration busy_pause = std::chrono::milliseconds{200};
   static constexpr int max_busy_answers = 25;

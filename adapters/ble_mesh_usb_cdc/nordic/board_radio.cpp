@@ -171,8 +171,7 @@ void BoardRadio::forget() {
 /// Gives the board its next command. Returns true if there may be new actions.
 bool BoardRadio::begin_next(TimePoint now) {
   if (!link_.is_up() || in_flight_) return false;
-  // A session begins only after the last answer for an earlier one, which could be taken for its
-  // own.
+  // A session begins only after the last answer for an earlier one: it could take that for its own.
   if (device_ && !session_ && !begin_session(now)) return true;
   auto frame = choose();
   // If the link does not take the command, it has gone down and reports that next.

@@ -33,8 +33,7 @@ class FrameDecoder {
   /// 255 octets take 22 ms at 115200 baud; a frame that takes longer than this is torn.
   static constexpr Duration max_partial_age = std::chrono::milliseconds{250};
 
-  /// Returns the frames that `bytes` completes, without their length octet (opcode first, never
-  /// empty).
+  /// Returns the frames that `bytes` completes: opcode first, without length octet, never empty.
   std::vector<Bytes> on_bytes(ByteView bytes, TimePoint now);
   /// Returns true after a zero length or a torn frame. Everything is ignored then until `reset()`.
   bool has_lost_step() const { return has_lost_step_; }

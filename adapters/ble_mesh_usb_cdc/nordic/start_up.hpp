@@ -113,7 +113,7 @@ class StartUp {
   /// Removes and returns the notices for the operator.
   std::vector<Notice> take_notices() { return std::exchange(notices_, {}); }
 
-  /// Complete when done.
+  /// Complete when the state is `done`.
   const StartedBoard& board() const { return board_; }
   /// Returns the number of the board's addresses before. 0: it has no sequence number of this mesh.
   std::uint16_t had_addresses() const { return had_addresses_; }
@@ -121,7 +121,7 @@ class StartUp {
   std::string description() const;
 
  private:
-  /// In this order, unless a response says otherwise.
+  /// The steps, in this order unless a response says otherwise.
   enum class Step : std::uint8_t {
     get_version,
     get_uuid,

@@ -35,7 +35,8 @@ class Candidates {
  public:
   /// A further device takes the place of the one that was silent for longest.
   static constexpr std::size_t max_candidates = 64;
-  /// Beacons come every few seconds (Mesh Profile 1.0 section 3.9.2); a silent device has gone.
+  /// Beacons come every few seconds (Mesh Profile 1.0 section 3.9.2). After this silence a device
+  /// counts as gone.
   static constexpr Duration max_silence = std::chrono::seconds{60};
   static constexpr Duration first_pause = std::chrono::seconds{5};
   static constexpr Duration max_pause = std::chrono::minutes{5};

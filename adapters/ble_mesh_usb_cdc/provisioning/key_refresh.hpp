@@ -23,7 +23,7 @@ class KeyRefresh : private ProvisionerPart {
 
   bool is_on() const { return step() != RefreshStep::none; }
   RefreshStep step() const;
-  /// Returns true if the node, which is configured, has not taken the present step.
+  /// Returns true if the node is configured and has not taken the present step.
   bool is_due(const Node& node) const;
   void on_taken(const Uuid& uuid, RefreshStep step);
   /// Returns true if an attempt to take the node through the present step has failed.
@@ -35,8 +35,7 @@ class KeyRefresh : private ProvisionerPart {
 
   /// Returns how many robots miss the present step.
   std::size_t missing() const;
-  /// Returns the step, the numbers of robots and of those that have taken it, and the others'
-  /// problems.
+  /// Returns the step, the numbers of robots and of those that took it, and the others' problems.
   std::string json() const;
 
  private:

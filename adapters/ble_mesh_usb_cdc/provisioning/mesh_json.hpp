@@ -21,7 +21,7 @@
 //    "life": {"number": 3, "source": "0x0003" or absent, "board": TEXT or absent,
 //             "kind": "unknown" | "forgets" | "keeps"} or absent for the first life: the radio's
 //             lives so far, the last address that it sent from, the radio's identity,
-//    "refresh": {"step": STEP, "net_key": KEY, "app_key": KEY} or absent: the present key refresh
+//    "refresh": {"step": STEP, "net_key": KEY, "app_key": KEY} or absent: the key refresh,
 //             and the other keys: the new keys; while finishing, the old keys}
 //
 // KEY and UUID are 32 hex digits; STEP is "distributing", "switching" or "finishing". Version 1

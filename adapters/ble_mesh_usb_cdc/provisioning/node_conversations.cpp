@@ -74,7 +74,7 @@ bool NodeConversations::has_right_groups(const Node& node) const {
 
 /// Marks the nodes whose configuration will be changed. Returns true if there are some: the marks
 /// must be on disk first. So a change that breaks off half-way is completed later, even if the
-/// settings were changed back before.
+/// settings are changed back.
 bool NodeConversations::begin_changes() {
   const auto is_new = [&](const Node& node) {
     return is_outdated(node) && !node.applied->is_changing && !is_only_moved(node);
@@ -144,8 +144,9 @@ const Node* NodeConversations::ordered_node() const {
   return order_.is(OpenOrder::Kind::config) && is_outdated(*node) ? nullptr : node;
 }
 
-/// Nodes that miss a step of the key refresh come first, then those that were heard, then those
-/// that wait longest. So a node that is switched off does not hold up others.
+/// Returns the next node, or null. Nodes that miss a step of the key refresh come first, then those
+/// that were heard, then those that wait longest. So a node that is switched off does not hold up
+/// others.
 const Node* NodeConversations::next_node(TimePoint now) {
   const Node* next = nullptr;
   std::tuple<bool, bool, TimePoint> next_turn;

@@ -30,7 +30,7 @@ std::optional<Uuid> parse_uuid(std::string_view text);
 /// Returns text such as `0x0100`, as in files and answers.
 std::string address_text(std::uint16_t address);
 
-/// How far a robot has come on its way into the mesh.
+/// A robot's progress on its way into the mesh.
 enum class NodeState : std::uint8_t {
   reserved,     ///< has an address, which the device may not have taken
   provisioned,  ///< its device key is known
@@ -184,7 +184,7 @@ struct AddressWish {
 
 /// Returns nothing if no free range of this size is left.
 std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const AddressWish& wish);
-/// Returns true if a node could have this address: `own`, or a new node.
+/// Returns true if the address is free for the node `own`, or for a new node without `own`.
 bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements,
                      const std::set<std::uint16_t>& taken, const std::optional<Uuid>& own);
 /// Returns how many addresses from `address` up a gateway can have for the lives of its radio: at

@@ -276,7 +276,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   nodes_.replace(std::move(*merged));
 }
 
-/// The address is on disk before the other gateway gets it: no robot and no third gateway will.
+/// The address is on disk before the other gateway gets it, so that it is not given away again.
 void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   if (is_refused(problem_with_mesh())) return;
   if (refresh_.is_on()) return order_.refuse(is_refreshing);

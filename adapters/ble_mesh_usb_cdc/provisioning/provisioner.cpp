@@ -38,7 +38,7 @@ void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
   admission_.on_link_down(down, now);
   conversations_.on_link_down();
   survey_.on_link_down();
-  if (is_restart) return;  // on the way to a robot that has just joined
+  if (is_restart) return;  // on purpose, to hear a robot that has just joined
   orders_.on_link_down();
   advance(now);
 }

@@ -68,7 +68,7 @@ struct Command {
   Bytes access;                 ///< the acknowledged message to send, opcode first
   Opcode awaited_status = 0;    ///< the robot's answer once it has the command
   bool is_replaceable = false;  ///< a newer one replaces it: positions
-  BrokerMessage message{};      ///< the command was made from this
+  BrokerMessage message{};      ///< the source of the command
 };
 
 /// Makes a command, or refuses with a reason for the operator. `settings.pos_cmd_type` becomes
@@ -116,6 +116,7 @@ class CommandQueue {
   /// `ttl` is that of sent commands; it determines the timing of repeats.
   explicit CommandQueue(std::uint8_t ttl) : ttl_(ttl) {}
 
+  /// Queues the command. Returns the command that this ends: a replaced one, or a refused one.
   EndedCommands add(Command command, TimePoint now);
   /// The robot sent a STATUS. Returns the command that this ends, if any.
   EndedCommands on_status(Opcode status, TimePoint now);

@@ -20,7 +20,8 @@ class Downlink : private MeshPart {
 
   explicit Downlink(const MeshPart& shared) : MeshPart(shared) {}
 
-  /// Queues a command of this type for `robot`, or ends it as refused.
+  /// Queues a command of this type for `robot`, or ends it as refused. Drops a retained command
+  /// that the robot does not wait for.
   void on_command(Robot& robot, std::string_view type, const BrokerMessage& message, CommandId id,
                   TimePoint now);
   /// The robot sent a STATUS. Returns true if it is the answer to a command.

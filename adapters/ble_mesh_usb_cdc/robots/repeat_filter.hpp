@@ -91,10 +91,10 @@ class RepeatFilter {
   /// that loses three of ten packets makes one message in 400 look so.
   static constexpr int unheard_limit = 5;
 
-  /// Decides about an answered SET that comes again and can be new or a repeat.
+  /// Decides about an answered SET that comes again on schedule if the robot's period is unknown.
   enum class Doubt : std::uint8_t {
     take_for_new,     ///< a doubled message is better than a lost one
-    take_for_repeat,  ///< unless the robot's period, where it is known, says that it may be new
+    take_for_repeat,  ///< unless the robot was seen to use one of the schedule's gaps as period
   };
   enum class Verdict : std::uint8_t {
     fresh,            ///< report it; the filter is open from now on
