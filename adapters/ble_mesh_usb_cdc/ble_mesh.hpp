@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The BLE mesh on one radio. Its parts do the work: Radio (sends and receives), Provisioner (adds
-// and configures nodes), Robots (presence), Uplink (robots' messages), Downlink (commands to
-// robots) and Relay (updates of robots on other meshes). This class passes events between its
-// parts. It does no I/O, reads no clock and does not depend on the kind of radio. The radio's
-// shell, a BleMeshShell, calls it and drains its actions after each input.
+// The BLE mesh on one radio. Its parts do the work: Radio sends and receives, Provisioner adds and
+// configures nodes, and Robots knows which robots are online. Uplink takes robots' messages,
+// Downlink sends commands, and Relay passes on updates of robots on other meshes. This class passes
+// events between its parts. It does no I/O, reads no clock and does not depend on the kind of
+// radio. The radio's shell, a BleMeshShell, calls it and drains its actions after each input.
 #pragma once
 
 #include <memory>

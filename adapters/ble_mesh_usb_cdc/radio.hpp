@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the mesh and its radio, in the words of the Mesh Profile: the requests of
-// provisioning, configuration and robots, and the radio's reports. Only nordic/ knows the protocol
-// of Nordic's serial board, so another radio can take its place.
+// The interface between the mesh and its radio, in the words of the Mesh Profile. It has the
+// requests of provisioning, configuration and robots, and the radio's reports. Only nordic/ knows
+// the protocol of Nordic's serial board, so another radio can take its place.
 #pragma once
 
 #include <array>

@@ -77,7 +77,7 @@ Opcode on_off_status(OnOffModel model);
 /// Returns iv, the interval of Nordic's reliable publish (access_reliable.h). An acknowledged
 /// message is repeated iv, 2iv, 4iv, 8iv ... after its first transmission, until a STATUS comes
 /// back. Robots do so towards the gateway, and the gateway towards robots. iv is 200 ms, plus 20 ms
-/// for each hop that the TTL allows, plus 20 ms for each segment if the message is segmented.
+/// for each hop that the TTL allows. A segmented message adds 20 ms for each segment.
 Duration reliable_interval(std::uint8_t ttl, std::size_t access_bytes);
 
 }  // namespace slamgw::ble

@@ -80,11 +80,11 @@ Result<LienFrame, DecodeError> decode_lien_frame(ByteView raw);
 std::optional<std::string_view> lien_type_name(std::uint8_t message_type);
 inline constexpr std::uint8_t lien_update_message = 1;
 
-/// Assembles the messages of one older robot from its frames, in two ways: "simple" (parts, each
-/// sent once) and ARQ (a connection with numbered segments, each acknowledged with the next number
-/// expected). A message that came by ARQ is acknowledged only when it is safe. The segment that
-/// completes it stays unanswered until then, and the robot sends it again each 200 ms. Called by
-/// CobsMesh.
+/// Assembles the messages of one older robot from its frames, in two ways. "Simple" messages come
+/// in parts, each sent once. ARQ is a connection with numbered segments, each acknowledged with the
+/// next number expected. A message that came by ARQ is acknowledged only when it is safe. The
+/// segment that completes it stays unanswered until then, and the robot sends it again each 200 ms.
+/// Called by CobsMesh.
 ///
 /// ARQ:    robot SYN -> SYNACK -> ACK 0, then DATA n -> ACK n+1 (7-bit numbers).
 /// Simple: `part last_part message..`, parts from 0.

@@ -21,9 +21,9 @@ struct UsbPort {
   std::string serial_number;
 };
 
-/// Returns the only port that can be the mesh board, else a sentence for the operator: there is
-/// none, a board waits in its boot loader, or there are several, among which guessing is dangerous.
-/// Thread co-processors (1915:cafe) are never candidates.
+/// Returns the only port that can be the mesh board, else a sentence for the operator. There may be
+/// none, a board in its boot loader, or several, among which guessing is dangerous. Thread
+/// co-processors (1915:cafe) are never candidates.
 Result<UsbPort, Refusal> choose_device(const std::vector<UsbPort>& ports);
 
 /// The owner and mode of a device node, and the user who opens it.

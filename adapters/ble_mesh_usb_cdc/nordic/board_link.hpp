@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link to one serial board. It gets in step with the board (finds the frame borders), starts it
-// up, keeps one command in flight, and starts again from the beginning whenever something is lost.
-// It does not read robots' messages; BoardTraffic queues messages to robots. Called by BoardRadio,
-// which drains its actions.
+// up, and keeps one command in flight. Whenever something is lost, it starts again from the
+// beginning. It does not read robots' messages; BoardTraffic queues messages to robots. Called by
+// BoardRadio, which drains its actions.
 #pragma once
 
 #include <array>

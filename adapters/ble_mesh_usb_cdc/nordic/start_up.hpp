@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Starts up a board that is in step, in an order that is safe in any state of the board: first
-// reads, then adds missing parts. Stops rather than change another tool's configuration. Never
-// clears the board, but asks for that when the board has the mesh's keys from before the key
+// Starts up a board that is in step, in an order that is safe in any state of the board. It first
+// reads, then adds missing parts, and stops rather than change another tool's configuration. It
+// never clears the board, but asks for that when the board has the mesh's keys from before the key
 // refresh. A board without an address has forgotten its sequence numbers, and robots discard its
 // messages from an address that they have heard before. So the caller names the address to send
-// from. Has no timing: a command is followed by its response, then by the next command. Called by
-// BoardLink.
+// from. It has no timing: a command is followed by its response, then by the next command. Called
+// by BoardLink.
 #pragma once
 
 #include <algorithm>

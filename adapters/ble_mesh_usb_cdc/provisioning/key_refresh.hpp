@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Refreshes the mesh's keys (Mesh Profile 1.0 section 3.10.4), step by step for all nodes, so that
-// a robot that is left behind or removed is shut out. The keys and the progress of each node are on
-// disk, and a restart goes on from there. NodeConversations speaks with the nodes. Part of
-// Provisioner.
+// Refreshes the mesh's keys (Mesh Profile 1.0 section 3.10.4), step by step for all nodes. A robot
+// that is left behind or removed is shut out. The keys and the progress of each node are on disk,
+// and a restart goes on from there. NodeConversations speaks with the nodes. Part of Provisioner.
 #pragma once
 
 #include <string>

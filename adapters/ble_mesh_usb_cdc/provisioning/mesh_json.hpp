@@ -44,9 +44,9 @@ std::string encode_node_database(const NodeDatabase& database);
 /// UUIDs, and invalid members are errors.
 Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text);
 
-// Imports an existing network for `slam-gatewayctl ble import`: the database of Nordic's Python
-// tool (interactive_pyaci), of mesh apps that write the same members (Mesh CDB), or another
-// gateway's mesh.json. Refusals hold no secrets.
+// Imports an existing network for `slam-gatewayctl ble import`. The file is the database of
+// Nordic's Python tool (interactive_pyaci), that of a mesh app that writes the same members (Mesh
+// CDB), or another gateway's mesh.json. Refusals hold no secrets.
 
 /// Network key 0 and application key 0 become the mesh's. Nodes that have an application key count
 /// as configured and are left as they are.
@@ -58,8 +58,8 @@ std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
                                std::uint16_t addresses, const std::string& host);
 
 /// Returns the imported mesh merged with `own`, the present mesh if there is one. Refuses another
-/// network, addresses that two nodes or a node and the gateway share, and a mesh that was exported
-/// for a gateway with another address.
+/// network, and addresses that two nodes or a node and the gateway share. Also refuses a mesh that
+/// was exported for a gateway with another address.
 Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDatabase>& own,
                                                   NodeDatabase imported,
                                                   std::uint16_t gateway_address);

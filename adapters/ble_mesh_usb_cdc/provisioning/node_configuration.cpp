@@ -234,9 +234,9 @@ void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSet
   if (may_have_groups(settings, model)) ask(list_step(settings, element, model));
 }
 
-/// Returns the steps that configure a node, by its composition: the application key for its models,
-/// publication to the gateway for models that send, groups for models that listen. The models are
-/// Nordic's, among them the thesis's (5.2.1), and those for on/off and health. `address` is the
+/// Returns the steps that configure a node, by its composition. The application key is bound to its
+/// models of Nordic's company (among them the thesis's, 5.2.1), for on/off and for health. Models
+/// that send get a publication to the gateway; models that listen get groups. `address` is the
 /// node's.
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
                                                   std::uint16_t address,

@@ -187,8 +187,9 @@ std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const 
 /// Returns true if the address is free for the node `own`, or for a new node without `own`.
 bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements,
                      const std::set<std::uint16_t>& taken, const std::optional<Uuid>& own);
-/// Returns how many addresses from `address` up a gateway can have for the lives of its radio: at
-/// most `max_sources`, without those of a node, of `taken`, and of the range for robots.
+/// Returns how many addresses from `address` up a gateway can have for the lives of its radio, at
+/// most `max_sources`. A node's address, one in `taken` or, from below, the range for robots ends
+/// the row.
 std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
                           const std::set<std::uint16_t>& taken);
 /// Returns true if an earlier node had the address: the radio's replay list may still know it.

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The nodes of the mesh: their database and whether it is on disk, their names, and their history
-// since the daemon started. Nothing is used on the air before it is on disk: an address before a
-// device gets it, a device key before a conversation under it. BleMeshShell writes. Part of
-// Provisioner.
+// since the daemon started. No address and no device key is used on the air before it is on disk.
+// BleMeshShell writes the database. Part of Provisioner.
 #pragma once
 
 #include <map>

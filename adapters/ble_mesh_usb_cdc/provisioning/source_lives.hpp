@@ -18,8 +18,8 @@ class SourceLives : private ProvisionerPart {
   explicit SourceLives(const ProvisionerPart& shared) : ProvisionerPart(shared) {}
 
   /// Answers with Radio::use_source, now or in on_stored(). The next life begins if the radio has
-  /// no sequence numbers of this mesh, or is another radio, whose numbers robots may have passed
-  /// long ago.
+  /// no sequence numbers of this mesh. It also begins with another radio, whose numbers robots may
+  /// have passed long ago.
   void on_source_wanted(const SourceWanted& wanted, TimePoint now);
   void on_link_up(const LinkIsUp& up);
   /// `problem` is empty if the database is on disk.

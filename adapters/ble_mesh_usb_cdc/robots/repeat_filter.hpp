@@ -18,12 +18,12 @@
 // Gaps between copies double. Three equal messages at equal distances therefore show the robot's
 // own period. Messages among them that were taken for repeats are then reported late.
 //
-// Known errors: a relay that delays by more than `tolerance` makes a repeat look new. A robot loses
-// one or two messages if it changes its period to one of the schedule's gaps while it stands still,
-// and then sends no third equal message.
+// Known errors: a relay that delays by more than `tolerance` makes a repeat look new. A robot that
+// stands still may change its period to one of the schedule's gaps. One or two messages are lost if
+// it then sends no third equal message.
 //
 // A STATUS does not name its SET. So a repeat that was on its way when the STATUS left is not
-// answered: a second STATUS could meet the robot's next SET and acknowledge that one. If such a
+// answered. A second STATUS could meet the robot's next SET and acknowledge that one. If such a
 // repeat does not fit the schedule either (a relay or a busy host has delayed it), it is ignored.
 // If it was a new message, the robot sends it again.
 #pragma once
@@ -66,8 +66,8 @@ class ArrivalPattern {
   /// Returns nothing if the robot's messages are too few or too irregular.
   std::optional<Duration> period() const;
   /// Returns true if a message that arrives now can be new: a whole number of `period`s after the
-  /// last one. It can come up to four repeat intervals later because its first copies were lost, or
-  /// up to two earlier because those of the last one were lost. `repeat_interval`:
+  /// last one. It can come up to four repeat intervals later because its first copies were lost. It
+  /// can come up to two earlier because those of the last one were lost. `repeat_interval`:
   /// reliable_interval().
   bool may_be_new(Duration period, Duration repeat_interval, TimePoint now) const;
 

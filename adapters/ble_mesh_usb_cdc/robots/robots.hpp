@@ -40,8 +40,8 @@ class Robots : private MeshPart {
   std::uint64_t online() const;
   /// Returns the number of robots that are online and do not hear the gateway.
   std::uint64_t deaf() const;
-  /// Robots that are online and have sent acknowledged messages since the radio came up (`asking`),
-  /// and those among them that have not heard the gateway since (`deaf`).
+  /// `asking` robots are online and have sent acknowledged messages since the radio came up. The
+  /// `deaf` among them have not heard the gateway since.
   struct Hearing {
     std::size_t deaf = 0;
     std::size_t asking = 0;
