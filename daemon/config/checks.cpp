@@ -7,7 +7,7 @@
 namespace slamgw {
 namespace {
 
-/// Reports the second and later ones of the same value. `what` completes "is ... already".
+/// Reports each repetition of a value. `what` completes "is ... already".
 template <class T>
 class Unique {
  public:

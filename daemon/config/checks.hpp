@@ -19,17 +19,17 @@ struct Located {
   ConfigContext& context;
 
   bool is_set(const std::string& key) const { return places.contains(key); }
-  /// Of a key, or of the nearest group above it that is written somewhere.
+  /// Returns the place of a key, or else of the nearest group above it that some file sets.
   Place place_of(std::string key) const;
   void problem(const std::string& key, std::string text) const;
 };
 
 void check_relations(const Located& located);
 
-/// What works, but not as an operator may think.
+/// Warns of valid settings that may not do what the operator expects.
 void warn_of_relations(const Located& located, Problems& warnings);
 
-/// Checks the files that `broker.tls.*` names at the start rather than at the first connection.
+/// Checks the files of `broker.tls.*`: at the start, not only when the first connection fails.
 void check_tls_files(const Located& located, const Files& files);
 
 }  // namespace slamgw

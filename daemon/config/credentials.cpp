@@ -41,7 +41,7 @@ std::optional<Credentials> parse_credentials(const std::string& text, const std:
 
 constexpr std::string_view key_of_file = "broker.credentials_file";
 
-/// At the key, if the configuration sets it; else at the file itself.
+/// Reports at the key if the configuration sets it, else at the file itself.
 void report(const Located& located, const std::string& path, const std::string& wrong) {
   if (located.is_set(std::string(key_of_file)))
     located.problem(std::string(key_of_file), path + " " + wrong);
@@ -71,8 +71,8 @@ std::optional<Credentials> read_file(const Located& located, const std::string& 
   return parse_credentials(file->text, path, located.context.problems);
 }
 
-/// systemd's copy, which its directory guards; problems name the file that it was copied from. The
-/// service's user may read that file only where it is not root's alone.
+/// Reads systemd's copy, which its directory guards. Problems name the copy's source; where the
+/// service's user may read that file, its mode and owner are checked too.
 std::optional<Credentials> read_credential(const Located& located, const Surroundings& surroundings,
                                            const Files& files) {
   const std::string copy = surroundings.credentials_directory + "/broker";
@@ -88,7 +88,7 @@ std::optional<Credentials> read_credential(const Located& located, const Surroun
   return parse_credentials(file->text, source.empty() ? copy : source, located.context.problems);
 }
 
-/// What the service will read, checked by another user.
+/// Checks the file that the service will read, when another user runs this process.
 void check_source(const Located& located, ParseResult& result, const std::string& path,
                   const Files& files) {
   const auto file = files.read(path);

@@ -9,12 +9,12 @@
 
 namespace slamgw {
 
-/// How others can read or change this secret, and the remedy; empty when they cannot. `forbidden`:
-/// bits of the mode, which `remedy` takes away.
+/// Describes how other users can read or change this secret, and the remedy; empty when they
+/// cannot. `forbidden`: the mode bits that `remedy` removes.
 std::string fault_of_secret(const std::string& path, const FileText& file,
                             unsigned forbidden = 0007, const char* remedy = "type: sudo chmod o=");
-/// Sets `result.config.broker.credentials`. What the service will read and this process must not
-/// use (`credential_source` without a credentials directory) is only checked.
+/// Sets `result.config.broker.credentials`. Without a credentials directory, `credential_source`
+/// is only checked: the service will read it, and this process must not use it.
 void read_credentials(const Located& located, ParseResult& result, const Surroundings& surroundings,
                       const Files& files);
 

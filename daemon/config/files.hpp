@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What reading a configuration needs besides its text. One real implementation (system_files.hpp)
-// and the fake in tests/config.
+// The interface through which the parser reads files and checks certificates. Implemented by
+// system_files.hpp and by the fake in tests/config.
 #pragma once
 
 #include <string>
@@ -24,12 +24,12 @@ struct FileError {
 class Files {
  public:
   virtual ~Files() = default;
-  /// The whole of a regular file of at most 1 MiB.
+  /// Returns the whole text of a regular file of at most 1 MiB.
   virtual Result<FileText, FileError> read(const std::string& path) const = 0;
-  /// Why this PEM text is no certificate (chain), no usable private key; empty when it is one.
+  /// Says why this PEM text is not a usable certificate (chain) or private key; empty when it is.
   virtual std::string certificate_fault(const std::string& pem) const = 0;
   virtual std::string key_fault(const std::string& pem) const = 0;
-  /// Whether the key belongs to the first certificate. Both have been found good.
+  /// Returns whether the key belongs to the first certificate. Call when both texts are good.
   virtual bool key_matches(const std::string& certificate_pem,
                            const std::string& key_pem) const = 0;
 };

@@ -12,14 +12,15 @@
 
 namespace slamgw {
 
-/// 128 bits; and what RFC 4279 section 5.4 asks of every implementation.
+/// At least 128 bits; at most what RFC 4279 section 5.4 obliges every implementation to support.
 inline constexpr std::size_t min_key_octets = 16;
 inline constexpr std::size_t max_key_octets = 64;
 
-/// Reports what is wrong in `text`.
+/// Returns the valid keys in `text` and reports the other entries.
 RobotKeys parse_key_file(const std::string& text, const std::string& file, Problems& problems);
+/// Returns the file's text, as parse_key_file() reads it.
 std::string write_key_file(const RobotKeys& keys);
-/// Why the file may not be used; empty when only its owner, who is not a stranger, can read it.
+/// Says why the file may not be used; empty when only a trusted owner can read it.
 std::string fault_of_key_file(const std::string& path, const FileText& file);
 
 /// Sets `result.config.robot_keys`.

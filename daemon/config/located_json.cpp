@@ -61,10 +61,10 @@ bool has(std::string_view message, std::string_view fragment) {
 }  // namespace
 
 std::string syntax_words(std::string_view message) {
-  // "...; last read: '<text of the file>'; expected ...": our rows must not match the file's text.
-  // The first octet of many a character outside of ASCII; word processors write curly quotes.
+  // Curly quotes, which word processors write, begin with this octet, as many characters do.
   if (has(message, "invalid literal") && has(message, "\xe2'"))
     return "a curly quote or another special character; write straight quotes, \"";
+  // "...; last read: '<text of the file>'; expected ...": our rows must not match the file's text.
   std::string reason(message.substr(0, message.find("last read:")));
   if (const std::size_t expected = message.rfind("; expected "); expected != message.npos)
     reason += message.substr(expected);
@@ -77,8 +77,8 @@ namespace {
 
 constexpr std::size_t max_depth = 16;  // the configuration needs 4
 
-/// Input for the lexer that leaves behind the line of the last character read: a number ends only
-/// with the character after it, which is still on its line.
+/// Input for the lexer; records the line of the last character read. The lexer also reads the
+/// character after a number, which is still on the number's line.
 class LineIterator {
  public:
   using iterator_category = std::input_iterator_tag;
@@ -106,7 +106,8 @@ class LineIterator {
   int line_ = 1;
 };
 
-/// SAX events into a tree. Pointers in `open_` stay valid: only the innermost open node grows.
+/// Builds a tree from SAX events. Pointers in `open_` stay valid: only the innermost open node
+/// grows.
 class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
  public:
   TreeBuilder(LocatedJson& out, const std::string& file, const int& line)
@@ -177,7 +178,7 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
     object.children = std::move(kept);
   }
 
-  /// Of the innermost open object, with its dot.
+  /// The path of the innermost open object, with a dot at its end.
   std::string path() const {
     std::string result;
     for (std::size_t i = 1; i < open_.size(); ++i) {
@@ -192,7 +193,7 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
     return result;
   }
 
-  /// A text that is the whole document, and then more: `"broker": {...}`, pasted without braces.
+  /// Recognizes `"broker": {...}` pasted without braces: the key alone is then the whole document.
   bool is_key_outside() const { return open_.empty() && out_.root.value.is_string(); }
 
   bool fail(std::string words) {

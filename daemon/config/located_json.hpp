@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// JSON with `//` and `/* */` comments, read into a tree that knows each value's line. Knows no key
-// of the configuration; used for it and for the credentials file.
+// JSON with `//` and `/* */` comments, read into a tree that knows each value's line. Used for the
+// configuration, the credentials file and the keys file; does not know their keys.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -22,8 +22,8 @@ struct JsonNode {
   std::vector<JsonNode> children;
 };
 
-/// Reads one document. A syntax error is the only problem then, and the tree is unusable; a key
-/// that appears twice is a problem beside which the tree holds the first.
+/// One document as read. After a syntax error, that error is the only problem and the tree is
+/// unusable. A key that appears twice is a problem, and the tree holds the first.
 struct LocatedJson {
   JsonNode root;
   bool is_complete = false;
@@ -31,13 +31,13 @@ struct LocatedJson {
 };
 LocatedJson read_located_json(std::string_view text, const std::string& file);
 
-/// The members of a document that is one group; nothing, and a problem, when it is none. `shape`:
-/// what is allowed, for people.
+/// Returns the members of a document that is one group; otherwise reports a problem and returns
+/// nothing. `shape`: the allowed form, as the problem shows it.
 std::optional<std::vector<JsonNode>> read_group(std::string_view text, const std::string& file,
                                                 std::string_view shape, Problems& problems);
 
-/// A JSON syntax error in an operator's words. `message` is nlohmann-json's. What it echoes of the
-/// file is left out: it may be a secret.
+/// Describes a JSON syntax error in an operator's words. `message` is nlohmann-json's; the part of
+/// the file that it quotes is left out, because that may be a secret.
 std::string syntax_words(std::string_view message);
 
 /// Lays `over` upon `base` key by key: groups are joined, every other value (a list too) replaces

@@ -20,7 +20,7 @@
 namespace slamgw {
 namespace {
 
-/// Its keys are allowed, whatever their values.
+/// A group of older configurations. Its keys are allowed with any value and have no effect.
 constexpr std::string_view meaningless_group = "fleet";
 
 /// Walks the tree along the schema.
@@ -112,7 +112,7 @@ void fill_defaults(Config& config, const Surroundings& surroundings) {
     config.broker.client_id = "slam-gateway-" + config.gateway_id;
 }
 
-/// Files in the order of reading, then those that they name.
+/// Sorts by file in the order of reading, and by line. Files that the configuration names are last.
 void sort_by_place(Problems& problems, const std::vector<ConfigFile>& parts) {
   const auto rank = [&parts](const Problem& problem) {
     return std::find_if(parts.begin(), parts.end(),
@@ -159,7 +159,7 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surrounding
   ConfigContext context{first, std::filesystem::path(first).parent_path().string(), {}};
   const Tree tree = read_tree(parts, context.problems);
   if (tree.root) Reader(result, context).read_root(*tree.root);
-  // The part that can't be read may hold what keys of the others need beside them.
+  // An unreadable part may set keys that the others need; without it, checks would report them.
   if (tree.is_complete) {
     fill_defaults(result.config, surroundings);
     const Located located{result.config, result.places, context};

@@ -40,7 +40,7 @@ bool is_ipv6(const std::string& text, in6_addr& address) {
   return text.find('\0') == text.npos && inet_pton(AF_INET6, text.c_str(), &address) == 1;
 }
 
-/// `host:port`, `[host]:port`, the port possibly missing.
+/// `host:port` or `[host]:port`; the port is optional.
 struct Authority {
   std::string host;
   bool is_bracketed = false;
@@ -64,7 +64,7 @@ std::optional<Authority> split_authority(std::string_view text) {
   return result;
 }
 
-/// Digits and dots only must be an IPv4 address: "1.2.3" is a slip, not a name.
+/// A text of digits and dots must be an IPv4 address: "1.2.3" is a mistake, not a name.
 bool is_host(const std::string& host) {
   in_addr address{};
   if (host.find_first_not_of("0123456789.") == std::string::npos) return is_ipv4(host, address);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What texts in the configuration have to look like. Pure functions on strings, used by the
-// schema's rows.
+// The rules for texts in the configuration. Pure functions on strings, used by the schema's rows.
 #pragma once
 
 #include <cstdint>
@@ -20,14 +19,14 @@ bool is_static_oob(std::string_view text);   ///< 32 hex digits
 bool is_interface_name(std::string_view text);
 bool is_listen_address(
     std::string_view text);  ///< `0.0.0.0:47193`, `[::]:47193`, `[fe80::1%wpan0]:0`
-/// The address without brackets, and the port, of what is_listen_address() takes.
+/// Splits a text that is_listen_address() accepts: the address without brackets, and the port.
 std::pair<std::string, std::uint16_t> listen_parts(std::string_view listen);
 /// `robot/+/update`, or with one robot's id in place of `+`.
 bool is_relay_filter(std::string_view text);
 bool is_host_name(std::string_view text);        ///< letters, digits, `-` and `.`, 1-253 characters
 bool is_multicast_group(std::string_view text);  ///< an IPv4 or IPv6 multicast address
 
-/// A host name as a gateway id: what does not fit becomes `-`; `gateway` when nothing is left.
+/// Makes a gateway id of a host name: other characters become `-`, an empty name `gateway`.
 std::string gateway_id_of_host(std::string_view host_name);
 
 struct BrokerUri {
@@ -35,7 +34,7 @@ struct BrokerUri {
   std::uint16_t port = 0;
   bool tls = false;
 };
-/// `mqtt://host[:port]` or `mqtts://host[:port]`; nothing when it is neither.
+/// Parses `mqtt://host[:port]` or `mqtts://host[:port]`; nothing for any other text.
 std::optional<BrokerUri> parse_broker_uri(std::string_view uri);
 
 }  // namespace slamgw

@@ -24,7 +24,7 @@ constexpr std::string_view filter_words =
 constexpr std::string_view topic_words =
     "a topic name without wildcards and control characters, at most 200 levels";
 
-// The parts of the table, a function for each group of keys.
+// Functions for keys that need more than one call, then the parts of the table.
 
 std::optional<BrokerAddress> broker_address(Value value) {
   const auto* text = value.node().value.get_ptr<const std::string*>();
@@ -81,7 +81,8 @@ bool is_controller(std::string_view name) {
          name.find_first_not_of("0123456789") == name.npos;
 }
 
-/// 1 is not allowed by Mesh Profile section 3.4.4.5: such a message is never relayed, as with 0.
+/// Refuses 1 (Mesh Profile section 3.4.4.5): such a message is never relayed, as with 0.
+
 void read_ttl(Value value, Config& config) {
   const nlohmann::json& json = value.node().value;
   const std::uint64_t ttl = json.is_number_unsigned() ? json.get<std::uint64_t>() : 1;

@@ -22,10 +22,10 @@ struct SchemaKey {
 
 std::span<const SchemaKey> schema();
 const SchemaKey* find_key(std::string_view path);
-/// A group (`broker.tls`) or a list of groups (`robots[]`): something that has keys below it.
+/// Returns whether keys exist below `path`, a group (`broker.tls`) or a list of them (`robots[]`).
 bool is_group(std::string_view path);
-/// What to say of an unknown key: the known one that looks most like it (a misspelt neighbour, or
-/// the same name elsewhere), and when none is close, all of its group.
+/// The hint for an unknown key: the most similar known key (a misspelt neighbour, or the same name
+/// in another group). When that is not close, the hint also lists all keys of its group.
 std::string suggestion(std::string_view unknown_path);
 
 }  // namespace slamgw

@@ -11,7 +11,7 @@ namespace {
 
 /// A key of the same name in another group beats a neighbour that needs this many more edits.
 constexpr std::size_t elsewhere_penalty = 3;
-/// Longer names are no slips of the finger; also bounds the work.
+/// Only this many characters of a name are compared, which bounds the work.
 constexpr std::size_t longest_compared = 64;
 
 struct Split {
@@ -25,7 +25,7 @@ Split split_path(std::string_view path) {
   return {path.substr(0, dot), path.substr(dot + 1)};
 }
 
-/// `mqtt_sn`, `mqtt-sn` and `MqttSn` are all meant as `mqttsn`; units at the end count.
+/// Makes `mqtt_sn`, `mqtt-sn` and `MqttSn` equal to `mqttsn`; keeps units at the end.
 std::string plain(std::string_view name) {
   std::string result;
   for (const char c : name.substr(0, longest_compared)) {
@@ -44,7 +44,7 @@ std::set<std::string_view> known_paths() {
   return paths;
 }
 
-/// `client_id` is near `mqttsn_client_id`.
+/// The edit distance, but 1 when `name` is the end of `known`: `client_id`, `mqttsn_client_id`.
 std::size_t distance(const std::string& name, const std::string& known) {
   constexpr std::size_t least_telling = 4;
   const bool is_end = name.size() >= least_telling && known.ends_with(name) && known != name;
@@ -82,7 +82,7 @@ std::string suggestion(std::string_view unknown_path) {
       best = path;
     }
   }
-  // With half of the name to be changed it is a guess.
+  // If half of the name has to change, the suggestion is only a guess.
   const bool is_close = 2 * distance(name, plain(split_path(best).name)) < name.size();
   return "did you mean " + shown(best) + "?" + (is_close ? "" : known_beside(unknown.parent));
 }

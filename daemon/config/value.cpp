@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::size_t longest_echo = 40;
 
-/// What the value is, for "... is not allowed". Text is shown short and quoted as JSON.
+/// Describes the value for "... is not allowed". Shows only short texts, quoted as JSON.
 std::string description(const JsonNode& node) {
   const nlohmann::json& value = node.value;
   switch (value.type()) {
@@ -134,7 +134,7 @@ void Value::texts(std::vector<std::string>& out, TextRule rule, std::string_view
         std::string read;
         item.text(read, rule, allowed);
         if (read.empty())
-          out.push_back(read);  // its problem is told: the list itself is not empty
+          out.push_back(read);  // already reported; later checks must not also see an empty list
         else
           item.add_once(out, read);
       },

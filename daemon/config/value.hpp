@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One value of the configuration on its way into a setting: checks its type and range and reports
-// what is wrong together with what is allowed. The schema's rows are written in its terms.
+// what is wrong together with what is allowed. Used by the schema's rows.
 #pragma once
 
 #include <algorithm>
@@ -19,10 +19,10 @@
 
 namespace slamgw {
 
-/// What all values of one configuration share.
+/// State that all values of one configuration share.
 struct ConfigContext {
-  std::string file;       ///< the first one
-  std::string directory;  ///< of that file: relative paths start here; may be empty
+  std::string file;       ///< the first file
+  std::string directory;  ///< of that file, where relative paths start; may be empty
   Problems problems;
 };
 
@@ -54,7 +54,7 @@ class Value {
   void address(std::uint16_t& out, std::uint16_t min, std::uint16_t max);
   void list(const std::function<void(Value)>& each, std::string_view allowed);
   void texts(std::vector<std::string>& out, TextRule rule, std::string_view allowed);
-  /// Of an element of a list: a second one like it is a problem.
+  /// Adds this element to `list`; reports it instead when the list already has it.
   template <class T>
   void add_once(std::vector<T>& list, const T& element) {
     if (std::find(list.begin(), list.end(), element) != list.end())
@@ -82,7 +82,7 @@ class Value {
     not_allowed(allowed);
   }
 
-  /// Reports "<what the value is>; allowed: <allowed>".
+  /// Reports "<description of the value> is not allowed; allowed: <allowed>".
   void not_allowed(std::string_view allowed);
   void problem(std::string text);
 

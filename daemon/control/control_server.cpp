@@ -66,7 +66,7 @@ void ControlServer::start() {
   make_directory(path_);
   remove_stale(io_, path_);
   acceptor_.open(stream_protocol());
-  // Before bind() makes the file: at no time may others open it.
+  // Set before bind() makes the file, so that other users can't open it at any time.
   fchmod(acceptor_.native_handle(), socket_mode);
   error_code error;
   acceptor_.bind(stream_protocol::endpoint(path_), error);
@@ -74,7 +74,7 @@ void ControlServer::start() {
     acceptor_.close();
     fail(path_, "can't be made: " + error.message());
   }
-  chmod(path_.c_str(), socket_mode);  // what the umask took
+  chmod(path_.c_str(), socket_mode);  // restores what the umask removed
   acceptor_.listen();
   accept();
 }
@@ -129,7 +129,7 @@ void ControlServer::on_accept(error_code error, ControlSession::Socket socket) {
     admit(std::move(socket));
     return accept();
   }
-  // Out of file descriptors, most likely: the waiting client would make this spin.
+  // Most likely no file descriptor is free. Without a pause, the waiting client makes this spin.
   retry_timer_.expires_after(accept_retry);
   retry_timer_.async_wait([this, alive = std::weak_ptr(alive_)](error_code) {
     if (!alive.expired()) accept();

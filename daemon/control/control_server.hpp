@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Unix socket that slam-gatewayctl talks to: accepts clients and hands traffic to those that
-// watch. What they ask is answered by the ControlHandler. On the loop's thread only; a slow or
-// silent client costs bounded memory and never time.
+// The Unix socket that slam-gatewayctl talks to: accepts clients and hands traffic to the watching
+// ones. The ControlHandler answers their requests. On the loop's thread only; a slow or silent
+// client costs bounded memory and never blocks the loop.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -23,20 +23,20 @@ class ControlServer {
   /// `handler` must outlive the server.
   ControlServer(boost::asio::io_context& io, std::string path, ControlHandler& handler,
                 ControlLimits limits = {});
-  /// As stop().
+  /// Calls stop().
   ~ControlServer();
   ControlServer(const ControlServer&) = delete;
   ControlServer& operator=(const ControlServer&) = delete;
 
-  /// Replaces a socket that a dead daemon has left. Throws std::runtime_error with what to fix:
+  /// Replaces a socket that a dead daemon has left. Throws std::runtime_error that names the fault:
   /// another daemon answers there, the directory can't be written, ...
   void start();
-  /// Ends all clients and removes the socket. The handler is not called any more.
+  /// Ends all clients and removes the socket. Does not call the handler, then or later.
   void stop();
 
   bool has_watchers() const;
-  /// Sends the event to those that watch. One that does not keep up loses events and learns how
-  /// many.
+  /// Sends the event to the watchers that want it. A watcher that is too slow loses events and gets
+  /// the number of these.
   void publish(const TraceEvent& event);
   Counters counters() const;
 

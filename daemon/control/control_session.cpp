@@ -20,7 +20,7 @@ using boost::system::error_code;
 
 namespace {
 
-/// As the kernel says.
+/// Names the client's user, as the kernel reports it.
 std::string peer_of(int socket) {
   ucred peer{};
   socklen_t size = sizeof peer;
@@ -104,8 +104,8 @@ void ControlSession::on_line(error_code error, std::size_t size) {
   input_.erase(0, size);
   arm_idle_timer();
   handle(line);
-  // The next request is read when this one's answer is written, so that answers can't pile up. A
-  // watcher is read on: that is how its end shows.
+  // The next request is read after this answer is written, so that answers can't pile up. A watcher
+  // is always read, which shows when it disconnects.
   if (watch_ && !is_closed_) read_line();
 }
 
@@ -151,7 +151,7 @@ void ControlSession::perform(control::Request& request) {
       request);
 }
 
-/// The client may wait as long as the order takes.
+/// Returns the callback that answers an order. The client may wait as long as the order takes.
 OrderDone ControlSession::answer_order() {
   idle_timer_.cancel();
   return [self = weak_from_this()](const OrderAnswer& done) {
@@ -161,7 +161,7 @@ OrderDone ControlSession::answer_order() {
 }
 
 void ControlSession::answer(const std::string& line) {
-  if (watch_) return offer(line);  // asked while watching: within the same bound
+  if (watch_) return offer(line);  // a watcher's answers and events share one bound
   arm_idle_timer();
   waiting_ += line;
   write_waiting();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One client of the control socket: its requests one after the other, its answers, and as a watcher
-// its events. Made and held by ControlServer; keeps itself alive while operations are under way and
-// is silent after close().
+// One client of the control socket: reads its requests one by one, writes the answers and, to a
+// watcher, events. Made and held by ControlServer; keeps itself alive while operations are under
+// way and calls nothing after close().
 #pragma once
 
 #include <boost/asio/local/stream_protocol.hpp>
@@ -19,13 +19,13 @@ namespace slamgw {
 
 struct ControlLimits {
   std::size_t clients = 32;
-  /// A line longer than this ends its client; the database of 256 nodes to import is half of it.
+  /// A longer line ends its client. A database of 256 nodes to import has half this size.
   std::size_t request_bytes = std::size_t{1024} * 1024;
-  /// What may wait for a watcher; beyond it events are lost, and a watcher that asks on without
-  /// reading is cut off.
+  /// The most that may wait for a watcher. Beyond it, events are lost, and a watcher that sends
+  /// requests without reading the answers is cut off.
   std::size_t queued_bytes = std::size_t{1024} * 1024;
-  /// A client that does not watch, silent or unanswered for this long, is cut off; but not while an
-  /// order is under way.
+  /// A client is cut off when it is silent or does not read its answer for this long. Watchers are
+  /// not, nor clients whose order is under way.
   std::chrono::milliseconds idle{60000};
 };
 
@@ -42,7 +42,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   using Socket = boost::asio::local::stream_protocol::socket;
 
   /// `on_watch` is called when the client begins to watch. `on_end` is called once, when the client
-  /// has gone or was cut off; not for close().
+  /// has disconnected or was cut off; close() does not call it.
   ControlSession(Socket socket, const ControlLimits& limits, ControlCounters& counters,
                  ControlHandler& handler, std::function<void()> on_watch,
                  std::function<void(ControlSession&)> on_end);
@@ -51,8 +51,8 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void close();
   bool wants(const TraceEvent& event) const;
   bool is_watching() const { return watch_.has_value(); }
-  /// Queues an event for a watcher, or counts it as lost when too much waits already. The
-  /// number of lost ones is sent as soon as half of the room is free.
+  /// Queues an event for a watcher, or counts it as lost when too much waits already. The number of
+  /// lost events is sent as soon as half of the room is free.
   void offer_event(const std::string& line, WallTime at);
 
  private:
@@ -62,7 +62,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(control::Request& request);
   OrderDone answer_order();
   void answer(const std::string& line);
-  /// Queues an answer for a watcher, or ends it when too much waits already.
+  /// Queues an answer for a watcher, or cuts the watcher off when too much waits already.
   void offer(const std::string& line);
   void report_lost();
   std::size_t queued() const { return writing_.size() + waiting_.size(); }
@@ -81,10 +81,10 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   std::function<void(ControlSession&)> on_end_;
 
   std::string input_;
-  std::string writing_;  // with the kernel now
-  std::string waiting_;  // to be written after it
+  std::string writing_;  // being written
+  std::string waiting_;  // to be written next
   std::optional<control::WatchRequest> watch_;
-  std::uint64_t lost_ = 0;  // events since the last one that was queued
+  std::uint64_t lost_ = 0;  // lost events that are not reported yet
   WallTime lost_at_{};
   bool ends_after_answer_ = false;
   bool is_closed_ = false;

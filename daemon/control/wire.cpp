@@ -22,7 +22,7 @@ std::optional<std::string> text_of(const json& request, const char* key) {
   return found->get<std::string>();
 }
 
-/// 0 when it is missing or no such number.
+/// Returns 0 when the member is missing or not an unsigned number.
 std::uint64_t number_of(const json& request, const char* key) {
   const auto found = request.find(key);
   return found != request.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
@@ -44,12 +44,12 @@ Result<Request, std::string> parse_send(const json& request) {
   return Request(SendRequest{*robot, *type, *payload});
 }
 
-/// This socket's commands are those of slam-gatewayctl that ask the daemon.
+/// Refers to slam-gatewayctl, whose commands for the daemon are those of this socket.
 std::string unknown(const std::string& command) {
   return fmt::format("unknown command '{}'; slam-gatewayctl --help lists all", command);
 }
 
-/// Null stands for what all robots have.
+/// Reads an optional member; null wishes for the value of all robots. False when it is invalid.
 template <class Value, class Read>
 bool read_wish(const json& request, const char* key, NodeConfigOrder::Wish<Value>& wish,
                const Read& read) {
@@ -77,7 +77,7 @@ std::optional<Transmissions> read_transmissions(const json& value) {
   return Transmissions{static_cast<std::uint8_t>(sends), static_cast<std::uint16_t>(interval_ms)};
 }
 
-/// False when it is there and no group address.
+/// Returns false when the member exists but is not a group address.
 bool read_group(const json& request, const char* key, std::optional<std::uint16_t>& group) {
   constexpr std::uint64_t first = 0xc000;
   constexpr std::uint64_t last = 0xfeff;
@@ -88,8 +88,8 @@ bool read_group(const json& request, const char* key, std::optional<std::uint16_
   return true;
 }
 
-/// False when it is there and no publication: of a model, to an address or, with null, to where all
-/// publish.
+/// Returns false when the member exists but is not a publication: a model and an address, or null
+/// for the address to which all robots publish.
 bool read_publication(const json& request,
                       std::optional<NodeConfigOrder::Publication>& publication) {
   const auto found = request.find("publish");
@@ -220,7 +220,8 @@ void add_radio(Json& out, const std::optional<RadioFacts>& radio) {
   add(out, "hops", radio->hops);
 }
 
-/// As hex, and as far as it can be read: the thesis's command (two int16), text.
+/// Adds the payload as hex and, where it can be decoded so, as the thesis's command (two int16) and
+/// as text.
 void add_payload(Json& out, const TraceEvent& event) {
   if (event.update) out["update"] = Json::parse(encode_json(*event.update));
   if (!event.payload) return;

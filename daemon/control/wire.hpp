@@ -14,7 +14,7 @@
 //             {"command": "ble remove", "robot": "...", "force": optional}
 //             {"command": "ble config", "robot": "...", "ttl": optional number,
 //              "relay": optional true or false, "transmit": optional {"sends", "interval_ms"};
-//              null for one of them: as all robots have it; "subscribe" and "unsubscribe":
+//              null for one of these: the value of all robots; "subscribe" and "unsubscribe":
 //              optional number of a group; "publish": optional {"model", "address": null for
 //              where all robots publish to}}
 //             {"command": "ble refresh-keys", "left_behind": optional [...], "silent": optional,
@@ -27,7 +27,7 @@
 //              "all": true}
 //   answer    {"result": ...} or {"error": "text"}
 //   watch     after its answer, {"event": {...}} for each event (to_json) until the
-//             connection ends; an event "lost" counts those for which the client was too slow
+//             connection ends; an event "lost" counts events that the client was too slow for
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -44,24 +44,24 @@
 namespace slamgw::control {
 
 struct StatusRequest {};
-/// Nothing: every robot.
+/// Without a robot: about every robot.
 struct RobotsRequest {
   std::optional<std::string> robot;
 };
 struct ReloadRequest {};
 struct FleetRequest {};
-/// Nothing: every client.
+/// Without a robot: about every client.
 struct MqttsnClientsRequest {
   std::optional<std::string> robot;
 };
 struct ForgetRequest {
   std::string robot;
 };
-/// A sign of life from a robot on either mesh, once.
+/// Asks a robot on either mesh for one sign of life.
 struct PingRequest {
   std::string robot;
 };
-/// Nothing: any robot, any type.
+/// Without a robot: any robot; without a type: any type.
 struct WatchRequest {
   std::optional<std::string> robot;
   std::optional<std::string> type;
@@ -75,22 +75,22 @@ using Request =
     std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetRequest, MqttsnClientsRequest,
                  ForgetRequest, PingRequest, WatchRequest, SendRequest, BleOrder, StoreOrder>;
 
-/// A request, or what is wrong with it in words.
+/// Returns the request, or the words that describe its fault.
 Result<Request, std::string> parse_request(std::string_view line);
 
-/// With its line end. Replaces what is not UTF-8 with U+FFFD.
+/// Returns a line with its line end. Octets that are not UTF-8 become U+FFFD.
 std::string result_line(const nlohmann::json& result);
-/// Of an order: its JSON document, or its error.
+/// Returns the line that answers an order: its JSON document, or its error.
 std::string order_line(const OrderAnswer& answer);
 std::string error_line(std::string_view text);
-/// A line of `slam-gatewayctl --json watch`: people script against the names. Members that do not
-/// apply are left out: `at` (UTC, microseconds), `event`, `robot`, `mesh`, `address`, `topic`,
-/// `type`, `direction`, `qos`, `message_id`, `dup`, `bytes`, `rssi_dbm`, `ttl`, `hops`,
-/// `latency_us`, `command_id`, `outcome`, `why`, `update`, `payload` (hex), and for people `cmd`
-/// (x and y) or `text`, where the payload reads as such.
+/// A line of `slam-gatewayctl --json watch`; scripts rely on the names. Members that do not apply
+/// are left out: `at` (UTC, microseconds), `event`, `robot`, `mesh`, `address`, `topic`, `type`,
+/// `direction`, `qos`, `message_id`, `dup`, `bytes`, `rssi_dbm`, `ttl`, `hops`, `latency_us`,
+/// `command_id`, `outcome`, `why`, `update`, `payload` (hex), and, where the payload can be decoded
+/// so, `cmd` (x and y) and `text`.
 nlohmann::ordered_json to_json(const TraceEvent& event);
 std::string event_line(const TraceEvent& event);
-/// In place of `count` events that a watcher was too slow for: `at`, `event` "lost", `lost`.
+/// Replaces `count` events that a watcher was too slow for: `at`, `event` "lost", `lost`.
 std::string lost_line(std::uint64_t count, WallTime at);
 std::string to_line(const nlohmann::json& json);
 

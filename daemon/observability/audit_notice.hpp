@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lines of the audit trail about what operators order; those about commands come from the core.
-// Pure but for user_words().
+// The audit trail's lines about operators' orders; lines about commands come from the core. Pure
+// except for user_words().
 #pragma once
 
 #include <sys/types.h>
@@ -14,18 +14,18 @@
 namespace slamgw {
 
 struct AuditedOrder {
-  std::string what;   ///< as it is typed: `ble permit-join`
-  std::string robot;  ///< or whom else it is about; may be empty
+  std::string what;   ///< as the operator types it: `ble permit-join`
+  std::string robot;  ///< the robot or robots that the order concerns; may be empty
 };
 
-/// Nothing for orders that only read.
+/// Returns nothing for orders that only read.
 std::optional<AuditedOrder> audited(const BleOrder& order);
 std::optional<AuditedOrder> audited(const StoreOrder& order);
 
-/// `error`: of an order that failed; only its first line is shown.
+/// `error`: empty when the order succeeded; only its first line is shown.
 Notice audit_notice(const std::string& who, const AuditedOrder& order, const std::string& error);
 
-/// `uid 1000 (alice)`. The name is that of /etc/passwd: other sources may make the caller wait.
+/// `uid 1000 (alice)`. The name is read from /etc/passwd: other sources may block the caller.
 std::string user_words(uid_t uid);
 
 }  // namespace slamgw

@@ -15,7 +15,7 @@ namespace slamgw {
 
 namespace {
 
-/// A value with a line end comes after its length, 64 bits, little-endian.
+/// A value that holds a line end follows after its length (64 bits, little-endian).
 void append(std::string& entry, std::string_view name, std::string_view value) {
   entry += name;
   if (value.find('\n') == value.npos) {
@@ -54,7 +54,7 @@ std::string journal_entry(std::string_view program, Severity severity, std::stri
 
 namespace {
 
-/// As libsystemd asks for; the kernel gives what net.core.wmem_max allows.
+/// libsystemd asks for the same size; the kernel grants as much as net.core.wmem_max allows.
 constexpr int send_buffer_bytes = 8 << 20;
 
 }  // namespace
@@ -97,7 +97,7 @@ bool JournalSocket::flush() {
 
 std::uint64_t JournalSocket::take_lost() { return std::exchange(lost_, 0); }
 
-/// Not connected: a journal that was started anew is found by its path.
+/// Sends to the path, without a connection, so that a restarted journal is found.
 JournalSocket::Result JournalSocket::try_send(const std::string& entry) const {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;

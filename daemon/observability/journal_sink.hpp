@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// spdlog sink that writes structured entries to the systemd journal. spdlog has no fields of its
-// own: they come beside the message, through a context that log_event fills.
+// spdlog sink that writes structured entries to the systemd journal. spdlog has no fields;
+// log_event passes them beside the message, through a LogContext.
 #pragma once
 
 #include <spdlog/details/null_mutex.h>
@@ -20,16 +20,16 @@ namespace slamgw {
 // An event as systemd-journald takes it: one datagram of FIELD=value (systemd's "native journal
 // protocol"). Pure.
 
-/// syslog(3)'s, as in `journalctl -p`: 3 error, 4 warning, 5 notice, 6 info, 7 debug.
+/// The priority of syslog(3), as in `journalctl -p`: 3 error, 4 warning, 5 notice, 6 info, 7 debug.
 int journal_priority(Severity severity);
 
 /// Values may hold any octets. `program` is the name that `journalctl` shows in its lines.
 std::string journal_entry(std::string_view program, Severity severity, std::string_view text,
                           const LogFields& fields);
 
-/// Datagrams to systemd-journald that never wait for it: libsystemd's sd_journal_send() blocks when
-/// the journal is stuck, and the loop with it. What matters is kept until the journal takes it, the
-/// rest is counted. Loop's thread only.
+/// Sends datagrams to systemd-journald without waiting: libsystemd's sd_journal_send() would block
+/// the loop while the journal is stuck. Keeps entries that matter until the journal takes them and
+/// counts the entries it loses. Loop's thread only.
 class JournalSocket {
  public:
   /// Entries kept while the journal takes nothing; all further ones are lost.
@@ -42,9 +42,9 @@ class JournalSocket {
 
   /// Keeps the order: no entry overtakes a kept one.
   void send(std::string entry, bool matters);
-  /// Tries again what is kept. True when nothing is left.
+  /// Sends the kept entries. Returns true when none is left.
   bool flush();
-  /// How many entries were lost since the last call.
+  /// Returns the number of entries lost since the last call.
   std::uint64_t take_lost();
 
  private:
@@ -57,7 +57,7 @@ class JournalSocket {
   std::uint64_t lost_ = 0;
 };
 
-/// What spdlog cannot carry about the message being written.
+/// Facts about the message being written that spdlog cannot carry.
 struct LogContext {
   Severity severity = Severity::info;
   const LogFields* fields = nullptr;
@@ -73,12 +73,12 @@ class JournalSink final : public spdlog::sinks::base_sink<spdlog::details::null_
   static constexpr std::chrono::seconds lost_interval{1};
 
   void sink_it_(const spdlog::details::log_msg& message) override;
-  /// Also called every few seconds: sends what was kept once the journal takes it.
+  /// Sends kept entries and reports lost ones. Called after each entry and every few seconds.
   void flush_() override;
 
   const LogContext& context_;
   JournalSocket socket_;
-  std::uint64_t lost_ = 0;  ///< and not reported yet
+  std::uint64_t lost_ = 0;  ///< lost entries that are not reported yet
   std::optional<std::chrono::steady_clock::time_point> lost_reported_at_;
 };
 

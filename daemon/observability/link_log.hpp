@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of the log about the broker link: each change and each new reason at once, a repeated
-// reason as a summary.
+// The log's lines about the broker link: each change and each new reason at once, a repeated reason
+// as a summary.
 #pragma once
 
 #include <optional>
@@ -17,16 +17,16 @@ class LinkLog {
   void rename(std::string uri) { uri_ = std::move(uri); }
 
   Notice on_up(const std::string& detail);
-  /// Nothing when there is no news.
+  /// Returns nothing for a repeated reason, except for a summary once a minute.
   std::optional<Notice> on_down(const std::string& why, TimePoint now);
-  /// A good connection was ended for another one.
+  /// Returns the line about a good connection that was ended for another broker.
   Notice on_left(const std::string& why) const;
 
  private:
   static constexpr std::chrono::seconds summary_interval{60};
 
   std::string uri_;
-  std::string why_;  ///< of the last line; empty while it is up
+  std::string why_;  ///< the last line's reason; empty while the link is up
   LogThrottle same_reason_{summary_interval};
 };
 

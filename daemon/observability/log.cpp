@@ -24,7 +24,7 @@ spdlog::level::level_enum to_spdlog(Severity severity) {
   switch (severity) {
     case Severity::debug: return spdlog::level::debug;
     case Severity::info:
-    case Severity::notice: return spdlog::level::info;  // spdlog knows no notice; LogContext does
+    case Severity::notice: return spdlog::level::info;  // spdlog has no notice; LogContext has
     case Severity::warning: return spdlog::level::warn;
     case Severity::error: return spdlog::level::err;
   }

@@ -27,9 +27,9 @@ bool stderr_is_journal();
 bool is_logged(Severity severity);
 /// One event, one line: control characters in `text` are escaped, whatever their source.
 void log_event(Severity severity, std::string_view text, const LogFields& fields = {});
-/// What an operator has ordered is written whatever the level.
+/// As log_event(), but writes notices about an operator's order at any level.
 void log_notice(const Notice& notice);
-/// To be called every few seconds: tries again what a stuck journal did not take.
+/// Sends again the entries that a stuck journal did not take. Call every few seconds.
 void flush_log();
 
 std::string_view to_string(Severity severity);

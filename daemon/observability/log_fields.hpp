@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the journal's entries hold beside their text: the fields of a Notice and of a robot's
-// message, and the MESSAGE_ID of each kind of entry (documented in slam-gatewayd(8); they never
+// The fields of the journal's entries beside their text: those of a Notice and of a robot's
+// message, and the MESSAGE_ID of each kind of entry (documented in slam-gatewayd(8); the ids never
 // change). Pure.
 #pragma once
 

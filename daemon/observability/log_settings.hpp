@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about logging (`log.*`); defaults as in config/gateway.json.
+// The settings of the log (`log.*`); defaults as in config/gateway.json.
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of the log about robots that come and go, and about commands: as many as a fleet needs, and
-// no flood from a crowd of strangers or a server gone wild. Pure.
+// Bounds the log's lines about robots that come and go, and about commands. A whole fleet passes; a
+// flood from many unknown clients or from a faulty server does not. Pure.
 #pragma once
 
 #include <fmt/format.h>
@@ -13,7 +13,7 @@
 
 namespace slamgw {
 
-/// A burst of lines, then so many a second; counts the rest.
+/// Lets `at_once` lines pass, then `per_second`; counts the rest.
 class BoundedLines {
  public:
   BoundedLines(unsigned at_once, unsigned per_second)
@@ -23,7 +23,8 @@ class BoundedLines {
     ++left_out_;
     return false;
   }
-  /// Of lines left out since the last call, with their number before `words`; nothing without any.
+  /// Returns a notice that puts the number of lines left out since the last call before `words`;
+  /// nothing when none was left out.
   std::optional<Notice> summary(std::string_view words, Occasion occasion) {
     const std::uint64_t count = std::exchange(left_out_, 0);
     if (count == 0) return std::nullopt;
@@ -46,15 +47,16 @@ class PresenceLines {
   static constexpr unsigned lines_at_once = 1500;
   static constexpr unsigned lines_per_second = 20;
 
-  /// `unproven` outlives it.
+  /// `unproven` must outlive this object.
   explicit PresenceLines(UnprovenLines& unproven) : unproven_(unproven) {}
 
-  /// False when there were too many such lines; other notices about proven clients always pass.
+  /// Returns false when there were too many such lines. Notices about proven clients that are not
+  /// about presence always pass.
   bool may_write(const Notice& notice, TimePoint now) {
     if (!notice.is_proven) return unproven_.may_write(notice.robot, now);
     return notice.occasion != Occasion::robot_presence || lines_.may_write(now);
   }
-  /// Says how many were left out since the last call; to be called every few seconds.
+  /// Returns a notice about the lines left out since the last call. Call every few seconds.
   std::optional<Notice> summary() {
     return lines_.summary("robots came or went", Occasion::robot_presence);
   }
@@ -64,19 +66,19 @@ class PresenceLines {
   BoundedLines lines_{lines_at_once, lines_per_second};
 };
 
-/// Lines about how commands ended. Those about an operator's always pass.
+/// Bounds lines about how commands ended. Lines about an operator's commands always pass.
 class CommandLines {
  public:
   static constexpr unsigned lines_at_once = 1000;
   static constexpr unsigned lines_per_second = 50;
 
-  /// False when there were too many such lines.
+  /// Returns false when there were too many such lines.
   bool may_write(const Notice& notice, TimePoint now) {
     const bool is_bounded = notice.occasion == Occasion::command_outcome && notice.audit &&
                             !is_operator(notice.audit->who);
     return !is_bounded || lines_.may_write(now);
   }
-  /// As that of PresenceLines.
+  /// As PresenceLines::summary().
   std::optional<Notice> summary() {
     auto notice = lines_.summary("commands ended", Occasion::command_outcome);
     if (notice) notice->audit = AuditFacts{std::string(broker_sender), "commands", "not listed"};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tells systemd about the service: ready, reloading, stopping, one line of status, and signs of
-// life for its watchdog. Does nothing where systemd did not start the daemon. Used by App on the
-// loop's thread; a loop that hangs feeds the watchdog no longer, so that systemd restarts the
+// Notifies systemd of the service's state: ready, reloading, stopping, one line of status, and
+// signs of life for its watchdog. Does nothing where systemd did not start the daemon. Used by App
+// on the loop's thread: when the loop hangs, no sign of life follows, and systemd restarts the
 // service.
 #pragma once
 
@@ -34,11 +34,11 @@ class ServiceNotifier {
   /// `state` is called once a second from ready() on.
   ServiceNotifier(boost::asio::io_context& io, std::function<ServiceState()> state);
 
-  /// The start is over, or a reload.
+  /// Call when the start is over, and after each reload.
   void ready();
-  /// Between SIGHUP and the next ready().
+  /// Call on SIGHUP, before the next ready().
   void reloading();
-  /// The last notification: no status and no sign of life follows it (TimeoutStopSec= takes over).
+  /// Sends the last notification: no status and no sign of life follows (TimeoutStopSec= applies).
   void stopping();
 
  private:
@@ -48,7 +48,7 @@ class ServiceNotifier {
   boost::asio::steady_timer watchdog_timer_;
   boost::asio::steady_timer status_timer_;
   std::function<ServiceState()> state_;
-  /// Half of what systemd allows between two signs of life; none when it does not watch.
+  /// Half of the time that systemd allows between two signs of life; nothing without a watchdog.
   std::optional<std::chrono::microseconds> watchdog_interval_;
   std::optional<std::uint64_t> messages_before_;
   std::string last_status_;

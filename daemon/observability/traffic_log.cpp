@@ -35,7 +35,7 @@ std::vector<TrafficEntry> AwaitedLines::take_overdue(TimePoint now) {
 }
 
 void TrafficLog::on_traffic(const TrafficEvent& event) {
-  if (event.is_rejected || !is_logged(Severity::info)) return;  // the core warns of those
+  if (event.is_rejected || !is_logged(Severity::info)) return;  // the core warns of rejected ones
   const auto line = sampler_.on_traffic(event, event.at);
   if (!line) return;
   const auto entry = awaited_.add(event, {traffic_text(event, *line), traffic_fields(event)});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes robot messages to the log: watches the traffic and writes what TrafficSampler picks, each
-// line when its receipt has fired.
+// Writes robot messages to the log: watches the traffic and writes the lines that TrafficSampler
+// picks, each when its receipt has fired.
 #pragma once
 
 #include <map>
@@ -15,8 +15,8 @@
 
 namespace slamgw {
 
-// Lines of the log about messages whose acknowledgement is owed: they are written when it is known
-// how long that took (LATENCY_US), or without it when it takes too long. Pure.
+// Lines about messages whose acknowledgement is owed. A line is written when the delay is known
+// (LATENCY_US), or without the delay when the acknowledgement takes too long. Pure.
 
 /// One line of the log.
 struct TrafficEntry {
@@ -26,16 +26,17 @@ struct TrafficEntry {
 
 class AwaitedLines {
  public:
-  /// Lines about more messages than that are written at once.
+  /// Lines beyond this number are written at once.
   static constexpr std::size_t max_lines = 1024;
   static constexpr std::chrono::seconds patience{5};
 
-  /// Gives the line back when there is nothing to wait for.
+  /// Returns the entry when it does not have to wait.
   std::optional<TrafficEntry> add(const TrafficEvent& event, TrafficEntry entry);
   bool has(const Receipt& receipt) const { return lines_.contains(key_of(receipt)); }
-  /// For a line that it has.
+  /// Removes and returns the line. Call only if has(receipt).
   TrafficEntry on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
-  /// Those that have waited for too long, oldest first on each mesh. Every few seconds.
+  /// Removes and returns the lines that have waited too long, oldest first on each mesh. Call every
+  /// few seconds.
   std::vector<TrafficEntry> take_overdue(TimePoint now);
 
  private:
@@ -51,15 +52,15 @@ class AwaitedLines {
 
 class TrafficLog final : public TrafficObserver {
  public:
-  /// `unproven` outlives it.
+  /// `unproven` must outlive this object.
   TrafficLog(TrafficLogMode mode, UnprovenLines& unproven)
       : unproven_(unproven), sampler_(mode, unproven) {}
 
   void on_traffic(const TrafficEvent& event) override;
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) override;
-  /// Writes lines that have waited for too long. Every few seconds.
+  /// Writes lines that have waited too long. Call every few seconds.
   void write_overdue(TimePoint now);
-  /// `log.traffic` was read again.
+  /// Call when `log.traffic` was read again.
   void reconfigure(TrafficLogMode mode) { sampler_ = TrafficSampler(mode, unproven_); }
 
  private:

@@ -18,11 +18,11 @@
 
 namespace slamgw {
 
-// Bounds how many lines of one kind are logged: journald drops whatever comes too fast, so a flood
-// of lines would push out those that matter. Pure.
+// Bounds how many lines of one kind are logged: journald drops entries that come too fast, so a
+// flood of lines would push out important ones. Pure.
 
-/// Lets lines pass up to a rate. Faster lines are a flood, and none passes until it is over: until
-/// fewer lines came in a `window` than the rate allows.
+/// Lets lines pass up to a rate. Faster lines are a flood: then no line passes until fewer lines
+/// came in a `window` than the rate allows.
 class FloodGate {
  public:
   static constexpr std::chrono::seconds window{10};
@@ -44,24 +44,24 @@ class FloodGate {
   unsigned per_second_;
   TokenBucket budget_;
   TimePoint shut_until_{};
-  std::int64_t held_back_ = 0;  // in this window
+  std::int64_t held_back_ = 0;  // lines held back in this window
 };
 
-/// All lines about clients that are not proven (Report::is_proven). Robots that only publish are
-/// among them: each has a line a second, which must not take those of presence and refusals.
+/// Bounds all lines about clients that are not proven (Report::is_proven). Robots that only publish
+/// are among these: their line a second must not use up the lines about presence and refusals.
 class UnprovenLines {
  public:
   static constexpr unsigned lines_at_once = 100;
   static constexpr unsigned lines_per_second = 40;
   static constexpr unsigned traffic_lines_per_second = 80;
 
-  /// A line about presence or a refusal.
+  /// Returns whether a line about presence or a refusal may be written.
   bool may_write(const std::string& robot, TimePoint now) { return take(gate_, robot, now); }
-  /// A line about a message.
+  /// Returns whether a line about a message may be written.
   bool may_write_traffic(const std::string& robot, TimePoint now) {
     return take(traffic_gate_, robot, now);
   }
-  /// One line for all that were left out since the last call; to be called every few seconds.
+  /// Returns one notice for all lines left out since the last call. Call every few seconds.
   std::optional<Notice> summary();
 
  private:
@@ -78,7 +78,7 @@ class UnprovenLines {
   std::string last_;
 };
 
-/// How many messages a line stands for.
+/// The number of messages that a line stands for.
 struct TrafficLine {
   std::uint64_t of_stream = 1;  ///< this robot's, in this direction, of this type
   std::uint64_t of_others = 0;  ///< of any robot, left out because there were too many lines
@@ -88,28 +88,29 @@ struct TrafficLine {
 /// how many it stands for.
 class TrafficSampler {
  public:
-  /// Streams of proven clients that are sampled one by one, and of all others; all further ones
-  /// share one budget. So do all types of a robot but the first ones.
+  /// This many streams of proven clients, and as many of other clients, are sampled one by one;
+  /// further streams share one budget. A robot's types beyond `max_types` share another.
   static constexpr std::size_t max_streams = 65536;
   static constexpr std::size_t max_types = 16;
-  /// Never more than 9 000 lines in 30 s, where journald takes 10 000 of a service unless its unit
-  /// says otherwise (RateLimitBurst= in journald.conf(5)). The rest is left for what matters.
+  /// Allows at most 9 000 lines in 30 s. By default, journald takes 10 000 of a service
+  /// (RateLimitBurst= in journald.conf(5)); the rest is left for more important lines.
   static constexpr unsigned lines_at_once = 3000;
   static constexpr unsigned lines_per_second = 200;
 
-  /// `unproven` outlives it.
+  /// `unproven` must outlive this object.
   TrafficSampler(TrafficLogMode mode, UnprovenLines& unproven)
       : mode_(mode), unproven_(&unproven) {}
 
-  /// What the line for this message stands for; nothing when it gets no line.
+  /// Returns how many messages this message's line stands for; nothing when it gets no line.
   std::optional<TrafficLine> on_traffic(const TrafficEvent& event, TimePoint now);
 
  private:
-  /// Of clients that are proven, or not.
+  /// The streams of proven clients, or of other clients.
   struct Streams {
     TokenBucket budget;
     std::uint64_t without_line = 0;
-    /// By the hash of robot, type and direction; two streams that share one share their lines.
+    /// By the hash of robot, type and direction; two streams with the same hash share their lines.
+
     std::unordered_map<std::size_t, LogThrottle> streams;
     std::unordered_map<std::size_t, std::size_t> types;  // by the hash of the robot
   };

@@ -46,13 +46,13 @@ Surroundings read_surroundings(const std::string& configuration) {
           is_services ? credential_source() : ""};
 }
 
-/// Names that editors and dpkg give to what they put aside.
+/// Recognizes the names of files that editors and dpkg have put aside.
 bool is_put_aside(const fs::path& name) {
   return name.string().starts_with('.') || name.string().ends_with('~') ||
          name.extension().string().starts_with(".dpkg-");
 }
 
-/// JSON beside gateway.json that is nobody's.
+/// Warns of JSON files beside gateway.json that neither the gateway nor a key's path uses.
 void warn_of_misplaced_files(ParseResult& result) {
   const fs::path configuration(service_configuration);
   const Config& config = result.config;
@@ -85,8 +85,8 @@ void warn_of_ignored_files(ParseResult& result, const std::string& configuration
   if (configuration == service_configuration) warn_of_misplaced_files(result);
 }
 
-/// The one secret that may stand in the configuration itself. Packages ship the file readable by
-/// all.
+/// Checks the only secret that the configuration itself may hold. Packages ship that file readable
+/// by all users.
 void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
   constexpr unsigned others_may_read = 0004;
   constexpr const char* key = "ble_mesh.provisioning.static_oob";
@@ -102,14 +102,15 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
                    file->mode, path, path)});
 }
 
-/// Who may change the configuration commands robots and chooses the broker.
+/// Returns a fault when other users may change the file: they could choose the broker and so
+/// command robots.
 std::string fault_of_rights(const std::string& path, unsigned mode) {
   constexpr unsigned others_may_write = 0002;
   if ((mode & others_may_write) == 0) return {};
   return fmt::format("can be changed by others (mode {:04o}); type: sudo chmod o-w {}", mode, path);
 }
 
-/// In a directory that others may write, they can add a file.
+/// Refuses a directory in which other users could add a file.
 void refuse_open_directory(ParseResult& result, const std::string& configuration) {
   const fs::path directory = site_directory(configuration);
   std::error_code error;
@@ -119,7 +120,7 @@ void refuse_open_directory(ParseResult& result, const std::string& configuration
     result.problems.push_back({directory.string(), 1, "file", fault});
 }
 
-/// Root may read every file; the service, whose configuration this is, may not.
+/// Reports files that root may read but the service's user may not.
 void check_service_rights(ParseResult& result) {
   const auto check = [&result](const std::string& file, const Place& at, const std::string& key) {
     if (may_user_read(service_user, file)) return;
@@ -182,7 +183,7 @@ ParseResult load_parts(const std::string& path, const Surroundings& surroundings
   return result;
 }
 
-/// `original` was changed after `copy` was made; false where one of them cannot be looked at.
+/// Returns whether `original` was changed after `copy` was made; false if a time cannot be read.
 bool is_newer(const fs::path& original, const fs::path& copy) {
   std::error_code error;
   const auto changed = fs::last_write_time(original, error);

@@ -11,27 +11,27 @@
 
 namespace slamgw {
 
-/// `gateway.json` and what lies in `gateway.d/`, in the order of reading. Backup files of editors
-/// and packages do not end in `.json`.
+/// Returns `gateway.json` and the `.json` files in `gateway.d/`, in the order of reading. Backup
+/// files of editors and packages have other endings.
 std::vector<std::string> configuration_files(const std::string& path);
 
-/// Never throws for what is in the files; an unreadable file is a problem like any other. A file in
-/// `gateway.d/` of another name is a warning, unless an editor or dpkg has put it aside.
+/// Never throws because of a file's content; an unreadable file is a problem like any other. A file
+/// in `gateway.d/` with another ending is a warning, unless an editor or dpkg has put it aside.
 ParseResult load_config(const std::string& path);
 
-/// For a program beside the daemon, under a user of its own: reads no file that is the daemon's
-/// secret. A file in `gateway.d` that this user may not read (one with a secret) is a warning;
-/// where no gateway is installed, its configuration is that of all defaults.
+/// Reads the configuration for a program that runs beside the daemon as another user, without the
+/// daemon's secret files. A file in `gateway.d` that this user may not read is a warning: it may
+/// hold a secret. Where no gateway is installed, all settings have their defaults.
 ParseResult load_shared_config(const std::string& path);
 
-/// The credentials as the file has them now; those in `broker` when it can't be used.
+/// Reads the credentials again; returns those in `broker` when the file can't be used.
 std::optional<Credentials> load_credentials(const BrokerSettings& broker);
 
-/// The packaged service's credentials, from the file that systemd copies for it: for an operator's
-/// program. Nothing where there is no such file; a Problem where it can't be used.
+/// Reads the packaged service's credentials from the file that systemd copies for it; for programs
+/// that an operator runs. Nothing when that file does not exist; a Problem when it can't be used.
 Result<std::optional<Credentials>, Problem> load_service_credentials();
 
-/// The file has changed since systemd copied it for this process.
+/// Returns whether the credentials file has changed since systemd copied it for this process.
 bool is_credential_outdated();
 
 }  // namespace slamgw

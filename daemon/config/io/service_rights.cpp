@@ -14,7 +14,7 @@ namespace slamgw {
 namespace {
 
 std::vector<gid_t> groups_of(const passwd& user) {
-  int count = 64;  // more than a user of a service has; asked again when it is not
+  int count = 64;  // more than a service's user has; else the loop below asks for the right number
   std::vector<gid_t> groups(static_cast<std::size_t>(count));
   while (getgrouplist(user.pw_name, user.pw_gid, groups.data(), &count) < 0)
     groups.resize(static_cast<std::size_t>(count));
@@ -22,7 +22,7 @@ std::vector<gid_t> groups_of(const passwd& user) {
   return groups;
 }
 
-/// In the child: only calls that are safe after fork().
+/// Runs in the child process, where only some calls are safe after fork().
 [[noreturn]] void open_as(uid_t user, gid_t group, const std::vector<gid_t>& groups,
                           const char* path) {
   const bool is_user =

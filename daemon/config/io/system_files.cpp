@@ -88,7 +88,7 @@ std::string SystemFiles::certificate_fault(const std::string& pem) const {
   const Bio text = open_text(pem);
   int count = 0;
   while (read_certificate(text.get())) ++count;
-  // The end of the text is the one good reason to stop.
+  // Reading may end only at the end of the text, which OpenSSL reports as a missing start line.
   const unsigned long reason = ERR_peek_last_error();
   ERR_clear_error();
   if (ERR_GET_LIB(reason) != ERR_LIB_PEM || ERR_GET_REASON(reason) != PEM_R_NO_START_LINE)

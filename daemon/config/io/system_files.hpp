@@ -8,7 +8,7 @@ namespace slamgw {
 
 class SystemFiles : public Files {
  public:
-  /// `owner`: the other user besides root and this process's that may own a secret.
+  /// `owner`: the user who may own a secret, besides root and this process's user.
   explicit SystemFiles(const char* owner) : service_user_(owner) {}
   Result<FileText, FileError> read(const std::string& path) const override;
   std::string certificate_fault(const std::string& pem) const override;
