@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an HTTP request gets: one of the page's files, a refusal, or leave for the WebSocket or the
-// metrics, which the caller makes. Pure; the caller reads sockets. Everything here is GET or HEAD.
+// Decides the answer to an HTTP request: one of the page's files, a refusal, or permission for the
+// WebSocket or the metrics, which the caller then makes. Pure; the caller reads sockets. Allows GET
+// and HEAD only.
 #pragma once
 
 #include <span>
@@ -27,7 +28,7 @@ struct Request {
 struct Answer {
   unsigned status = 200;
   std::string_view content_type = "text/plain; charset=utf-8";
-  std::string text{};       ///< of what is made for this request
+  std::string text{};       ///< a text made for this request
   std::string_view file{};  ///< else a file's octets
   std::string_view etag{};
   bool is_gzip = false;
@@ -35,11 +36,11 @@ struct Answer {
   bool is_metrics = false;     ///< `text` is still to be made
 };
 
-/// A line of text instead of what was asked for.
+/// Returns an answer with this status and one line of text.
 Answer refuse(unsigned status, std::string why);
 
-/// Header fields of every answer. The page loads nothing from elsewhere, is in no frame, and makes
-/// no markup of text (Trusted Types).
+/// Header fields of every answer. The page loads nothing from other hosts, may not be in a frame,
+/// and does not turn text into markup (Trusted Types).
 std::span<const std::pair<std::string_view, std::string_view>> safety_headers();
 
 class Answers {

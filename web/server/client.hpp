@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who a connection comes from, as bounds and the log see it: an IPv4 address, or the /64 of an
-// IPv6 address, for a host gets a whole /64 and can use each address of it. Pure.
+// A connection's client, as limits and the log see it: an IPv4 address, or the /64 of an IPv6
+// address, because a host gets a whole /64 and can use each address in it. Pure.
 #pragma once
 
 #include <span>

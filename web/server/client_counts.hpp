@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts what each client did lately, for delays and for log lines that come once. A client's
-// count begins again after a minute without an event. Pure.
+// Counts each client's recent events, for delays and for log lines that are written once. A
+// client's count begins again after a minute without an event. Pure.
 #pragma once
 
 #include <chrono>
@@ -17,7 +17,7 @@ class ClientCounts {
   using TimePoint = std::chrono::steady_clock::time_point;
 
   static constexpr std::chrono::minutes quiet_time{1};
-  /// 100 KiB. Beyond it, the client that was quiet longest is forgotten.
+  /// Takes 100 KiB. Beyond it, the client that was quiet longest is forgotten.
   static constexpr std::size_t max_clients = 1024;
 
   /// Returns the client's count with this event.

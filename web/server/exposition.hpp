@@ -22,14 +22,14 @@ struct Histogram {
 
 class Exposition {
  public:
-  /// Enough for twenty thousand robots. Their names come from the broker, hence the bound.
+  /// Enough for twenty thousand robots. The bound is needed because names come from the broker.
   static constexpr std::size_t max_bytes = 24 << 20;
 
-  /// The samples of one name stay together, as the format wants it. The type follows from the name
-  /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges. What
-  /// does not fit is left out and counted.
+  /// Keeps the samples of one name together, as the format requires. The type follows from the name
+  /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges.
+  /// Samples that do not fit are left out and counted.
   void add(std::string_view name, std::string_view help, const Labels& labels, double value);
-  /// `_bucket` with `le` behind the labels, `_sum` and `_count`.
+  /// Adds `_bucket` with a last label `le`, `_sum` and `_count`.
   void add_histogram(std::string_view name, std::string_view help, const Labels& labels,
                      const Histogram& histogram);
   std::uint64_t left_out() const { return left_out_; }
@@ -42,7 +42,7 @@ class Exposition {
     std::string samples;
   };
   struct Sample {
-    std::string_view ending;  ///< of the name
+    std::string_view ending;  ///< the name's end
     Labels labels;
     double value = 0;
   };

@@ -29,7 +29,7 @@ Small clamped(std::int64_t value) {
                                                      std::numeric_limits<Small>::max()));
 }
 
-/// What was counted since the last time; a gateway that has started again counts from 0.
+/// Adds the increase since the last report to `in_slot`. A restarted gateway counts from 0.
 void count(std::uint16_t& in_slot, std::optional<std::uint64_t>& before,
            std::optional<std::int64_t> now) {
   if (!now || *now < 0) return;
@@ -39,7 +39,7 @@ void count(std::uint16_t& in_slot, std::optional<std::uint64_t>& before,
   before = total;
 }
 
-/// In the ring. `number`: of the slot, since 1970.
+/// The slot's place in the ring. `number`: the slot's, counted from 1970.
 std::size_t place_of(std::int64_t number) {
   return static_cast<std::size_t>(number) % History::slots;
 }

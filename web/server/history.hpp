@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The last 24 hours of each robot, as this program has seen them: how long it was online, its
-// signal, latency, repeats and interruptions, in slots of ten minutes. Pure, bounded, in memory
-// only: it begins when the program starts.
+// The last 24 hours of each robot, as this program has seen them: its time online, signal, latency,
+// repeats and interruptions, in slots of ten minutes. Pure, bounded, in memory only: the history
+// begins when the program starts.
 #pragma once
 
 #include <array>
@@ -19,35 +19,35 @@ class History {
  public:
   static constexpr std::int64_t slot_ms = 600'000;
   static constexpr std::size_t slots = 144;
-  static constexpr std::int64_t sample_ms = 10'000;  ///< gateways' `numbers` come as often
-  /// Of 2 KiB each. Robots that come when there is no room are not recorded.
+  static constexpr std::int64_t sample_ms = 10'000;  ///< gateways send `numbers` as often
+  /// Each takes 2 KiB. Further robots are not recorded.
   static constexpr std::size_t max_robots = 2000;
 
-  /// Of a gateway's `numbers`.
+  /// Reads a gateway's `numbers`.
   void on_numbers(std::string_view payload, std::int64_t now_ms);
-  /// Call often: takes a sample of the states when one is due.
+  /// Takes a sample of the states when one is due. Call often.
   void update(const Roster& roster, std::int64_t now_ms);
 
-  /// {"robot", "from", "slot_ms", "online": [percent], "rssi_dbm", "latency_us", "repeats",
-  /// "gaps"}: a value, or null, for each slot. The first slot is the oldest that is known.
+  /// Returns {"robot", "from", "slot_ms", "online": [percent], "rssi_dbm", "latency_us", "repeats",
+  /// "gaps"}: a value or null for each slot. The first slot is the oldest known one.
   std::string text(std::string_view robot, std::int64_t now_ms) const;
   std::size_t size() const { return days_.size(); }
 
  private:
   struct Slot {
-    std::uint8_t known = 0;  ///< samples in which a gateway knew its state
+    std::uint8_t known = 0;  ///< samples in which a gateway knew the robot's state
     std::uint8_t online = 0;
     std::int8_t rssi_dbm = 0;   ///< the newest; 0: none
-    std::uint16_t repeats = 0;  ///< in this slot, as the next
+    std::uint16_t repeats = 0;  ///< in this slot, as `gaps`
     std::uint16_t gaps = 0;
     std::uint32_t latency_us = 0;  ///< the newest median; 0: none
   };
   struct Day {
     std::array<Slot, slots> ring{};
-    std::int64_t newest = 0;  ///< number of the slot since 1970
+    std::int64_t newest = 0;  ///< the slot's number, counted from 1970
     std::int64_t oldest = 0;
     std::int64_t alive_ms = 0;
-    std::optional<std::uint64_t> repeats{};  ///< as counted last, since the gateway started
+    std::optional<std::uint64_t> repeats{};  ///< the last count since the gateway started
     std::optional<std::uint64_t> gaps{};
   };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The newest word on each state topic: what a page gets when it comes, and what the metrics are
-// made of. Pure, bounded.
+// The newest message on each state topic. A new page gets these, and the metrics are made of them.
+// Pure, bounded.
 #pragma once
 
 #include <map>
@@ -14,18 +14,18 @@ namespace slamgw::web {
 
 class LastKnown {
  public:
-  /// Enough for ten thousand robots on a few gateways. Every client that may publish under the
-  /// prefix could make more topics, hence the bound.
+  /// Enough for ten thousand robots on a few gateways. The bound is needed because every client
+  /// that may publish under the prefix could make more topics.
   static constexpr std::size_t max_topics = 20'000;
   static constexpr std::size_t max_bytes = 16 << 20;
 
-  /// Topics that begin so, which are one gateway's, have a quarter more room than there is for all.
+  /// `own`: the beginning of one gateway's topics, which may use a quarter more than all the room.
   explicit LastKnown(std::string own = "/") : own_(std::move(own)) {}
 
-  /// False when there is no room. An empty payload, which takes a retained message back, is a text
-  /// of its own that is not kept.
+  /// Keeps the text; returns false when there is no room. Do not call for an empty payload, which
+  /// withdraws a retained message: call forget().
   bool keep(std::string_view topic, SharedText text);
-  /// Whether it was known.
+  /// Returns whether the topic was known.
   bool forget(std::string_view topic);
   void forget_all();
   const std::map<std::string, SharedText, std::less<>>& topics() const { return topics_; }

@@ -72,7 +72,7 @@ void add_own(Exposition& out, const OwnNumbers& own) {
           count(own.resident_bytes));
 }
 
-/// "latency" of a mesh in `stats`.
+/// Reads the member "latency" of a mesh in `stats`.
 std::optional<Histogram> histogram_of(const json& latency) {
   const json* buckets = find(latency, {"buckets"});
   const auto count = number(latency, {"count"});
@@ -162,7 +162,7 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
   }
 }
 
-/// Of each mesh that the robot was on. A gateway of an older version has only the sums.
+/// Adds the counts of one mesh that the robot was on. Older gateways send only the sums.
 void add_counts(Exposition& out, const Labels& robot, const std::string& mesh, const json& counts) {
   Labels labels = robot;
   labels.emplace_back("mesh", mesh);
@@ -215,7 +215,7 @@ json payload_of(const SharedText& message) {
   return payload == document.end() ? json() : std::move(*payload);
 }
 
-/// Reads each document once.
+/// Adds the gateways' metrics; reads each document once.
 class Gateways {
  public:
   Gateways(const Topics& topics, const LastKnown& known, const Roster& roster)
@@ -240,7 +240,7 @@ class Gateways {
             {{"gateway", gateway}}, static_cast<double>(life.clock_ahead_ms) / 1000);
   }
 
-  /// Of several gateways only the one that tells where the robot is.
+  /// Adds the robot's state, but only for the gateway that the roster has chosen for it.
   void add_presence(Exposition& out, std::string_view topic) const {
     constexpr std::string_view robots = "robots/";
     const auto [gateway, rest] = topics_.gateway_topic(topic);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// `/metrics`: what the gateways publish about themselves, in Prometheus's text format 0.0.4. Pure.
-// Every name begins with `slamgw_`; seconds and bytes; counters end in `_total`. What a gateway
-// that is gone or silent sent last is not shown as if it were current.
+// `/metrics`: the numbers that the gateways publish about themselves, in Prometheus's text format
+// 0.0.4. Pure. Every name begins with `slamgw_`; units are seconds and bytes; counters end in
+// `_total`. The last numbers of a gateway that is gone or silent are left out.
 #pragma once
 
 #include <cstdint>
@@ -16,21 +16,22 @@
 
 namespace slamgw::web {
 
-/// Of this program itself.
+/// Numbers about this program itself.
 struct OwnNumbers {
   std::string version;
   bool broker_is_connected = false;
   std::size_t pages = 0;
   std::uint64_t messages = 0;          ///< from the broker
-  std::uint64_t messages_dropped = 0;  ///< that slow pages did not get
-  std::uint64_t commands = 0;          ///< that pages sent
+  std::uint64_t messages_dropped = 0;  ///< messages that slow pages did not get
+  std::uint64_t commands = 0;          ///< from pages
   std::uint64_t requests_refused = 0;  ///< wrong Host or Origin, no room
   std::uint64_t wrong_tokens = 0;
   double cpu_seconds = 0;
   std::uint64_t resident_bytes = 0;
 };
 
-/// How commands ended, by gateway and outcome; bounded, for both words come from the broker.
+/// Counts how commands ended, by gateway and outcome; bounded, because both words come from the
+/// broker.
 class OutcomeCounts {
  public:
   static constexpr std::size_t max_series = 200;

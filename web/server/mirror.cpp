@@ -19,7 +19,7 @@ bool is_plain_text(std::string_view text) {
   });
 }
 
-/// Gateways' documents have four levels. A browser that makes text of thousands gives up.
+/// Gateways' documents have four levels. Browsers fail to turn thousands of levels into text.
 bool is_deep(std::string_view text) {
   constexpr int max_depth = 32;
   int depth = 0;
@@ -36,9 +36,9 @@ bool is_deep(std::string_view text) {
   return false;
 }
 
-/// Text that, if it is JSON, may stand inside another document. The parser stops at a NUL and skips
-/// a byte order mark; neither may reach a page, whose browser would close the connection or refuse
-/// the message.
+/// Returns whether the text, if it is JSON, may stand inside another document. The parser stops at
+/// a NUL and skips a byte order mark. Neither may reach a page: its browser would close the
+/// connection or refuse the message.
 bool is_embeddable(std::string_view text) {
   constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";
   return is_utf8(text) && text.find('\0') == text.npos && !text.starts_with(byte_order_mark) &&
@@ -52,8 +52,8 @@ constexpr std::array<std::string_view, 17> texts{
 constexpr std::array<std::string_view, 6> groups{"broker",   "meshes", "store",
                                                  "messages", "queue",  "counters"};
 
-/// Whether a page and the metrics can use this member of a gateway's document as they do. Objects
-/// with functions' names cannot even be made text.
+/// Returns whether the member has the type that pages and metrics expect. JavaScript cannot even
+/// turn an object into text that has members with these functions' names.
 bool is_usable(const std::string& key, const json& value) {
   if (key == "toString" || key == "valueOf" || key == "toJSON") return false;
   if (value.is_null()) return true;
@@ -62,8 +62,8 @@ bool is_usable(const std::string& key, const json& value) {
   return (key != "missing_rights" && key != "neighbours") || value.is_array();
 }
 
-/// Takes out what is not of the type that docs/topics.md says. Whether there was anything.
-/// `has_names`: the keys are robots' names, which may be `state` or `toString`, too.
+/// Removes members whose type differs from docs/topics.md; returns whether any did. `has_names`:
+/// the keys are robots' names, which may also be `state` or `toString`.
 bool drop_unusable(json& document, bool has_names = false) {
   bool has_dropped = false;
   if (document.is_array())
@@ -78,7 +78,8 @@ bool drop_unusable(json& document, bool has_names = false) {
   return has_dropped;
 }
 
-/// A gateway lists at most this many robots (docs/topics.md). The rest counts as left out.
+/// Removes robots beyond the number that a gateway may list (docs/topics.md), and counts them as
+/// left out.
 bool drop_surplus(json& numbers) {
   const auto robots = numbers.find("robots");
   if (robots == numbers.end() || !robots->is_object() || robots->size() <= max_listed_robots)
@@ -90,14 +91,14 @@ bool drop_surplus(json& numbers) {
   return true;
 }
 
-/// Only `numbers` grow with the robots; a page keeps thousands of the others.
+/// Only `numbers` grow with the number of robots; a page keeps thousands of other documents.
 std::size_t longest_payload(std::string_view topic, TopicKind kind) {
   constexpr std::size_t max_state_payload = 64 * 1024;
   if (kind != TopicKind::state) return max_robot_payload;
   return topic.ends_with("/numbers") ? max_gateway_payload : max_state_payload;
 }
 
-/// Positions are octets also where they happen to look like text.
+/// Returns whether the payload is octets: positions are, even if they happen to look like text.
 bool is_octets(std::string_view topic, std::string_view payload) {
   const std::string_view type = topic.substr(topic.rfind('/') + 1);
   return (type == "update" || type == "cmd") && !payload.starts_with('{');

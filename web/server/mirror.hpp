@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// An MQTT message as the JSON text that pages get, and back: what a page says. Pure.
+// Makes the JSON text that pages get from an MQTT message, and parses the messages of pages. Pure.
 //
 // To pages: {"topic", "payload", "encoding", "at"} and where they apply "retain": true, "mesh",
 // "gateway", "received_at" (user properties of MQTT 5), "bytes" (the payload's size, when it was
-// too long to be passed on). `at`: when this program got it, Unix time in milliseconds.
+// too long to be passed on). `at`: when this program got the message, Unix time in milliseconds.
 // `encoding` says what `payload` is: "json" the JSON value itself (a gateway's documents), "text"
 // UTF-8 without control characters, "hex" the octets in hexadecimal digits, two each (everything
 // else; `update` and `cmd` always, unless they are JSON objects).
 //
-// Each is one line: several of them travel in one WebSocket message, a line feed between them.
+// Each text is one line: one WebSocket message holds several, with a line feed between them.
 //
-// Topics that begin with `$web/` are this program's own word: no MQTT subscription brings such.
+// Topics that begin with `$web/` come from this program itself: no MQTT subscription matches them.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@
 
 namespace slamgw::web {
 
-/// What the broker sent.
+/// A message from the broker.
 struct BrokerMessage {
   std::string topic;
   std::string payload;
@@ -40,12 +40,12 @@ struct BrokerMessage {
 inline constexpr std::size_t max_topic = 1024;
 inline constexpr std::size_t max_robot_payload = 4096;
 inline constexpr std::size_t max_gateway_payload = 2 << 20;
-/// Of a gateway's `numbers` a page and the metrics get so many robots.
+/// A page and the metrics get at most this many robots of a gateway's `numbers`.
 inline constexpr std::size_t max_listed_robots = 1000;
 
-/// Nothing when the topic is no UTF-8, or too long.
+/// Returns nothing when the topic is not UTF-8, or too long.
 std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind);
-/// A message of this program's own; `payload_json` is JSON text.
+/// Returns a message from this program itself; `payload_json` is JSON text.
 std::string own_message(std::string_view name, std::string_view payload_json);
 void append_json_text(std::string& out, std::string_view utf8);
 
@@ -61,12 +61,12 @@ struct CommandRequest {
   std::string payload;
   std::string sender{};  ///< the token's name, and the client
 };
-/// For what History knows of these robots.
+/// Asks for the History of these robots.
 struct HistoryRequest {
   static constexpr std::size_t max_robots = 40;
   std::vector<std::string> robots;
 };
-/// For what Past knows, beyond the time up to which the page has seen everything.
+/// Asks for the Past. The page has seen everything up to `since_ms`.
 struct PastRequest {
   std::int64_t since_ms = 0;
 };

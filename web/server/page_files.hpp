@@ -8,10 +8,10 @@
 namespace slamgw::web {
 
 struct PageFile {
-  std::string_view path;  ///< as browsers ask for it: `/`, `/map.js`
+  std::string_view path;  ///< as browsers request it: `/`, `/map.js`
   std::string_view content_type;
   std::string_view text;
-  std::string_view gzip;  ///< the same, compressed
+  std::string_view gzip;  ///< the text, compressed
   std::string_view etag;  ///< with its quotation marks
 };
 

@@ -6,7 +6,7 @@
 namespace slamgw::web {
 namespace {
 
-/// With what the containers take for an entry.
+/// The bytes of one entry, with the containers' share.
 std::size_t cost_of(std::string_view topic, const std::string& text) {
   constexpr std::size_t entry_bytes = 200;
   return 2 * topic.size() + text.size() + entry_bytes;

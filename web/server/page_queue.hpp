@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What waits for one page. Of a state only the newest waits; of events the oldest are dropped when
-// the page is slow, and it gets their number. Pure; texts are shared among pages.
+// Messages that wait for one page. Only the newest text of each state waits. When the page is slow,
+// the oldest events are dropped, and the page gets their number. Pure; pages share the texts.
 #pragma once
 
 #include <cstdint>
@@ -16,25 +16,24 @@ using SharedText = std::shared_ptr<const std::string>;
 
 class PageQueue {
  public:
-  /// About two seconds of a hundred robots: a page that is further behind is better off with what
-  /// is new.
+  /// About two seconds of a hundred robots: a page that is further behind needs the newest events.
   static constexpr std::size_t max_event_bytes = 256 * 1024;
-  /// What LastKnown and Roster may hold, and more than half as much for what was taken back
-  /// meanwhile. A page that lets more wait is not there any more.
+  /// As much as LastKnown and Roster may hold, and over half as much for withdrawn states. A page
+  /// that lets more wait has gone.
   static constexpr std::size_t max_state_bytes = 40 << 20;
 
-  /// Replaces the text of `topic` that waits, if one does. False when too many wait: the page is to
-  /// be given up, for what it shows would be wrong for ever.
+  /// Queues the text, or replaces the waiting one of `topic`. False when there is no room: give up
+  /// the page then, because it would show wrong states for ever.
   bool push_state(std::string_view topic, SharedText text);
-  /// Drops the states that wait: all of them come anew after `text`.
+  /// Drops the waiting states. After `text`, all states are pushed again.
   void reset(std::string_view topic, SharedText text);
   void push_event(SharedText text);
-  /// One write for many messages: beyond this size the next write takes what is left.
+  /// take() stops at this size; the next write takes the remaining messages.
   static constexpr std::size_t enough_bytes = 64 * 1024;
 
-  /// States first, then events; nothing (null) when nothing waits.
+  /// Removes and returns a message, states before events; null when none waits.
   SharedText pop();
-  /// Several of them at once, a line each; empty when nothing waits.
+  /// Removes and returns several messages, a line each; empty when none waits.
   std::string take();
 
   std::uint64_t dropped() const { return dropped_; }  ///< events, since the page came

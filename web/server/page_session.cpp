@@ -47,7 +47,7 @@ PageSession::Reaction PageSession::on_wrong_token(TimePoint now) {
   reaction.reply = own_message("token", R"({"accepted":false,"why":"nobody has this token"})");
   const TokenGuesses::Cost cost = guesses_.on_wrong(client_, now);
   reaction.report = cost.report;
-  if (now < answer_due_) {  // it does not wait for answers, so it needs none
+  if (now < answer_due_) {  // the client does not wait for answers, so it needs none
     reaction.ends = true;
     return reaction;
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one page may do: what its token allows. Without one it watches, or waits for a token where
-// watching needs one, too. Pure: texts and `now` in, a reaction out.
+// Decides what one page may do by its token. Without a token, the page watches; where watching also
+// needs a token, it waits for one. Pure: takes texts and `now`, returns a reaction.
 #pragma once
 
 #include <chrono>
@@ -20,24 +20,24 @@ class PageSession {
  public:
   using TimePoint = std::chrono::steady_clock::time_point;
 
-  /// Guessing must not be quick: the connection ends after so many wrong tokens.
+  /// The connection ends after this many wrong tokens, so that guessing is slow.
   static constexpr unsigned max_wrong_tokens = 3;
-  /// Fast enough for a person and a script; a page gone wild must not flood a mesh.
+  /// Fast enough for a person and a script; a faulty page must not flood a mesh.
   static constexpr double commands_per_second = 20;
   static constexpr double command_burst = 40;
 
-  /// `guesses`: of all clients. The references must outlive the session.
+  /// `guesses`: those of all clients. The references must outlive the session.
   PageSession(const Topics& topics, const Tokens& tokens, TokenGuesses& guesses, Client client)
       : topics_(topics), tokens_(tokens), guesses_(guesses), client_(std::move(client)) {}
 
   struct Reaction {
     std::string reply;  ///< for the page; empty: none
     std::optional<CommandRequest> publish{};
-    std::vector<std::string> history{};           ///< robots of which the page wants to know more
-    std::optional<std::int64_t> past_since_ms{};  ///< it wants to see what was before
-    bool ends = false;                            ///< the connection, after the reply
+    std::vector<std::string> history{};           ///< robots whose history the page asks for
+    std::optional<std::int64_t> past_since_ms{};  ///< the page asks for the past from here on
+    bool ends = false;                            ///< the connection ends after the reply
     /// The reply waits this long. The connection keeps its place until then, even when the client
-    /// has gone: else one that guesses would come again at once.
+    /// has gone: otherwise a client that guesses tokens could reconnect at once.
     std::chrono::seconds delay{};
     bool drops_delayed_reply = false;  ///< a right token came after the wrong one
     std::string report{};              ///< for the log
@@ -56,9 +56,9 @@ class PageSession {
   const Tokens& tokens_;
   TokenGuesses& guesses_;
   const Client client_;
-  TimePoint answer_due_{};               ///< of a delayed answer
-  bool has_past_ = false;                ///< megabytes, so once for each connection
-  const TokenHolder* holder_ = nullptr;  ///< of the token that the page has sent
+  TimePoint answer_due_{};               ///< when the delayed answer is sent
+  bool has_past_ = false;                ///< sent once for each connection: it has megabytes
+  const TokenHolder* holder_ = nullptr;  ///< holder of the token that the page has sent
   unsigned wrong_tokens_ = 0;
   double turns_ = command_burst;
   std::optional<TimePoint> turns_at_{};

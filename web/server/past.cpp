@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t entry_bytes = 64;  // of the deque and the shared text
+constexpr std::size_t entry_bytes = 64;  // taken by the deque and the shared text
 
 void append_place(ByteWriter& octets, const json& place) {
   for (const char* key : {"x", "y"}) {
@@ -36,8 +36,8 @@ Bytes positions(const json& update) {
   return octets.take();
 }
 
-/// Positions without the stray octet; empty when it is none. Those of a robot at x = 123 cm begin
-/// like JSON.
+/// Returns the payload's positions without the stray octet; empty when it holds none. Positions of
+/// a robot at x = 123 cm begin like JSON.
 Bytes positions(std::string_view payload) {
   constexpr std::size_t longest_json = 256;
   if (payload.starts_with('{') && payload.size() <= longest_json)
@@ -97,8 +97,8 @@ void Past::on_event(SharedText text, std::int64_t at_ms) {
   }
 }
 
-/// The newer half of what is told without a gap, because it makes the trail; of what was before,
-/// each n-th.
+/// Returns the newer half of the `most` updates without a gap, because they make the trail; of the
+/// older updates, each n-th.
 std::string Past::text_of(const std::string& robot, const Updates& updates, std::int64_t since_ms,
                           std::size_t most) {
   const auto begin = std::ranges::upper_bound(updates, since_ms, {}, &Update::at_ms);

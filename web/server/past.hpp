@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a page that comes later has missed: robots' updates, commands and their outcomes of the last
+// Messages that a later page has missed: robots' updates, commands and their outcomes of the last
 // 24 hours, within 16 MiB. When there is no more room, the robot with the most updates loses every
-// second one of its older half: what is long ago stays, but with fewer points. Pure, in memory.
+// second update of the older half: the distant past keeps fewer points. Pure, in memory.
 #pragma once
 
 #include <array>
@@ -23,17 +23,17 @@ class Past {
   static constexpr std::size_t max_updates = 320'000;  ///< 32 octets each
   static constexpr std::size_t max_robots = 2000;
   static constexpr std::size_t max_event_bytes = 3 << 20;
-  /// What a page gets: as many updates of one robot as it keeps points, about 2 MiB of all robots,
-  /// and as many events as it keeps messages.
+  /// Limits of what a page gets: as many updates of one robot as a page keeps points, about 2 MiB
+  /// of all robots, and as many events as a page keeps messages.
   static constexpr std::size_t max_told_of_one = 4000;
   static constexpr std::size_t max_told = 50'000;
   static constexpr std::size_t max_told_events = 3000;
 
-  /// `payload`: positions, or the JSON that docs/topics.md describes; others are left out.
+  /// `payload`: positions, or the JSON that docs/topics.md describes; ignores others.
   void on_update(std::string_view robot, std::string_view payload, std::int64_t at_ms);
   void on_event(SharedText text, std::int64_t at_ms);
 
-  /// Messages for a page that has seen everything up to `since_ms`, by topic.
+  /// Returns messages by topic, for a page that has seen everything up to `since_ms`.
   std::vector<std::pair<std::string, SharedText>> texts(std::int64_t since_ms,
                                                         std::int64_t now_ms) const;
   std::size_t updates() const { return count_; }

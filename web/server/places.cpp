@@ -29,7 +29,7 @@ HeldPlace Places::take(const Client& client) {
 
 void Places::set_waiting(const HeldPlace& place, std::function<void()> give_way) {
   const auto found = connections_.find(*place);
-  if (found == connections_.end()) return;  // it has given way already
+  if (found == connections_.end()) return;  // the connection has lost its place already
   found->second.waits_since = ++last_;
   found->second.give_way = std::move(give_way);
 }

@@ -42,7 +42,7 @@ SharedText robot_text(const std::string& topic, const RobotLife& life) {
   return std::make_shared<const std::string>(own_message(topic, payload + "}"));
 }
 
-/// The best word counts: of several gateways the one that has the robot online.
+/// The highest rank counts: of several gateways, the one that reports the robot as online.
 int rank(std::string_view state) {
   return state == "online" ? 3 : state == "asleep" ? 2 : state == "offline" ? 1 : 0;
 }
@@ -66,7 +66,7 @@ std::optional<std::int64_t> unix_ms(std::string_view iso8601) {
          static_cast<std::int64_t>(second * 1000 + 0.5);
 }
 
-// ---- what gateways say
+// ---- messages of gateways
 
 void Roster::on_document(const Topics::GatewayTopic& topic, std::string_view payload,
                          std::int64_t at_ms, bool is_retained) {
@@ -74,7 +74,7 @@ void Roster::on_document(const Topics::GatewayTopic& topic, std::string_view pay
   json document = json::parse(payload, nullptr, false);
   if (!document.is_object()) document = json::object();
   Gateway& gateway = gateways_[std::string(topic.gateway)];
-  // What is retained is no sign of life; its stats are awaited from then on.
+  // A retained document is not a sign of life, but the gateway's stats are awaited from now on.
   if (!is_retained || gateway.sign_of_life_ms == 0) gateway.sign_of_life_ms = at_ms;
   if (topic.rest == "state") on_state(gateway, document, at_ms, is_retained);
   if (topic.rest == "numbers") on_numbers(topic.gateway, document, at_ms);
@@ -182,15 +182,15 @@ std::optional<std::int64_t> Roster::ClockEvidence::most() const {
 namespace {
 
 std::int64_t beyond_tolerance(std::int64_t ahead_ms) {
-  constexpr std::int64_t minute = 60'000;  // so that it does not change all the time
+  constexpr std::int64_t minute = 60'000;  // rounds, so that the value does not change all the time
   return std::abs(ahead_ms) < Roster::clock_tolerance_ms ? 0 : ahead_ms / minute * minute;
 }
 
 }  // namespace
 
-/// Messages are stamped when they come, so the newest stamp tells the clock. Other times may be
-/// older than a step of the clock: without messages they prove only that it is ahead. Messages that
-/// waited on disk look like a clock that is behind, so the stats must agree.
+/// A message is stamped on arrival, so the newest stamp shows the gateway's clock. Other times may
+/// be older than a step of the clock: without messages, these prove only that the clock is ahead.
+/// Messages that waited on disk look like a clock that is behind, so the stats must agree.
 GatewayLife Roster::judge(const Gateway& gateway, std::int64_t now_ms) const {
   GatewayLife life;
   const auto messages = gateway.messages.most();
@@ -217,7 +217,7 @@ GatewayLife Roster::judge(const Gateway& gateway, std::int64_t now_ms) const {
   return life;
 }
 
-/// A gateway's time by this program's clock; 0 when it can't be true.
+/// Converts a gateway's time to this program's clock; 0 when it can't be true.
 std::int64_t Roster::local(std::string_view gateway, std::int64_t time_ms,
                            std::int64_t now_ms) const {
   const std::int64_t here = time_ms - this->gateway(gateway).clock_ahead_ms;
@@ -246,7 +246,7 @@ RobotLife Roster::judge(const Robot& robot, std::int64_t now_ms) const {
   return life;
 }
 
-// ---- what pages and metrics get
+// ---- results for pages and metrics
 
 std::map<std::string, SharedText> Roster::update(std::int64_t now_ms) {
   std::map<std::string, SharedText> changes;
@@ -265,7 +265,7 @@ std::map<std::string, SharedText> Roster::update(std::int64_t now_ms) {
     for (const auto& entry : robots_) touched_.insert(entry.first);
   for (const std::string& id : std::exchange(touched_, {})) {
     const auto robot = robots_.find(id);
-    if (robot == robots_.end()) continue;  // no gateway speaks of it any more
+    if (robot == robots_.end()) continue;  // no gateway reports this robot any more
     RobotLife life = judge(robot->second, now_ms);
     if (life == robot->second.life) continue;
     robot->second.life = std::move(life);

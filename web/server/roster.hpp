@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who is alive: the state of each gateway and robot, since when, and which gateway tells it.
-// Decided here once, for the page and for the metrics. Pure: documents of gateways and `now` in,
-// both in Unix milliseconds of this program's clock.
+// Decides the state of each gateway and robot, since when, and which gateway reports it; once, for
+// the page and for the metrics. Pure: takes gateways' documents and `now`, in Unix milliseconds of
+// this program's clock.
 //
 // A gateway is `gone` once the broker has published its last will, and `silent` when it has sent
-// nothing for a while though the broker still has its connection. What such a gateway said of its
-// robots is out of date: they are `unknown`. So is everything while this program has no broker.
+// nothing for a while though the broker still has its connection. The reports of such a gateway are
+// out of date: its robots are `unknown`. Without a broker, everything is `unknown`.
 //
-// Times in gateways' documents are of the gateways' clocks. One that is wrong by more than
-// `clock_tolerance_ms` is reported, and times are corrected by it.
+// Times in a gateway's documents are by its own clock. A clock that is wrong by more than
+// `clock_tolerance_ms` is reported, and the times are corrected.
 #pragma once
 
 #include <array>
@@ -25,44 +25,45 @@
 
 namespace slamgw::web {
 
-/// Unix milliseconds of "2026-11-21T13:57:43.613Z".
+/// Returns the Unix milliseconds of a time like "2026-11-21T13:57:43.613Z".
 std::optional<std::int64_t> unix_ms(std::string_view iso8601);
 
 struct GatewayLife {
   std::string_view state = "unknown";  ///< `online`, `silent`, `gone`, `unknown`
-  std::int64_t since_ms = 0;           ///< of the state; 0: not known
+  std::int64_t since_ms = 0;           ///< when the state began; 0: not known
   std::int64_t clock_ahead_ms = 0;     ///< 0 within the tolerance
   bool operator==(const GatewayLife&) const = default;
 };
 
 struct RobotLife {
   std::string state = "unknown";  ///< `online`, `asleep`, `offline`, `unknown`
-  std::string gateway;            ///< which tells it
+  std::string gateway;            ///< the gateway that reports the state
   std::string mesh;
-  std::int64_t since_ms = 0;  ///< of the state; 0: not known
-  std::int64_t heard_ms = 0;  ///< as its gateways say; 0: not known
+  std::int64_t since_ms = 0;  ///< when the state began; 0: not known
+  std::int64_t heard_ms = 0;  ///< as the gateways report; 0: not known
   bool operator==(const RobotLife&) const = default;
 };
 
 class Roster {
  public:
-  static constexpr std::int64_t silent_after_ms =
-      35'000;  ///< three of a gateway's stats are missing
+  /// Three of a gateway's stats are missing then.
+  static constexpr std::int64_t silent_after_ms = 35'000;
   static constexpr std::int64_t clock_tolerance_ms = 60'000;
 
-  /// Of the topics that LastKnown holds, which bounds this; an empty payload takes one back.
+  /// Call for the topics that LastKnown keeps, which bounds the roster. An empty payload withdraws
+  /// a document.
   void on_document(const Topics::GatewayTopic& topic, std::string_view payload, std::int64_t at_ms,
                    bool is_retained);
-  /// `received_at` by the gateway's clock. Without MQTT 5 both are empty: then it counts when this
-  /// program got the message.
+  /// `received_at`: by the gateway's clock. Without MQTT 5, `gateway` and `received_at` are empty,
+  /// and the time at which this program got the message counts.
   void on_robot_message(std::string_view robot, std::string_view gateway,
                         std::string_view received_at, std::int64_t at_ms);
   void on_broker_lost(std::int64_t now_ms);
-  void on_broker_found();  ///< all documents come again
+  void on_broker_found();  ///< forgets everything, because all documents come again
 
-  /// Decides again. Topics and texts for pages of all that has changed.
+  /// Decides again. Returns the topics and texts for pages of all changed states.
   std::map<std::string, SharedText> update(std::int64_t now_ms);
-  /// For a page that comes.
+  /// Returns the topics and texts of all states, for a new page.
   std::map<std::string, SharedText> texts() const;
 
   GatewayLife gateway(std::string_view id) const;
@@ -71,12 +72,12 @@ class Roster {
   void each_robot(Visitor&& visit) const {
     for (const auto& [id, robot] : robots_) visit(id, robot.life);
   }
-  /// As RobotLife::heard_ms, and by the newest message that came here; gateways report every 10 s
-  /// only. What came last of a robot that is offline is its last will, and does not count.
+  /// Returns RobotLife::heard_ms, or the time of a newer message: gateways report only every 10 s.
+  /// The last message of an offline robot is its last will and does not count.
   std::int64_t last_heard_ms(std::string_view id) const;
 
  private:
-  /// How far a gateway's clock is ahead at least, of all that came within one to two periods.
+  /// The least by which a gateway's clock is ahead, by the messages of the last one to two periods.
   struct ClockEvidence {
     void add(std::int64_t ahead_ms);
     void turn(std::int64_t now_ms);
@@ -85,11 +86,11 @@ class Roster {
     std::int64_t turned_at_ms = 0;
   };
   struct Gateway {
-    std::optional<std::string> state;  ///< as its document says
-    std::int64_t state_at_ms = 0;      ///< 0: it stood before this program came
+    std::optional<std::string> state;  ///< as in the gateway's document
+    std::int64_t state_at_ms = 0;      ///< 0: older than this program's connection
     std::int64_t sign_of_life_ms = 0;
-    std::int64_t started_ms = 0;         ///< its clock
-    std::int64_t retained_ahead_ms = 0;  ///< of retained documents, which may be old
+    std::int64_t started_ms = 0;         ///< by the gateway's clock
+    std::int64_t retained_ahead_ms = 0;  ///< by retained documents, which may be old
     ClockEvidence messages;
     ClockEvidence documents;
     ClockEvidence stats;
@@ -98,11 +99,11 @@ class Roster {
   struct Presence {
     std::string state;
     std::string mesh;
-    std::int64_t since_ms = 0;  ///< its gateway's clock, as the next
+    std::int64_t since_ms = 0;  ///< by its gateway's clock, as `seen_ms`
     std::int64_t seen_ms = 0;
   };
   struct Message {
-    std::string gateway;  ///< by whose clock `at_ms` is; empty: by this program's
+    std::string gateway;  ///< `at_ms` is by its clock; empty: by this program's
     std::int64_t at_ms = 0;
   };
   struct Robot {
@@ -126,7 +127,7 @@ class Roster {
   std::map<std::string, Gateway, std::less<>> gateways_;
   std::map<std::string, Robot, std::less<>> robots_;
   std::set<std::string, std::less<>> touched_;  ///< robots to judge again
-  std::int64_t broker_lost_ms_ = 0;             ///< 0: it is there
+  std::int64_t broker_lost_ms_ = 0;             ///< 0: connected
 };
 
 }  // namespace slamgw::web

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may do what with the page: the file that `web.token_file` names. Each line is
-// `NAME ROLE TOKEN`, ROLE `viewer` or `operator`; empty lines and lines that begin with `#` count
-// for nothing. One token alone is an operator's. Pure.
+// The rights to use the page, read from the file that `web.token_file` names. Each line is
+// `NAME ROLE TOKEN`, ROLE `viewer` or `operator`; empty lines and lines that begin with `#` are
+// ignored. One token alone is an operator's. Pure.
 #pragma once
 
 #include <chrono>
@@ -16,7 +16,7 @@
 
 namespace slamgw::web {
 
-enum class Role { viewer, operator_ };  ///< an operator sends commands, too
+enum class Role { viewer, operator_ };  ///< an operator also sends commands
 std::string_view to_string(Role role);
 
 struct TokenHolder {
@@ -29,22 +29,22 @@ class Tokens {
   static constexpr std::size_t max_holders = 64;
   static constexpr std::size_t max_name = 32;
 
-  /// Nobody sends commands, and everybody watches.
+  /// Without tokens: every page may watch, and none may send commands.
   Tokens() = default;
 
   struct Problem {
     unsigned line = 1;
-    std::string text;  ///< without anything of a token
+    std::string text;  ///< holds no part of a token
   };
   static std::variant<Tokens, Problem> parse(std::string_view text);
 
   bool empty() const { return holders_.empty(); }
-  /// Once the file names a viewer, nobody watches without a token.
+  /// Returns whether watching needs a token, which is so once the file names a viewer.
   bool guard_watching() const { return guards_watching_; }
   /// A text that operators read; empty: none.
   const std::string& note() const { return note_; }
   void set_note(std::string note) { note_ = std::move(note); }
-  /// Null when nobody holds it. Takes equally long wherever the first difference is.
+  /// Returns null for an unknown token. The time does not depend on where the first difference is.
   const TokenHolder* find(std::string_view token) const;
 
  private:
@@ -60,19 +60,19 @@ class Tokens {
 /// The token of an `Authorization: Bearer TOKEN` header (RFC 6750); empty when there is none.
 std::string_view bearer_token(std::string_view authorization);
 
-/// What wrong tokens cost: answers to more than a few of one client come late, whichever of its
-/// connections they come on. A person who mistypes a token does not notice.
+/// Delays the answers to a client's wrong tokens after the first few, on all of its connections
+/// together. A person who mistypes a token does not notice.
 class TokenGuesses {
  public:
   using TimePoint = ClientCounts::TimePoint;
 
   static constexpr unsigned prompt_answers = 5;
   static constexpr std::chrono::seconds first_delay{1};  ///< doubles with each wrong token
-  /// An address has eight pages, each of which tries two tokens in this time.
+  /// An address may have eight pages, each of which can try two tokens in this time.
   static constexpr std::chrono::seconds longest_delay{30};
 
   struct Cost {
-    std::chrono::seconds delay{};  ///< of the answer
+    std::chrono::seconds delay{};  ///< before the answer
     std::string report;            ///< for the log; empty: none
   };
   Cost on_wrong(const Client& client, TimePoint now);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a topic of docs/topics.md means to a page. Pure.
+// The meaning of a topic of docs/topics.md to a page. Pure.
 #pragma once
 
 #include <cstdint>
@@ -10,22 +10,22 @@ namespace slamgw::web {
 
 enum class TopicKind : std::uint8_t {
   robot,    ///< `<prefix>/robot/<id>/<type>`: a robot's message
-  command,  ///< `<prefix>/server/<id>/<type>`: a command to it
-  state,    ///< of a gateway, the newest is all: `state`, `stats`, `numbers`, `thread`,
-            ///< `robots/<id>`, who joins
-  event,    ///< of a gateway, each one counts: `commands/<id>`, `rejected/<id>/<type>`
-  foreign,  ///< nothing of the tree
+  command,  ///< `<prefix>/server/<id>/<type>`: a command to a robot
+  state,    ///< a gateway's, only the newest counts: `state`, `stats`, `numbers`, `thread`,
+            ///< `robots/<id>`, `response/permit_join`
+  event,    ///< a gateway's, each one counts: `commands/<id>`, `rejected/<id>/<type>`
+  foreign,  ///< not part of this tree
 };
 
 class Topics {
  public:
-  /// Below a gateway: who joins since robots may (docs/topics.md).
+  /// Below a gateway: the robots that join while joining is permitted (docs/topics.md).
   static constexpr std::string_view join_response = "response/permit_join";
 
   explicit Topics(std::string prefix) : prefix_(std::move(prefix)) {}
 
   TopicKind kind_of(std::string_view topic) const;
-  /// `<gw>` and what follows it, of a topic under `<prefix>/gateway/`; both empty for others.
+  /// `<gw>` and the levels below it, of a topic under `<prefix>/gateway/`; both empty for others.
   struct GatewayTopic {
     std::string_view gateway;
     std::string_view rest;
@@ -39,7 +39,7 @@ class Topics {
   const std::string& prefix() const { return prefix_; }
 
  private:
-  /// What follows `<prefix>/<branch>/`; empty when it is not below.
+  /// The levels below `<prefix>/<branch>/`; empty for a topic in another place.
   std::string_view below(std::string_view topic, std::string_view branch) const;
 
   std::string prefix_;

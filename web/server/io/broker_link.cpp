@@ -12,7 +12,7 @@
 namespace slamgw::web {
 namespace {
 
-/// Two programs with one id would throw each other out again and again.
+/// Makes a random client id: the broker would disconnect two programs with one id again and again.
 BrokerSettings with_own_id(BrokerSettings settings) {
   std::random_device random;
   settings.client_id = fmt::format("slam-gateway-web-{:08x}", random());
@@ -74,7 +74,7 @@ void BrokerLink::on_subscribe_result(const std::string& filter, bool is_granted)
   if (!is_granted) listener_.on_unreadable(filter, "refused");
 }
 
-/// The first of a row at once.
+/// Passes on the first message of a series at once, later ones together.
 void BrokerLink::on_message(slamgw::BrokerMessage message, const UserProperties& said) {
   BrokerMessage& arrived =
       gathered_.emplace_back(BrokerMessage{std::move(message.topic),

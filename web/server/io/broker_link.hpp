@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page's way to the broker: the daemon's own (Upstream, MosquittoLink), as a client that only
-// listens and sends commands. Subscribes again at each connection, and passes on together what
-// comes within a few milliseconds. On the loop's thread.
+// The page's connection to the broker: uses the daemon's (Upstream, MosquittoLink), but only
+// listens and sends commands. Subscribes again at each connection. Passes on messages that come
+// within a few milliseconds together. On the loop's thread.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -25,17 +25,17 @@ class BrokerLink final : private UpstreamListener {
     std::function<void(bool is_up, const std::string& why)> on_state;
     /// `command`: as publish() returned it.
     std::function<void(std::uint64_t command, const std::string& why)> on_refused;
-    /// Until the next connection nothing of this filter comes.
+    /// Called when the broker refuses a filter: no message of it comes until the next connection.
     std::function<void(const std::string& filter, const std::string& why)> on_unreadable;
   };
   static constexpr std::uint32_t max_packet = 4 << 20;  ///< twice max_gateway_payload
-  /// What comes within this time goes to the pages together. A page draws a frame each 16 ms.
+  /// Messages that come within this time go to the pages together. A page draws a frame each 16 ms.
   static constexpr std::chrono::milliseconds gathering{10};
 
   BrokerLink(boost::asio::io_context& io, BrokerSettings settings, std::vector<std::string> filters,
              Listener listener);
 
-  /// At QoS 1. Returns the command's number, or nothing while the broker is away.
+  /// Publishes at QoS 1. Returns the command's number, or nothing without a connection.
   std::optional<std::uint64_t> publish(const CommandRequest& command);
 
  private:
@@ -51,7 +51,7 @@ class BrokerLink final : private UpstreamListener {
   const std::vector<std::string> filters_;
   Listener listener_;
   bool is_up_ = false;
-  std::string last_failure_;  ///< that the listener has
+  std::string last_failure_;  ///< the failure that the listener got last
   std::uint64_t commands_ = 0;
   std::vector<BrokerMessage> gathered_;
   bool is_gathering_ = false;

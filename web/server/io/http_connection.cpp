@@ -111,7 +111,7 @@ void HttpConnection::send_metrics(Answer answer) {
       });
 }
 
-/// Frees the place of a scrape whose client gives up. Octets that come are its next request.
+/// Frees the scrape's place when the client disconnects. Octets that come are its next request.
 void HttpConnection::watch_for_end() {
   stream_.socket().async_wait(
       boost::asio::socket_base::wait_read, [self = shared_from_this()](beast::error_code error) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One HTTP connection: reads requests one after the other, answers each, and hands the stream to a
-// PageConnection when one asks for the WebSocket. Lives as long as an operation is under way.
+// PageConnection when a request asks for the WebSocket. Lives while an operation is under way.
 #pragma once
 
 #include <boost/asio/ip/tcp.hpp>
@@ -30,7 +30,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void on_request();
   bool becomes_page(Answer& answer);
-  /// Where watching needs a token, so do the metrics.
+  /// Metrics need a token where watching needs one.
   bool may_read_metrics();
   void refuse_metrics();
   void send_metrics(Answer answer);
@@ -41,7 +41,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   boost::beast::tcp_stream stream_;
   WebServer& server_;
   const Client client_;
-  boost::asio::steady_timer delay_;  ///< until the answer to a wrong token
+  boost::asio::steady_timer delay_;  ///< delays the answer to a wrong token
   const HeldPlace place_;
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam-gateway-web: arguments to configuration to a loop; failures to exit codes.
+// slam-gateway-web: parses arguments, loads the configuration and runs the loop; turns failures
+// into exit codes.
 #include <systemd/sd-daemon.h>
 
 #include <CLI/CLI.hpp>
@@ -20,7 +21,7 @@ constexpr int exit_failed = 1;
 constexpr int exit_arguments = 2;
 constexpr int exit_configuration = 78;  // EX_CONFIG
 
-/// Connections live in their operations; these must end while what they use is still there.
+/// Operations own the connections. They must end before the hub and the server are destroyed.
 class Loop : public boost::asio::io_context {
  public:
   Loop() : io_context(1) {}
@@ -65,7 +66,7 @@ int run(const slamgw::web::Startup& startup) {
 int start(const std::string& config_file, bool only_checks) {
   const slamgw::web::Startup startup = slamgw::web::load_startup(config_file);
   const bool is_good = startup.parsed.problems.empty();
-  // The journal takes a line without a priority (sd-daemon(3)) for information.
+  // The journal treats a line without a priority as information (sd-daemon(3)).
   const char* level = !only_checks && slamgw::stderr_is_journal() ? SD_ERR : "";
   for (const slamgw::Problem& problem : startup.parsed.problems)
     (only_checks ? std::cout : std::cerr) << level << to_string(problem) << '\n';

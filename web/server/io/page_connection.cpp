@@ -33,7 +33,7 @@ PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub, const Cli
       response.insert({name.data(), name.size()}, {value.data(), value.size()});
   }));
   socket_.read_message_max(max_page_message);
-  socket_.auto_fragment(false);  // else a system call for each 4 KiB
+  socket_.auto_fragment(false);  // fragments would cost a system call for each 4 KiB
 }
 
 PageConnection::~PageConnection() { hub_.leave(*this); }
@@ -87,8 +87,8 @@ void PageConnection::follow_token() {
     hub_.leave(*this);
 }
 
-/// Reads on: the page's WebSocket stays alive, and a right token gets its answer first. The timer
-/// keeps this object, and so its places, also when the connection breaks.
+/// Delays only the answer. Reading continues: the WebSocket stays alive, and a right token gets its
+/// answer first. The timer keeps this object and its places, even when the connection breaks.
 void PageConnection::answer_later(PageSession::Reaction reaction) {
   delay_.expires_after(reaction.delay);
   late_ = std::move(reaction);
@@ -118,7 +118,7 @@ void PageConnection::send_event(const SharedText& text) {
   write_soon();
 }
 
-/// Runs when all that this turn of the loop sends is waiting.
+/// Posts the write, so that it includes all messages of this turn of the loop.
 void PageConnection::write_soon() {
   if (!writing_.empty() || std::exchange(is_write_posted_, true)) return;
   boost::asio::post(socket_.get_executor(), [self = shared_from_this()] {
@@ -142,13 +142,13 @@ void PageConnection::write() {
                       });
 }
 
-/// Posted, for the hub goes through its pages just now.
+/// Posts the close, because the hub may be iterating over its pages now.
 void PageConnection::give_up() {
   boost::asio::post(socket_.get_executor(), [self = shared_from_this()] { self->close(); });
 }
 
-/// The hub forgets the page at once; operations that are under way end with an error, and with the
-/// last of them the connection.
+/// Leaves the hub at once. Operations under way end with an error; the last one destroys the
+/// connection.
 void PageConnection::close() {
   is_open_ = false;
   hub_.leave(*this);

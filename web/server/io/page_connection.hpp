@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket of one page (RFC 6455, Boost.Beast). Lives as long as its connection; one write is
-// under way at a time, the rest waits in a PageQueue. What one turn of the loop sends goes out in
-// one WebSocket message.
+// The WebSocket of one page (RFC 6455, Boost.Beast). Lives as long as its connection. One write is
+// under way at a time; other messages wait in a PageQueue. Messages of one turn of the loop go out
+// in one WebSocket message.
 #pragma once
 
 #include <boost/asio/steady_timer.hpp>
@@ -18,17 +18,17 @@ namespace slamgw::web {
 
 class PageConnection : public std::enable_shared_from_this<PageConnection> {
  public:
-  /// A page that takes nothing for so long is gone.
+  /// A page that does not react for this long is gone.
   static constexpr std::chrono::seconds silence_limit{30};
 
-  /// `place`: of the connection. It takes a page's place too, which the caller has found free.
+  /// `place`: the connection's. Also takes a page's place, which the caller has found free.
   PageConnection(boost::beast::tcp_stream stream, PageHub& hub, const Client& client,
                  HeldPlace place);
   ~PageConnection();
 
   void accept(const boost::beast::http::request<boost::beast::http::empty_body>& request);
   void send_state(std::string_view topic, const SharedText& text);
-  /// All states come anew after this one.
+  /// Drops the waiting states; all states are sent again after this one.
   void send_reset(std::string_view topic, const SharedText& text);
   void send_event(const SharedText& text);
   std::uint64_t dropped() const { return queue_.dropped(); }
@@ -49,7 +49,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   const HeldPlace place_;
   const HeldPlace page_place_;
   PageSession session_;
-  boost::asio::steady_timer delay_;  ///< until the answer to a wrong token
+  boost::asio::steady_timer delay_;  ///< delays the answer to a wrong token
   std::optional<PageSession::Reaction> late_;
   PageQueue queue_;
   std::string writing_;

@@ -34,7 +34,7 @@ std::string site_json(const Config& config, const std::string& version) {
       .dump();
 }
 
-/// All of them: which one it is, the link decides.
+/// Lists all brokers, because the link decides which of them is used.
 std::string broker_uri(const BrokerSettings& broker) {
   std::string text;
   for (const BrokerAddress& address : broker.addresses())
@@ -197,7 +197,8 @@ void PageHub::update_roster_later() {
   });
 }
 
-/// What was withdrawn while the connection was away is unknown: all states come again now.
+/// Forgets all states, because some may have been withdrawn while the connection was away. The
+/// broker now sends all states again.
 void PageHub::reset_pages() {
   known_.forget_all();
   const SharedText text = share(greeting());

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands between the broker and the open pages: each message goes to all of them, each
-// command to the broker; the newest states are kept for pages that come later. On the loop's
-// thread; owns no socket.
+// Connects the broker with the open pages: each message goes to all pages, each command to the
+// broker. Keeps the newest states for later pages. On the loop's thread; owns no socket.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -38,36 +37,37 @@ class PageHub {
 
   PageHub(boost::asio::io_context& io, const Config& config, Tokens tokens, std::string version);
 
-  /// Taken from a page's request on, so that many at once do not pass together.
+  /// Places for pages. A place is taken at a page's request, so that simultaneous requests count.
   Places& places() { return places_; }
-  /// For a page that has to send a token first.
+  /// Returns the greeting for a page that has to send a token first.
   static std::string locked_greeting();
-  /// The page gets what is known; then everything as it comes, until leave().
+  /// Sends the page all known states, then each message as it comes, until leave().
   void join(PageConnection& page);
   void leave(PageConnection& page);
-  /// For the page that asked.
+  /// Returns the topics and texts for a page that has seen everything up to `since_ms`.
   std::vector<std::pair<std::string, SharedText>> past(std::int64_t since_ms) const;
   SharedText history_of(const std::string& robot) const;
   PageSession new_session(Client client) { return {topics_, tokens_, guesses_, std::move(client)}; }
   const Tokens& tokens() const { return tokens_; }
   TokenGuesses& guesses() { return guesses_; }
-  /// What could not be sent to the broker, for the page that wanted it; empty when it was.
+  /// Sends the command to the broker. Returns a refusal for the page, or nothing if it was sent.
   std::string publish(const CommandRequest& command);
 
   void count_refused_request() { ++own_.requests_refused; }
-  /// One line of the log until a minute has passed without another of this client.
+  /// Logs one line, and the next only after a minute without such a refusal of this client.
   void report_taken_share(const Client& client);
 
-  /// Metrics that are made, or wait until somebody has read them. Prometheus asks with one
-  /// connection; of many robots the text has megabytes.
+  /// The most scrapes under way: their metrics are being made, or are not read yet. Prometheus uses
+  /// one connection; with many robots, the text has megabytes.
   static constexpr unsigned max_scrapes = 2;
-  /// Held from the question to the end of the answer, or until its client is gone; null when too
-  /// many ask.
+  /// Returns a place to hold from the request to the end of the answer, or until the client is
+  /// gone. Null when there are too many scrapes.
   std::shared_ptr<void> begin_scrape();
-  /// Reads thousands of documents, so on a thread of its own, one after the other; `done` comes on
-  /// the loop. Those whose `place` is free again are not made.
+  /// Makes metrics one after the other on a separate thread, because that reads thousands of
+  /// documents. Calls `done` on the loop, but not if `place` was released while the scrape waited.
   void make_metrics(std::weak_ptr<void> place, std::function<void(std::string)> done);
-  /// Before the loop drops what waits: then nothing comes to it any more, and no client waits here.
+  /// Call before the loop destroys its operations: ends the thread, which posts to the loop, and
+  /// releases the waiting clients.
   void end() {
     metrics_thread_.join();
     waiting_scrapes_.clear();
@@ -84,7 +84,9 @@ class PageHub {
   void on_refused(std::uint64_t command, const std::string& why);
   void on_unreadable(const std::string& filter, const std::string& why);
   void send_broker_state();
-  /// Whether pages get it: false where there is no room, or when it withdraws what was not known.
+  /// Returns whether pages get the message: false if there is no room, or if it withdraws an
+  /// unknown state.
+
   bool keep(const BrokerMessage& message, const SharedText& text);
   void on_robot_message(const BrokerMessage& message);
   void tell_roster(const BrokerMessage& message);
@@ -96,11 +98,11 @@ class PageHub {
 
   const Topics topics_;
   const Tokens tokens_;
-  std::string site_;    ///< JSON members of the greeting: gateway's prefix, origins, version
-  std::string broker_;  ///< its URI
+  std::string site_;    ///< JSON members of the greeting: gateway, prefix, origins, version
+  std::string broker_;  ///< the broker's URIs
   std::string why_ = "connecting";
   bool was_connected_ = false;
-  std::map<std::string, std::string> unreadable_;  ///< filters that the broker refuses: why
+  std::map<std::string, std::string> unreadable_;  ///< filters that the broker refuses, and why
   LastKnown known_;
   Roster roster_;
   History history_;
@@ -110,7 +112,7 @@ class PageHub {
   std::uint64_t dropped_by_gone_ = 0;
   Places places_{max_pages};
   TokenGuesses guesses_;
-  ClientCounts taken_shares_;  ///< what was refused because its client has its share
+  ClientCounts taken_shares_;  ///< refusals because the client already has its share
   std::set<PageConnection*> pages_;
   std::deque<std::pair<std::uint64_t, std::string>> sent_;  ///< topics of the newest commands
   std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);

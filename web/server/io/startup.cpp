@@ -48,7 +48,8 @@ void refuse_at(ParseResult& result, const char* key, const std::string& file, st
   result.problems.push_back({at.file, at.line, key, std::move(text)});
 }
 
-/// The text of a file that others must not read; nothing, with a problem, when it is no good.
+/// Returns the text of a file that others must not read; on a fault, reports a problem and returns
+/// nothing.
 std::optional<std::string> read_closed(ParseResult& result, const char* key,
                                        const std::string& path, const char* what) {
   const auto refuse = [&](std::string text) {
@@ -67,7 +68,7 @@ std::optional<std::string> read_closed(ParseResult& result, const char* key,
   return file->text;
 }
 
-/// Empty with a problem when the file is no good.
+/// Returns the tokens; on a fault in the file, reports a problem and returns none.
 Tokens read_tokens(ParseResult& result, const std::string& path) {
   const auto text = read_closed(result, token_key, path, "a file of lines NAME ROLE TOKEN");
   if (!text) return {};
@@ -102,8 +103,8 @@ bool is_loopback(const std::string& listen) {
   return boost::asio::ip::make_address(listen_parts(listen).first, error).is_loopback() && !error;
 }
 
-/// The gateway's client certificate is used where this program may read its key. Root, who may, is
-/// reported when the service's user may not.
+/// Uses the gateway's client certificate only if this program may read its key. When root runs the
+/// program, warns if the service's user may not.
 void drop_unreadable_certificate(ParseResult& result) {
   BrokerSettings& broker = result.config.broker;
   if (!broker.key_file) return;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Everything that slam-gateway-web reads before it starts: the gateway's configuration, its own
-// credentials, the tokens.
+// Reads all files that slam-gateway-web needs to start: the gateway's configuration, the program's
+// own credentials, the tokens and the note.
 #pragma once
 
 #include <string>
@@ -16,7 +16,7 @@ struct Startup {
 };
 
 /// The credentials come from the systemd credential `broker`, else from `web-credentials.json`
-/// beside the configuration, if there is one. Never throws for what is in the files.
+/// beside the configuration, if it exists. Never throws because of a file's content.
 Startup load_startup(const std::string& config_file);
 
 }  // namespace slamgw::web

@@ -52,11 +52,12 @@ void WebServer::accept() {
 void WebServer::admit(tcp::socket socket) {
   boost::system::error_code error;
   const asio::ip::address address = socket.remote_endpoint(error).address();
-  if (error) return;  // it has gone already
+  if (error) return;  // the client has gone already
   const Client client = client_at(address);
   const Places::Room room = places_.room_for(client);
   if (room == Places::Room::share_is_taken) hub_.report_taken_share(client);
-  if (room != Places::Room::free) hub_.count_refused_request();  // this one, or what gives way
+  if (room != Places::Room::free) hub_.count_refused_request();  // this one, or the one it replaces
+
   if (!places_.make_room_for(client)) return;
   std::make_shared<HttpConnection>(std::move(socket), *this, client)->read();
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The listening socket and its HTTP connections (Boost.Beast). What is answered: answers.hpp; a
+// The listening socket and its HTTP connections (Boost.Beast). The answers: answers.hpp; a
 // connection that becomes a WebSocket: page_connection.hpp.
 #pragma once
 
@@ -14,7 +14,7 @@ namespace slamgw::web {
 
 class WebServer {
  public:
-  /// All connections, pages among them; browsers open up to six each for the files.
+  /// All connections, including pages; a browser opens up to six for the files.
   static constexpr std::size_t max_connections = 256;
 
   /// Listens; throws boost::system::system_error when it cannot.
@@ -31,7 +31,7 @@ class WebServer {
   PageHub& hub_;
   Answers answers_;
   boost::asio::ip::tcp::acceptor acceptor_;
-  boost::asio::steady_timer pause_;  ///< after a failure, of which too many open files is one
+  boost::asio::steady_timer pause_;  ///< after a failure, such as too many open files
   Places places_{max_connections};
 };
 
