@@ -38,7 +38,7 @@ constexpr int exit_arguments = 2;
 constexpr std::chrono::seconds outcome_patience{45};
 /// A robot on BLE may first have to finish another conversation.
 constexpr std::chrono::seconds ping_patience{30};
-/// It ends orders about the mesh within 180 s.
+/// The daemon ends orders about the mesh within 180 s.
 constexpr std::chrono::seconds order_patience{200};
 
 struct Arguments {
@@ -64,7 +64,7 @@ struct Arguments {
   bool is_all = false;
 };
 
-/// A payload like "-5,7" is no option; a "--" before it says so to CLI11.
+/// Puts "--" before a payload like "-5,7", which CLI11 would take for an option.
 std::vector<std::string> with_payload_marked(int argc, const char* const* argv) {
   std::vector<std::string> words(argv + 1, argv + argc);
   const auto send = std::find(words.begin(), words.end(), "send");
@@ -81,7 +81,7 @@ std::vector<std::string> with_payload_marked(int argc, const char* const* argv) 
 
 using Text = decltype(Order::text);
 
-/// Of an answer that looks the same on each screen.
+/// Adapts a function whose text is the same on each screen.
 template <std::string (*text)(const nlohmann::json&)>
 std::string on_any_screen(const nlohmann::json& answer, const Screen&) {
   return text(answer);
@@ -91,7 +91,7 @@ std::string one_node(const nlohmann::json& node, const Screen& screen) {
   return show::nodes(nlohmann::json::array({node}), screen);
 }
 
-/// What a verb does that the daemon answers: the request gets what the user gave of its options.
+/// Returns the callback of a verb that the daemon answers. Puts the given options into the request.
 auto ask(Arguments& a, const std::string& command, Text text, Course course = Course::once,
          std::chrono::seconds patience = answer_patience) {
   return [&a, command, text, course, patience] {
@@ -170,7 +170,7 @@ void add_ping(CLI::App& app, Arguments& a) {
   ping->callback(ask(a, "ping", show::ping, Course::ping, ping_patience));
 }
 
-/// One of the robot's own values, or null for `default`.
+/// Adds an option for one of the robot's own values; `default` is sent as null.
 void add_wish(CLI::App& config, Arguments& a, const char* option, const char* key, const char* what,
               std::function<nlohmann::json(const std::string&)> read) {
   config.add_option_function<std::string>(
@@ -184,7 +184,7 @@ void add_wish(CLI::App& config, Arguments& a, const char* option, const char* ke
       what);
 }
 
-/// Unicast, or a group.
+/// Parses a unicast or group address.
 std::optional<std::uint16_t> parse_mesh_address(std::string_view text) {
   if (!text.starts_with("0x")) return std::nullopt;
   const auto address = parse_number<std::uint16_t>(text.substr(2), 16);
@@ -367,7 +367,7 @@ std::string complaint_about_broker(const std::string& uri) {
   return parse_broker_uri(uri) ? "" : uri + " is no mqtt://host:port or mqtts://host:port";
 }
 
-/// Not CLI::Range, which lets "nan" pass.
+/// Used in place of CLI::Range, which accepts "nan".
 std::string complaint_about_speed(const std::string& factor) {
   const double number = std::strtod(factor.c_str(), nullptr);
   return number >= 0.001 && number <= 1000 ? "" : factor + " is no factor from 0.001 to 1000";
@@ -437,7 +437,8 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 
-/// An empty word is a variable of a script that is not set: `watch --robot ""` is not all robots.
+/// Refuses empty words: a variable of a script may be unset, and `watch --robot ""` must not mean
+/// all robots.
 void refuse_empty_words(CLI::App& app) {
   const auto complaint = [](const std::string& word) {
     return word.empty() ? "is empty; a text is needed" : "";
@@ -454,7 +455,7 @@ std::string verbs_of(const CLI::App& app) {
   return names;
 }
 
-/// With half of the word to be changed it is a guess, and all are named.
+/// Suggests the nearest verb; names all verbs if more than half of the word would have to change.
 std::string suggestion(const CLI::App& app, const std::string& word) {
   constexpr std::size_t longest_compared = 64;
   std::string nearest;
@@ -467,9 +468,9 @@ std::string suggestion(const CLI::App& app, const std::string& word) {
   return 2 * least <= word.size() ? "did you mean " + nearest + "?" : "there are: " + verbs_of(app);
 }
 
-/// CLI11 says of a verb that is missing or misspelt only that one is required. The first word that
-/// is neither an option nor an option's value is the verb, and for `ble`, `store` and `key` the
-/// second.
+/// Names a missing or misspelt verb; CLI11 only says that a verb is required. The first word that
+/// is neither an option nor an option's value is the verb; after `ble`, `store` and `key`, the
+/// second such word is a verb too.
 std::optional<std::string> complaint_about_verb(const CLI::App& app,
                                                 const std::vector<std::string>& words) {
   const CLI::App* group = &app;
@@ -496,7 +497,7 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
          "--help)";
 }
 
-/// What a command of these words looks like, where words alone are easily mistaken.
+/// Returns an example for verbs whose arguments are easily mistaken.
 const char* hint(const CLI::App& app) {
   if (app.got_subcommand("watch"))
     return "for example: slam-gatewayctl watch --robot NRF_5 --type update\n";
@@ -547,7 +548,7 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
       std::cerr << fit_to_terminal("slam-gatewayctl: " + *complaint + '\n', STDERR_FILENO);
       return Exit{exit_arguments};
     }
-    std::reverse(words.begin(), words.end());  // as CLI11 wants them
+    std::reverse(words.begin(), words.end());  // CLI11 expects them in this order
     app.parse(words);
   } catch (const CLI::ParseError& error) {
     std::ostringstream out, complaint;

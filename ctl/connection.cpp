@@ -109,7 +109,7 @@ void Connection::send(const std::string& text) {
   for (std::size_t sent = 0; sent < text.size();) {
     const ssize_t count = ::send(socket_, text.data() + sent, text.size() - sent, MSG_NOSIGNAL);
     if (count < 0 && errno == EINTR) continue;
-    if (count < 0) return;  // hung up: its reason, if it gave one, is there to be received
+    if (count < 0) return;  // the daemon hung up; receive() may still get its reason
     sent += static_cast<std::size_t>(count);
   }
 }

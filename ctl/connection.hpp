@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The daemon's control socket as slam-gatewayctl sees it: blocking lines of JSON, and failures in
-// words that say what to do.
+// slam-gatewayctl's side of the control socket: blocking, with lines of JSON. Failures say in words
+// what to do.
 #pragma once
 
 #include <chrono>
@@ -12,7 +12,7 @@
 
 namespace slamgw::ctl {
 
-/// How long the daemon may take for an answer that it has at once.
+/// Time that the daemon may take for an answer that it has at once.
 inline constexpr std::chrono::seconds answer_patience{10};
 
 /// Ends the program with status 1 and this text.
@@ -20,7 +20,7 @@ struct Failure : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The daemon said nothing for too long.
+/// The daemon did not answer in time.
 struct Silence : Failure {
   using Failure::Failure;
 };
@@ -38,16 +38,15 @@ class Connection {
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  /// Sends a request and gives its `result`. An `error`, silence for so long, and anything that is
-  /// not the daemon's language are Failures.
-  /// Calls `on_waiting` several times a second with the time that has passed. When it throws, the
-  /// request is over.
+  /// Called several times a second with the time that has passed. When it throws, the request ends.
   using OnWaiting = std::function<void(std::chrono::milliseconds)>;
+  /// Sends a request and returns its `result`. Throws Failure for an `error`, for silence beyond
+  /// `patience`, and for an answer that does not come from a daemon.
   nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience = answer_patience,
                      const OnWaiting& on_waiting = {});
-  /// The next event of a watch, however long it takes. A Failure when the daemon hangs up.
+  /// Waits for the next event of a watch without a limit. Throws Failure when the daemon hangs up.
   nlohmann::json next_event();
-  /// The same; nothing when none comes in time.
+  /// As next_event(), but returns nothing when no event comes in time.
   std::optional<nlohmann::json> next_event_within(std::chrono::seconds patience);
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam-gatewayctl: arguments to a request, the daemon's answer to text or JSON. Exit status: 0
-// done, 1 failed, 2 wrong arguments.
+// slam-gatewayctl: turns arguments into a request, and the daemon's answer into text or JSON. Exit
+// status: 0 done, 1 failed, 2 wrong arguments.
 #include <fmt/format.h>
 #include <unistd.h>
 #include <nlohmann/json.hpp>
@@ -43,7 +43,7 @@ constexpr int exit_failed = 1;
 constexpr std::chrono::milliseconds joining_interval{500};
 constexpr std::chrono::seconds ping_interval{1};
 
-/// https://no-color.org: set, and not empty.
+/// Returns whether NO_COLOR is set and not empty (https://no-color.org).
 bool is_colour_unwanted() {
   const char* value = std::getenv("NO_COLOR");
   return value != nullptr && *value != '\0';
@@ -68,7 +68,7 @@ std::ifstream open_file(const std::string& path) {
   return file;
 }
 
-/// As JSON without its white space, if it is JSON: it goes over the socket as one line.
+/// Reads JSON and removes its white space, because it goes over the socket as one line.
 std::string read_mesh(const std::string& path) {
   std::ifstream file = open_file(path);
   const std::string text{std::istreambuf_iterator<char>(file), {}};
@@ -77,7 +77,7 @@ std::string read_mesh(const std::string& path) {
   return json.dump();
 }
 
-/// The file comes first: an address is handed out only when there is a place for it.
+/// Makes the file first, so that an address is handed out only if the file can be written.
 int export_mesh(const Order& order) {
   if (std::filesystem::exists(order.file))
     throw Failure(order.file + " can't be made: File exists");
@@ -120,7 +120,7 @@ void print_dead_letters(Connection& connection, Order order) {
   if (is_document) std::cout << "]}\n";
 }
 
-/// Watching for a robot that was never heard is silent: its name may be mistyped.
+/// Warns when the robot was never heard: its name may be mistyped, and a watch would stay silent.
 void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
   const auto robot = request.find("robot");
   if (robot == request.end()) return;
@@ -131,7 +131,7 @@ void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
         << "' has been heard; watching for it (slam-gatewayctl robots lists those that were)\n";
 }
 
-/// A command that was refused here may be for a robot of another gateway.
+/// Names the other gateway that serves the robot, if any. Call when a command was refused here.
 void name_other_gateway(Connection& connection, const std::string& robot) {
   const auto fleet = connection.ask({{"command", "fleet"}});
   const auto robots = fleet.find("robots");
@@ -139,7 +139,7 @@ void name_other_gateway(Connection& connection, const std::string& robot) {
   for (const auto& row : *robots) {
     const std::string gateway = text_at(row, "gateway");
     if (text_at(row, "robot") != robot || gateway == text_at(fleet, "gateway")) continue;
-    if (!row.value("served", true)) continue;  // by a gateway that is silent
+    if (!row.value("served", true)) continue;  // its gateway is silent
     std::cerr << fmt::format(
         "slam-gatewayctl: {} is served by gateway {}: send from that gateway's host, or publish to "
         "the robot's topic at the broker\n",
@@ -147,7 +147,8 @@ void name_other_gateway(Connection& connection, const std::string& robot) {
   }
 }
 
-/// An id or a topic that no dead letter has is mistyped, or another operator was faster.
+/// Returns the exit status: it fails when a named id or topic has no dead letter. The name may be
+/// mistyped, or another operator was faster.
 int status_of_letters(const nlohmann::json& request, std::uint64_t found) {
   std::size_t named = request.contains("topic") ? 1 : 0;
   if (const auto ids = request.find("ids"); ids != request.end())
@@ -160,7 +161,7 @@ int status_of_letters(const nlohmann::json& request, std::uint64_t found) {
   return exit_failed;
 }
 
-/// On a terminal, says how long the answer has been waited for.
+/// Asks the daemon; on a terminal, shows how long the request has been waiting.
 nlohmann::json ask_patiently(Connection& connection, const Order& order) {
   const char* what = order.course == Course::scan ? "listening for new robots" : "waiting";
   LastLine line;
@@ -170,8 +171,8 @@ nlohmann::json ask_patiently(Connection& connection, const Order& order) {
   });
 }
 
-/// Robots that are heard, while `ble nodes` and `ble scan` say that there are none. `shown`: what
-/// they have answered.
+/// Describes BLE robots that are heard but are not among the nodes. `shown`: the answer that `ble
+/// nodes`, `ble scan` or `ble topology` shows.
 std::string foreign_robots(Connection& connection, Course course, const nlohmann::json& shown) {
   const auto robots = connection.ask({{"command", "robots"}});
   const auto none = nlohmann::json::array();
@@ -181,7 +182,7 @@ std::string foreign_robots(Connection& connection, Course course, const nlohmann
   return show::foreign_robots(robots, connection.ask({{"command", "ble nodes"}}, answer_patience));
 }
 
-/// Shows who joins until joining ends. With --json an event a line.
+/// Shows which robots join until joining ends. With --json, prints an event a line.
 int show_joining(Connection& connection, const Order& order) {
   auto news = connection.ask(order.request);
   if (!order.json)
@@ -203,7 +204,7 @@ int show_joining(Connection& connection, const Order& order) {
   return has_joined || order.request.value("minutes", 0) == 0 ? 0 : exit_failed;
 }
 
-/// The nearest first; robots whose way is not known last.
+/// Returns a row for each node, nearest first; robots at an unknown distance are last.
 nlohmann::json topology(Connection& connection, const nlohmann::json& nodes) {
   const auto robots = connection.ask({{"command", "robots"}});
   auto rows = nlohmann::json::array();
@@ -230,7 +231,7 @@ nlohmann::json topology(Connection& connection, const nlohmann::json& nodes) {
 volatile std::sig_atomic_t is_interrupted = 0;
 struct Interrupted {};
 
-/// The first Ctrl-C ends what is repeated, with its summary; the second one ends the program.
+/// Lets the first Ctrl-C end the repeated pings, with a summary; the second one ends the program.
 void watch_for_interrupt() {
   struct sigaction action {};
   action.sa_handler = [](int) { is_interrupted = 1; };
@@ -250,7 +251,7 @@ void wait_until(std::chrono::steady_clock::time_point end) {
   }
 }
 
-/// Waits until it is measured; `begun` is the answer to the order.
+/// Waits until the measurement has ended; `begun` is the answer to the order.
 nlohmann::json hearing(Connection& connection, const nlohmann::json& begun) {
   std::cerr << "the gateway measures " << count_at(begun, "robots")
             << " robots, one after the other, which takes about " << count_at(begun, "seconds_left")
@@ -264,7 +265,7 @@ nlohmann::json hearing(Connection& connection, const nlohmann::json& begun) {
   return news;
 }
 
-/// Once a second; with --json a line each.
+/// Pings once a second; with --json, prints a line for each ping.
 int ping(Connection& connection, const Order& order) {
   std::uint64_t ended = 0;
   std::uint64_t answered = 0;
@@ -278,13 +279,13 @@ int ping(Connection& connection, const Order& order) {
       if (++ended == order.count) break;
       wait_until(next);
     }
-  } catch (const Interrupted&) {  // the one that waits for its answer does not count
+  } catch (const Interrupted&) {  // a ping that waits for its answer does not count
   }
   if (!order.json && order.count > 1 && ended > 0) std::cout << show::pings(ended, answered);
   return answered > 0 ? 0 : exit_failed;
 }
 
-/// Until the daemon hangs up, or Ctrl-C: each line is written at once.
+/// Records until the daemon hangs up, or Ctrl-C. Writes each line at once, so that none is lost.
 [[noreturn]] void record(Connection& connection, const Order& order) {
   warn_of_unheard(connection, order.request);
   std::ofstream file(order.file, std::ios::app | std::ios::binary);
@@ -301,7 +302,8 @@ int ping(Connection& connection, const Order& order) {
   }
 }
 
-/// What hides or deceives in names is escaped; several problems are a line each.
+/// Escapes characters that hide or deceive. Keeps line ends, because each problem is a line.
+
 std::string printable_lines(const std::string& text) {
   std::istringstream lines(text);
   std::string out;
@@ -377,8 +379,8 @@ int check(const HostTask& task) {
   return has_problem(findings) ? exit_failed : 0;
 }
 
-/// The file says it to a daemon that starts later; one that runs reads it now. Returns words about
-/// that.
+/// Makes a running daemon read the changed file; a daemon that starts later reads it then. Returns
+/// the result in words.
 std::string reload(const HostTask& task) {
   try {
     const auto answer = Connection(task.socket).ask({{"command", "reload"}});
@@ -389,7 +391,7 @@ std::string reload(const HostTask& task) {
   }
 }
 
-/// A new key is shown whatever the daemon says.
+/// Changes the keys, and shows a new key even if the daemon then fails to reload.
 int manage_keys(const Installation& installation, const HostTask& task) {
   const auto answer = slamgw::ctl::change_keys(installation, task);
   std::cout << (task.json ? slamgw::control::to_line(answer)
@@ -398,7 +400,8 @@ int manage_keys(const Installation& installation, const HostTask& task) {
   return 0;
 }
 
-/// Of the service: systemd copies them for its process alone, so the file is read itself.
+/// Returns the service's credentials. Reads their source file, because only the service's process
+/// can read the copy that systemd makes.
 std::optional<slamgw::Credentials> service_credentials() {
   const auto credentials = slamgw::load_service_credentials();
   if (credentials) return *credentials;
@@ -422,7 +425,7 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
   broker.port = uri.port;
   broker.tls = uri.tls;
   broker.others.clear();
-  broker.credentials.reset();  // they are for the broker of the configuration
+  broker.credentials.reset();  // these are for the configuration's broker
   return broker;
 }
 
@@ -451,7 +454,7 @@ int replay(const Installation& installation, const HostTask& task) {
   return done.refused == 0 ? 0 : exit_failed;
 }
 
-/// On standard error: standard output may be read by a program.
+/// Asks on standard error, because a program may read standard output.
 bool may_replace(const std::string& files) {
   std::cerr << "restore replaces these files, and keeps them under another name:\n"
             << files << "Go on? [y/N] " << std::flush;
@@ -460,7 +463,8 @@ bool may_replace(const std::string& files) {
   return answer == "y" || answer == "Y" || answer == "yes";
 }
 
-/// With --socket alone, the configuration of the daemon that listens there.
+/// Returns the configuration's path; with --socket alone, asks the daemon that listens there.
+
 std::string configuration_of(const HostTask& task) {
   const bool needs_none = task.kind == HostTask::Kind::check || task.kind == HostTask::Kind::audit;
   if (!task.is_by_socket || needs_none) return task.configuration;

@@ -20,10 +20,10 @@ namespace {
 
 struct Character {
   std::size_t width = 1;  ///< the columns that a terminal gives it
-  std::size_t end = 0;    ///< where the next one begins
+  std::size_t end = 0;    ///< where the next character begins
 };
 
-/// `text` is UTF-8 (text_at sees to it); of other text each octet counts.
+/// Expects UTF-8, which text_at() ensures; in other text, each octet counts as one character.
 Character character_at(std::string_view text, std::size_t at) {
   static const locale_t utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", nullptr);
   const locale_t before = uselocale(utf8);
@@ -111,8 +111,8 @@ std::string cut_start(const std::string& text, std::size_t width) {
 
 namespace {
 
-/// Where the text of the second column begins, after the first gap of two spaces; else two columns
-/// further in than the line itself.
+/// Returns where the second column of text begins, after the first gap of two spaces. Without such
+/// a column, returns two columns more than the line's own indent.
 std::size_t hanging_indent(std::string_view line) {
   constexpr std::size_t farthest = 32;
   const std::size_t begin = line.find_first_not_of(' ');
@@ -121,7 +121,7 @@ std::size_t hanging_indent(std::string_view line) {
   return text <= farthest ? text : begin + 2;
 }
 
-/// Escape sequences, which only colours are here, take no column.
+/// Counts columns without escape sequences, which take none. Only colours use such sequences here.
 std::size_t shown_columns(std::string_view text) {
   std::size_t count = 0;
   for (std::size_t escape = text.find('\033'); escape != text.npos; escape = text.find('\033')) {
@@ -250,7 +250,7 @@ std::string shown_state(const json& robot) {
   return is_true(robot, "deaf") ? "deaf" : text_at(robot, "state");
 }
 
-/// Its `last_seen` is 1970 when it was not heard since the daemon started.
+/// Returns whether the robot was heard since the daemon started: else its `last_seen` is 1970.
 bool was_seen(const json& robot) { return !string_at(robot, "last_seen").starts_with("1970-"); }
 
 Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
@@ -268,8 +268,8 @@ Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
           fmt::format("{}", count_at(robot, "queue"))};
 }
 
-/// A row for each mesh of a robot that was on several; the first one is the mesh that its state is
-/// of, and the others leave out what is told of the robot as a whole.
+/// Returns a row for each mesh that the robot was on. The first row is the mesh that determines the
+/// robot's state; the other rows leave out values of the robot as a whole.
 std::vector<Row> robot_rows(const json& robot, std::chrono::system_clock::time_point now) {
   std::vector<Row> rows{robot_row(robot, now)};
   const json& meshes = group_at(robot, "meshes");
@@ -295,7 +295,8 @@ std::vector<Row> robot_rows(const json& robot, std::chrono::system_clock::time_p
   return rows;
 }
 
-/// Ids keep their start and addresses their end, where they differ.
+/// Returns the widths of the columns. If the table is too wide, narrows ids and addresses: ids keep
+/// their start and addresses their end, where they differ from each other.
 std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   std::array<std::size_t, Column::count> widths{};
   for (const Row& row : rows)
@@ -311,7 +312,7 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
-/// Why robots are offline, deaf or contested; of the first ten.
+/// Says why robots are offline, deaf or contested; lists at most ten of them.
 std::string absent_lines(const json& robots) {
   constexpr int most = 10;
   std::string out;
@@ -326,7 +327,7 @@ std::string absent_lines(const json& robots) {
   return out;
 }
 
-/// Names that the table shows with escapes, which their robots may have been given to deceive.
+/// Lists names that the table shows with escapes: such a name may be meant to deceive.
 std::string deceptive_line(const json& robots) {
   constexpr std::size_t most = 5;
   std::vector<std::string> names;
@@ -340,7 +341,7 @@ std::string deceptive_line(const json& robots) {
                      count > most ? ", ..." : "");
 }
 
-/// What robots were refused, if anything; the log names the robots and the reasons.
+/// Counts requests of robots that were refused, if any; the log names the robots and the reasons.
 std::string refused_line(const json& counters) {
   constexpr std::pair<const char*, const char*> kinds[] = {
       {"connects_refused", "connections"},
@@ -355,7 +356,7 @@ std::string refused_line(const json& counters) {
   return text.empty() ? "" : "          refused: " + text + "\n";
 }
 
-/// " (2 deaf, 1 contested)" of those that are online; nothing when all is well.
+/// Returns " (2 deaf, 1 contested)", counted among online robots; nothing when all is well.
 std::string troubled(const json& robots) {
   std::string words;
   for (const char* const trouble : {"deaf", "contested"})
@@ -380,7 +381,7 @@ std::string refresh_line(const json& counters) {
       step, count_at(counters, "key_refresh_missing"));
 }
 
-/// Why no robot of Thread is heard, where the border router says it.
+/// Says why no robot on Thread is heard, if the border router reports a reason.
 std::string role_line(const json& mesh, const Screen& screen) {
   const std::string role = text_at(mesh, "role");
   if (role != "detached" && role != "disabled") return "";
@@ -388,7 +389,8 @@ std::string role_line(const json& mesh, const Screen& screen) {
                      screen.paint("down", role + ":"));
 }
 
-/// Who takes the places for clients. Robots that only publish never answer: only a crowd counts.
+/// Says which addresses take most places for clients. Clients without an answer are counted only in
+/// a crowd, because robots that only publish never answer.
 std::string places_line(const json& places) {
   constexpr std::uint64_t crowd_of_unproven = 100;
   const std::uint64_t taken = count_at(places, "taken");
@@ -438,7 +440,7 @@ std::string payload_text(const json& event) {
   return text_at(event, "payload");
 }
 
-/// What was said, how it came, and how it ended; parts that do not apply are left out.
+/// Describes the content, the radio and the outcome; leaves out parts that do not apply.
 std::string event_details(const json& event) {
   std::vector<std::string> parts;
   if (event.contains("payload")) parts.push_back(payload_text(event));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What slam-gatewayctl does on a terminal only: lines as wide as it is, a line that is written over
-// while something is waited for, and a password that is typed unseen.
+// slam-gatewayctl on a terminal: lines that fit its width, a last line that is overwritten while
+// the program waits, and a password that is typed without an echo.
 #pragma once
 
 #include <cstddef>
@@ -8,12 +8,12 @@
 
 namespace slamgw::ctl {
 
-/// Of the terminal at this file descriptor; 0 where there is none.
+/// Returns the width of the terminal at this file descriptor; 0 if it is not a terminal.
 std::size_t terminal_columns(int descriptor);
-/// On a terminal its lines are no longer than it is wide (wrap); elsewhere as they are.
+/// Wraps lines that are longer than the terminal's width; without a terminal, changes nothing.
 std::string fit_to_terminal(const std::string& text, int descriptor);
 
-/// Standard error's last line, where that is a terminal. Leaves nothing behind.
+/// Standard error's last line, if standard error is a terminal. Clears the line at the end.
 class LastLine {
  public:
   LastLine();
@@ -25,11 +25,11 @@ class LastLine {
   void clear();
 
  private:
-  std::size_t width_ = 0;  ///< 0: no terminal
+  std::size_t width_ = 0;  ///< 0: not a terminal
   bool is_shown_ = false;
 };
 
-/// From the terminal, without an echo; from standard input where that is none.
+/// Reads a line from standard input; on a terminal, asks for it and does not echo it.
 std::string read_password(const std::string& user);
 
 }  // namespace slamgw::ctl

@@ -29,14 +29,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The first member of each archive: what it is, and where its two trees lie.
+/// The first member of each archive: its format, and the places of its two trees.
 constexpr const char* manifest_name = "slam-gateway-backup.json";
 constexpr std::uint64_t archive_format = 1;
 
 struct Manifest {
   std::string configuration;
   fs::path state;
-  std::string gateway;  ///< its id, by default the host's name; empty in older archives
+  std::string gateway;  ///< the gateway's id; empty in older archives
 };
 
 void write_manifest(const fs::path& directory, const Manifest& manifest) {
@@ -59,7 +59,8 @@ Manifest read_manifest(const std::string& archive) {
   return {string_at(json, "configuration"), string_at(json, "state"), string_at(json, "gateway")};
 }
 
-/// Only what this installation keeps: an archive from elsewhere must not choose what root writes.
+/// Throws Failure unless the archive is of this installation: a foreign archive must not choose
+/// which files root writes.
 void check_manifest(const std::string& archive, const Manifest& manifest,
                     const Installation& installation) {
   if (manifest.configuration != installation.configuration())
@@ -75,7 +76,7 @@ void check_manifest(const std::string& archive, const Manifest& manifest,
         installation.configuration()));
 }
 
-/// Where the unpacked files belong. Throws Failure when one of them is not this installation's.
+/// Returns the places of the unpacked files. Throws Failure when one is not this installation's.
 std::vector<fs::path> targets_of(const std::string& archive, const fs::path& unpacked,
                                  const Installation& installation) {
   std::vector<fs::path> targets;
@@ -101,7 +102,7 @@ bool has_same_text(const fs::path& one, const fs::path& other) {
   return run_program({"cmp", "-s", one.string(), other.string()}).status == 0;
 }
 
-/// What the operator is asked about; empty when nothing here is lost.
+/// Lists the files that the operator is asked about; empty when no present file would change.
 std::string replaced_files(const std::vector<fs::path>& present, const fs::path& unpacked) {
   constexpr std::size_t most = 20;
   std::string text;
@@ -126,7 +127,8 @@ void make_directories(const fs::path& directory, fs::perms mode) {
   fs::permissions(directory, mode);
 }
 
-/// Leaves the directories: systemd and the package own them. Says where the files are now.
+/// Moves files aside, but not directories, which systemd and the package own. Returns the files'
+/// new places in words.
 std::string move_aside(const std::vector<fs::path>& present, const Installation& installation) {
   const std::string suffix = time_suffix();
   std::set<std::string> places;
@@ -144,7 +146,7 @@ std::string move_aside(const std::vector<fs::path>& present, const Installation&
   return fmt::format("{}", fmt::join(places, ""));
 }
 
-/// Of the service's groups an archive may name one for a file of the configuration.
+/// Returns the file's group if it is a service's, else root: an archive may name no other group.
 std::string group_of(const fs::path& unpacked_file) {
   struct stat status {};
   if (stat(unpacked_file.c_str(), &status) != 0) return "root";
@@ -154,7 +156,7 @@ std::string group_of(const fs::path& unpacked_file) {
   return "root";
 }
 
-/// With this program's owner and mode, whatever the archive says: never more than 0644.
+/// Copies the file with an owner of our own and a mode of at most 0644, whatever the archive says.
 void put_in_place(const fs::path& source, const fs::path& target,
                   const Installation& installation) {
   const bool is_state = installation.is_state(target);
@@ -176,8 +178,8 @@ void put_in_place(const fs::path& source, const fs::path& target,
   run_or_fail(words);
 }
 
-/// On a host of another name the gateway would begin anew at the broker, and what is retained under
-/// its old name would stay there.
+/// Warns when the gateway's name here differs from the backup's. Under a new name, the gateway uses
+/// new topics, and messages retained under the old name stay at the broker.
 std::string words_on_new_name(const Manifest& manifest) {
   const std::string now = Installation(manifest.configuration).parsed().config.gateway_id;
   if (manifest.gateway.empty() || manifest.gateway == now) return {};
@@ -287,7 +289,7 @@ std::string ask(const std::string& socket, const char* command) {
 
 std::string backup(const Installation& installation, const std::string& file) {
   need_rights(installation, "backup");
-  // With a mistyped --config the state would be looked for in the default directory.
+  // With a mistyped --config, the backup would hold the state of the default directory.
   if (access(installation.configuration().c_str(), R_OK) != 0)
     throw Failure(fmt::format("{}: {}; nothing was written", installation.configuration(),
                               std::strerror(errno)));
@@ -322,7 +324,7 @@ std::string restore(const Installation& installation, const std::string& file,
   if (access(file.c_str(), R_OK) != 0) throw Failure(file + ": " + std::strerror(errno));
   const Manifest manifest = read_manifest(file);
   check_manifest(file, manifest, installation);
-  const WorkDirectory unpacked;  // whole before anything here is touched
+  const WorkDirectory unpacked;  // complete before any present file is touched
   run_or_fail({"tar", "-xzpf", file, "-C", unpacked.path().string()});
   const std::vector<fs::path> targets = targets_of(file, unpacked.path(), installation);
   const std::string replaced = replaced_files(installation.files(), unpacked.path());
@@ -337,7 +339,7 @@ std::string restore(const Installation& installation, const std::string& file,
     for (const fs::path& target : targets)
       put_in_place(unpacked.path() / target.relative_path(), target, installation);
     fs::permissions(installation.state(), fs::perms::owner_all);
-    if (installation.is_service())  // -h: of a link, not of the file that it names
+    if (installation.is_service())  // -h: changes a link, not the file that it names
       run_or_fail({"chown", "-hR", fmt::format("{}:{}", service_user, service_user),
                    installation.state().string()});
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl backup` and `restore`: configuration, credentials, the BLE mesh's keys, and the
-// messages and sessions that are kept, in one archive (tar, gzip), which holds secrets; and
-// `report`, what support needs to see, without secrets.
+// messages and sessions that are kept, in one archive (tar, gzip), which holds secrets. `report`:
+// the facts that support needs, without secrets.
 #pragma once
 
 #include <functional>
@@ -12,24 +12,23 @@
 
 namespace slamgw::ctl {
 
-/// Writes `file` with mode 0600; an existing one is replaced only when the new one is complete. The
-/// service stands still for the moment of copying, because its databases are open. A Failure for
-/// whatever goes wrong. Gives what was done, for people.
+/// Writes `file`, a new one, with mode 0600. Stops the service while it copies, because the service
+/// has its databases open. Throws Failure on any fault. Returns the result in words.
 std::string backup(const Installation& installation, const std::string& file);
 
-/// Puts an archive's files where the configuration here says, with owners and modes of our own;
-/// what was there is kept beside it under a name with the time. An archive with any other file, a
-/// link or a device is a Failure, and changes nothing. `may_replace` is asked about the files here
-/// that differ.
+/// Puts an archive's files where this host's configuration says, with owners and modes of our own.
+/// Keeps the present files beside them under a name with the time. An archive with any other file,
+/// a link or a device is a Failure, and changes nothing. Calls `may_replace` with the names of
+/// present files that differ.
 std::string restore(const Installation& installation, const std::string& file,
                     const std::function<bool(const std::string& replaced)>& may_replace);
 
-/// The text of a configuration file with the value of each key that may be secret replaced; keys
-/// whose names speak of secrets too, known or not. Nothing of a text that is no JSON.
+/// Returns a configuration file's text without the values of keys that may be secret by their
+/// names, known keys or not. Returns nothing of a text that is not JSON.
 std::string without_secrets(std::string_view text);
 
-/// Writes `file` (tar, gzip, mode 0600). A failure stands in the place of what cannot be had; only
-/// a file that cannot be written is a Failure. Gives what was done, for people.
+/// Writes `file` (tar, gzip, mode 0600). Where a fact is not available, the report holds the reason
+/// instead. Throws Failure only if the file cannot be written. Returns the result in words.
 std::string report(const Installation& installation, const std::string& socket,
                    const std::string& file);
 

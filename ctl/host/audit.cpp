@@ -21,7 +21,7 @@
 namespace slamgw::ctl {
 namespace {
 
-/// Some 0.5 KB each; run_program() takes 4 MiB.
+/// An entry takes some 0.5 KB; run_program() returns at most 4 MiB.
 constexpr const char* most_entries = "1000";
 constexpr const char* of_service = "_SYSTEMD_UNIT=slam-gateway.service";
 constexpr const char* of_root = "_UID=0";
@@ -30,7 +30,7 @@ constexpr const char* without_journal =
     "\"asked by\" and those about commands: look where that goes (the terminal, docker logs "
     "CONTAINER)";
 
-/// Any user can write to the journal: what counts is the service's, and root's.
+/// Selects entries of the service and of root only, because any user can write to the journal.
 std::vector<std::string> journal_command(const std::string& robot) {
   std::vector<std::string> words = {
       "journalctl",

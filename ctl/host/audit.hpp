@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `slam-gatewayctl audit`: who asked the gateway for what, and what came of it, read back from the
-// journal; and the entries about what this program does without the daemon.
+// `slam-gatewayctl audit`: reads operators' orders and their outcomes from the journal. Also writes
+// the entries about orders that this program carries out without the daemon.
 #pragma once
 
 #include <functional>
@@ -13,20 +13,20 @@
 
 namespace slamgw::ctl {
 
-/// When an entry of `journalctl -o json` was written; the epoch when it does not say so.
+/// Returns when an entry of `journalctl -o json` was written; the epoch when it has no time.
 WallTime time_of_entry(const nlohmann::json& entry);
 
-/// What `journalctl -o json` prints, as an array of `{"at", "who", "what", "robot", "outcome",
-/// "text"}`, oldest first. Other lines are left out.
+/// Turns the output of `journalctl -o json` into an array of `{"at", "who", "what", "robot",
+/// "outcome", "text"}`, oldest first. Leaves out other lines.
 nlohmann::json audit_entries(std::string_view journal);
-/// A line for each.
+/// Returns a line for each entry.
 std::string audit_text(const nlohmann::json& entries);
 
-/// The newest entries, of one robot when `robot` is not empty. Throws Failure, with what to do,
-/// when there is no journal, or nothing of the gateway in it.
+/// Returns the newest entries, of one robot when `robot` is not empty. Throws Failure, with the
+/// remedy, when there is no journal, or when it has no entry of the gateway.
 nlohmann::json read_audit(const std::string& robot);
 
-/// Does what `act` does, and writes to the journal what came of it.
+/// Calls `act`, writes the order's outcome to the journal, and returns or throws as `act` does.
 std::string recorded(const AuditedOrder& order, const std::function<std::string()>& act);
 
 }  // namespace slamgw::ctl

@@ -33,9 +33,9 @@ namespace fs = std::filesystem;
 using boost::asio::ip::udp;
 using nlohmann::json;
 
-/// Below it the store soon finds no room for a message.
+/// With less, the store soon has no room for a message.
 constexpr std::uint64_t least_free_bytes = std::uint64_t{64} << 20;
-/// A robot has one client; behind a forwarder there are some dozens, which soon answer.
+/// A robot has one client; behind a forwarder there are some dozens, and these answer soon.
 constexpr std::uint64_t crowd_of_one_address = 100;
 
 std::string_view to_string(Health health) {
@@ -143,7 +143,7 @@ class Examination {
     if (facts_.is_search_answered) search();
   }
 
-  /// Reports the role that otbr-agent tells, if it runs.
+  /// Judges the role that otbr-agent reports, if it runs.
   void node() {
     const std::string role = text_at(group_at(group_at(facts_.status, "meshes"), "thread"), "role");
     if (role == "disabled")
@@ -229,7 +229,7 @@ class Examination {
     });
   }
 
-  /// Robots are expected there; with `auto`, nobody searches over loopback.
+  /// Returns whether robots are expected there; with `auto`, robots do not search over loopback.
   bool is_for_robots(const std::string& interface) const {
     const mqttsn::Settings& settings = config_.mqttsn;
     if (settings.names_interface()) return interface == settings.interface;
@@ -299,7 +299,7 @@ class Examination {
           "behind");
   }
 
-  /// The first that is wrong: what comes after it follows from it.
+  /// Reports the first fault only, because the later ones follow from it.
   void bluetooth() {
     const BluetoothFacts& facts = facts_.bluetooth;
     const std::string& controller = config_.ble_mesh.controller;
@@ -331,8 +331,8 @@ class Examination {
         fmt::format("bluetooth-meshd {} has {}", facts.meshd_version, controller));
   }
 
-  /// 5.66 opens its controller again and again on Linux 6.1 and 6.12; versions between were not
-  /// tried.
+  /// Version 5.66 opens its controller again and again on Linux 6.1 and 6.12; versions between 5.66
+  /// and 5.82 were not tried.
   static bool is_meshd_new_enough(const std::string& version) {
     constexpr std::pair least{5, 82};
     std::pair<int, int> found;
@@ -390,7 +390,7 @@ class Examination {
            });
   }
 
-  /// What the broker cannot do, where it runs on this host and can be recognised.
+  /// Reports limits of the broker, if it runs on this host and can be recognised.
   void engine() {
     if (facts_.status.is_null() || !is_broker_local()) return;
     if (facts_.brokers.has_ejabberd) {
@@ -486,7 +486,7 @@ class Examination {
           "with their client ids: /usr/share/doc/slam-gateway/security.md");
   }
 
-  /// Commands reach a robot over the session that the broker keeps for it.
+  /// Checks that the broker keeps a session for each robot: commands come over this session.
   void sessions() {
     const json& counters = group_at(facts_.status, "fleet");
     const json& robots = group_at(facts_.status, "robots");
@@ -545,13 +545,13 @@ Finding node_finding(const json& node) {
                       text_at(node, "robot"))};
 }
 
-// ---- what this host says
+// ---- facts about this host
 
 constexpr int search_attempts = 3;
 constexpr std::array<std::uint8_t, 3> searchgw{0x03, 0x01, 0x00};  // MQTT-SN 1.2 section 5.4.2
 constexpr std::uint8_t gwinfo_type = 0x02;
 
-/// What `ip` prints with this word and -j.
+/// Returns the output of `ip -j WORD`.
 json ip_says(const char* word) {
   const ProgramResult shown = run_program({"ip", "-j", word});
   const auto list = json::parse(shown.output, nullptr, false);
@@ -575,7 +575,7 @@ std::vector<InterfaceFacts> read_interfaces() {
   return result;
 }
 
-/// Of `/proc/<process>/limits`: "Max open files   soft   hard   files".
+/// Reads the soft limit in `/proc/<process>/limits`: "Max open files   soft   hard   files".
 std::optional<std::uint64_t> open_file_limit(const fs::path& process) {
   constexpr std::string_view title = "Max open files";
   std::ifstream file(process / "limits");
@@ -599,7 +599,7 @@ LocalBrokers find_brokers() {
       if (files)
         brokers.mosquitto_files = std::min(*files, brokers.mosquitto_files.value_or(*files));
     }
-    if (name != "beam.smp") continue;  // what Erlang programs run in
+    if (name != "beam.smp") continue;  // the process of Erlang programs
     std::ifstream arguments(entry->path() / "cmdline");
     std::string text;
     std::getline(arguments, text);
@@ -635,14 +635,14 @@ BluetoothFacts look_at_bluetooth(const std::string& controller) {
   return facts;
 }
 
-/// An entry of `mqttsn.listen`: ADDRESS:PORT or [ADDRESS]:PORT.
+/// Parses an entry of `mqttsn.listen`: ADDRESS:PORT or [ADDRESS]:PORT.
 udp::endpoint endpoint_of(const std::string& listen) {
   const auto [host, port] = listen_parts(listen);
   boost::system::error_code error;
   return {boost::asio::ip::make_address(host, error), port};
 }
 
-/// Searches over loopback, at the first address that every interface listens on.
+/// Searches for the gateway over loopback, at the first entry for all interfaces.
 std::optional<bool> search(const mqttsn::Settings& settings) {
   const auto listen = std::ranges::find_if(
       settings.listen, [](const std::string& each) { return each.starts_with("[::]:"); });
@@ -665,7 +665,7 @@ std::optional<bool> search(const mqttsn::Settings& settings) {
   return false;
 }
 
-/// The first port of these entries of `mqttsn.listen` that another program has.
+/// Returns the first port of these entries of `mqttsn.listen` that another program uses.
 std::optional<std::uint16_t> taken_port(std::span<const std::string> entries) {
   boost::asio::io_context io;
   for (const std::string& listen : entries) {
@@ -678,7 +678,7 @@ std::optional<std::uint16_t> taken_port(std::span<const std::string> entries) {
   return std::nullopt;
 }
 
-/// Between two starts of the service, systemd keeps so many of its UDP sockets open
+/// Returns how many of the service's UDP sockets systemd keeps open between two starts
 /// (FileDescriptorStoreMax=): those of the first entries of `mqttsn.listen`.
 std::size_t count_kept_sockets() {
   return parse_number<std::size_t>(
@@ -686,7 +686,7 @@ std::size_t count_kept_sockets() {
       .value_or(0);
 }
 
-/// The first of the journal's entries as JSON, as `time: text`; empty when there is none.
+/// Returns the first of the journal's JSON entries as `time: text`; empty when there is none.
 std::string dated_line(const std::string& text) {
   const auto entry = nlohmann::json::parse(text.substr(0, text.find('\n')), nullptr, false);
   const std::string message = text_at(entry, "MESSAGE");
@@ -823,7 +823,7 @@ RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon) {
   if (const auto rows = fleet.find("robots"); rows != fleet.end()) facts.fleet_robots = *rows;
   try {
     facts.nodes = daemon.ask({{"command", "ble nodes"}});
-  } catch (const Failure&) {  // without a BLE mesh there are none
+  } catch (const Failure&) {  // without a BLE mesh there are no nodes
   }
   const ProgramResult lines =
       run_program({"journalctl", "-q", "--no-pager", "-u", "slam-gateway", "--since", "-1d", "-n",

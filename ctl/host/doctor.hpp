@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `slam-gatewayctl doctor`: the way of a message from radio to broker, step by step: what is well,
-// and what to do about the rest. The facts are gathered first, and judged without asking further.
+// `slam-gatewayctl doctor`: examines the way of a message from radio to broker, step by step, and
+// gives a remedy for each fault. Facts are gathered first; judging them does no I/O.
 #pragma once
 
 #include <cstdint>
@@ -20,26 +20,26 @@ enum class Health : std::uint8_t { well, warning, problem, unknown };
 struct Finding {
   std::string step;  ///< "broker", "thread: multicast"
   Health health = Health::well;
-  std::string detail;  ///< what was seen
-  std::string remedy;  ///< what to do; empty when it is well
+  std::string detail;  ///< what was found
+  std::string remedy;  ///< what to do; empty when all is well
 };
 
-/// What this host says of one network interface.
+/// This host's facts about one network interface.
 struct InterfaceFacts {
   std::string name;
   bool is_up = false;
   std::vector<std::string> addresses;         ///< numeric, IPv4 and IPv6
-  std::vector<std::string> multicast_groups;  ///< joined by anybody
+  std::vector<std::string> multicast_groups;  ///< joined by any program
 };
 
-/// What runs on this host and may be the broker.
+/// Programs on this host that may be the broker.
 struct LocalBrokers {
-  /// Files that Mosquitto may open; the fewest of several.
+  /// Files that Mosquitto may open; the lowest limit if several run.
   std::optional<std::uint64_t> mosquitto_files;
   bool has_ejabberd = false;
 };
 
-/// What this host says of the Bluetooth controller that bluetooth-meshd should have.
+/// This host's facts about the Bluetooth controller that bluetooth-meshd should have.
 struct BluetoothFacts {
   bool has_controller = false;
   bool is_blocked = false;    ///< by rfkill
@@ -52,42 +52,42 @@ struct BluetoothFacts {
 struct HostFacts {
   ParseResult configuration;
   nlohmann::json status;       ///< the daemon's; null when it does not answer
-  std::string status_failure;  ///< why it does not
-  bool is_running = true;      ///< somebody listens at its socket
+  std::string status_failure;  ///< why the daemon does not answer
+  bool is_running = true;      ///< a program listens at the daemon's socket
   nlohmann::json fleet;        ///< the daemon's answer to `fleet`; null when there is none
   std::string own_version;
   std::string host_name;
   LocalBrokers brokers;
   std::vector<InterfaceFacts> interfaces;
-  BluetoothFacts bluetooth;                ///< looked at with ble_mesh.radio "bluez"
+  BluetoothFacts bluetooth;                ///< only for ble_mesh.radio "bluez"
   std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried
-  /// Of mqttsn.listen, by another program; looked at when the daemon does not run.
+  /// A port of mqttsn.listen that another program uses; checked when the daemon does not run.
   std::optional<std::uint16_t> taken_port;
   std::optional<bool> is_clock_synchronised;
-  std::optional<std::uint64_t> state_free_bytes;  ///< where store.directory lies
+  std::optional<std::uint64_t> state_free_bytes;  ///< on the disk of store.directory
 };
 
-/// In the order of the way.
+/// Returns the findings in the order of the way from radio to broker.
 std::vector<Finding> examine(const HostFacts& facts);
 
 struct RobotFacts {
-  nlohmann::json robots;  ///< the daemon's answer to `robots`
-  nlohmann::json nodes;   ///< its answer to `ble nodes`; null without a BLE mesh
-  std::string refusal;    ///< the journal's newest line on what was refused to it; may be empty
+  nlohmann::json robots;        ///< the daemon's answer to `robots`
+  nlohmann::json nodes;         ///< its answer to `ble nodes`; null without a BLE mesh
+  std::string refusal;          ///< the journal's newest line about a refusal; may be empty
   nlohmann::json fleet_robots;  ///< the robots of its answer to `fleet`; null when there are none
 };
 
-/// What is known of one robot, and of why it is silent.
+/// Returns the known facts about one robot, and why it is silent.
 std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& facts,
                                    const ParseResult& configuration);
 
 nlohmann::json to_json(const std::vector<Finding>& findings);
-/// A line for each, the remedy below it.
+/// Returns a line for each finding, with its remedy below.
 std::string to_text(const std::vector<Finding>& findings);
-/// Whether any of them is a problem.
+/// Returns whether any finding is a problem.
 bool has_problem(const std::vector<Finding>& findings);
 
-/// Takes up to some seconds; nothing that it does changes anything.
+/// Takes up to some seconds. Changes nothing on this host.
 HostFacts gather_facts(const Installation& installation, const std::string& socket);
 /// Asks the daemon, and the journal of the last day.
 RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon);

@@ -42,10 +42,10 @@ bool sync(const fs::path& path) {
 }
 
 constexpr std::size_t max_output_bytes = std::size_t{4} << 20;
-constexpr int exit_not_started = 127;  // as a shell says it
+constexpr int exit_not_started = 127;  // as a shell reports it
 constexpr int exit_signal = 128;
 
-/// What does not fit is read all the same: else the program would wait for ever.
+/// Also reads output that does not fit, and drops it: else the program would wait for ever.
 std::string read_all(int pipe) {
   std::string output;
   std::array<char, 4096> chunk{};
@@ -65,7 +65,7 @@ int wait_for(pid_t child) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : exit_signal + WTERMSIG(status);
 }
 
-/// sudo(8) sets SUDO_UID and SUDO_GID.
+/// Gives the file to the user who typed sudo: sudo(8) sets SUDO_UID and SUDO_GID.
 void give_to_caller(int file) {
   const auto number_in = [](const char* variable) {
     const char* const text = std::getenv(variable);
@@ -73,10 +73,11 @@ void give_to_caller(int file) {
   };
   const unsigned user = number_in("SUDO_UID");
   if (geteuid() != 0 || user == 0) return;
-  if (fchown(file, user, number_in("SUDO_GID")) != 0) return;  // then it stays root's
+  if (fchown(file, user, number_in("SUDO_GID")) != 0) return;  // the file stays root's
 }
 
-/// Where `file` lies in `directory`; empty when it lies elsewhere, is hidden, or is hidden's.
+/// Returns the path of `file` in `directory`; empty when the file lies elsewhere, is hidden, or
+/// lies in a hidden directory.
 fs::path place_in(const fs::path& directory, const fs::path& file) {
   const fs::path place = file.lexically_relative(directory);
   const auto is_hidden = [](const fs::path& part) { return part.string().starts_with('.'); };
@@ -130,7 +131,7 @@ std::vector<fs::path> Installation::files() const {
   std::ranges::sort(files);
   files.erase(std::unique(files.begin(), files.end()), files.end());
   std::erase_if(files, [this](const fs::path& file) {
-    std::error_code error;  // a link among the state is the service's, which must not name a file
+    std::error_code error;  // the service can make links in its state; these must not name files
     const auto status = is_state(file) ? fs::symlink_status(file, error) : fs::status(file, error);
     return !fs::is_regular_file(status) || !owns(file);
   });
@@ -147,7 +148,7 @@ std::string change_bans(const Installation& installation, const std::string& who
   const fs::path file = installation.site() / "bans.json";
   std::error_code error;
   fs::create_directory(installation.site(), error);
-  const fs::path unfinished = file.string() + ".dpkg-new";  // a name that is not read
+  const fs::path unfinished = file.string() + ".dpkg-new";  // the daemon does not read this name
   std::ofstream out(unfinished);
   out << nlohmann::json{{"bans", bans}}.dump(2) << '\n';
   out.close();
@@ -230,8 +231,8 @@ ArchiveFile::~ArchiveFile() {
   unlink(unfinished_.c_str());
 }
 
-/// Not before: in /tmp the kernel does not let root write to another user's file
-/// (fs.protected_regular in proc_sys_fs(5)).
+/// Gives the file away only at the end: in /tmp, the kernel does not let root write to another
+/// user's file (fs.protected_regular in proc_sys_fs(5)).
 void ArchiveFile::finish() {
   give_to_caller(made_);
   fsync(made_);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This host as slam-gatewayctl uses it: what the gateway keeps here, its service, other programs,
-// and the archives that are left for the operator.
+// The gateway on this host, for slam-gatewayctl: its files, its service, other programs to run, and
+// archives for the operator.
 #pragma once
 
 #include <filesystem>
@@ -14,10 +14,10 @@ namespace slamgw::ctl {
 inline constexpr const char* service_unit = "slam-gateway.service";
 inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
 
-/// Where this host keeps what the gateway needs, by its configuration.
+/// The places of the gateway's files on this host, by its configuration.
 class Installation {
  public:
-  /// Reads the configuration; it need not be without problems.
+  /// Reads the configuration, which may have problems.
   explicit Installation(std::string configuration);
 
   const std::string& configuration() const { return configuration_; }
@@ -28,16 +28,16 @@ class Installation {
   std::filesystem::path site() const {
     return std::filesystem::path(configuration_).replace_extension(".d");
   }
-  /// The configuration is the one that the packaged service reads.
+  /// Returns whether the packaged service reads this configuration.
   bool is_service() const { return configuration_ == service_configuration; }
 
-  /// A backup holds the file: the state is everything in `state()`, the configuration with its
+  /// Returns whether a backup holds the file: everything in `state()`, the configuration with its
   /// credentials, the files that it names, and everything in the service's /etc/slam-gateway.
   bool owns(const std::filesystem::path& file) const { return is_state(file) || is_settings(file); }
   bool is_state(const std::filesystem::path& file) const;
-  /// Robots' keys: the service's user alone reads them.
+  /// Returns whether the file has robots' keys, which only the service's user may read.
   bool is_key_file(const std::filesystem::path& file) const;
-  /// The regular files of this host that `owns()` is true of.
+  /// Returns the regular files of this host for which owns() is true.
   std::vector<std::filesystem::path> files() const;
 
  private:
@@ -45,11 +45,11 @@ class Installation {
 
   std::string configuration_;
   ParseResult parsed_;
-  std::vector<std::filesystem::path> named_;  ///< by the configuration: credentials, keys ...
+  std::vector<std::filesystem::path> named_;  ///< files that the configuration names
 };
 
-/// Stops the service while it lives, and starts it again if it ran. Does nothing for a
-/// configuration that is not the service's.
+/// Stops the service for the lifetime of this object, and starts it again if it ran. Does nothing
+/// for a configuration that is not the service's.
 class ServicePause {
  public:
   explicit ServicePause(const Installation& installation);
@@ -69,10 +69,10 @@ struct ProgramResult {
 /// Runs tar, systemctl, journalctl ... and waits. `words[0]` is looked up in PATH. No shell;
 /// standard input is empty; messages are in English.
 ProgramResult run_program(const std::vector<std::string>& words);
-/// Its output. A Failure with it when the program does not end with status 0.
+/// As run_program(), but returns the output, and throws Failure with it unless the status is 0.
 std::string run_or_fail(const std::vector<std::string>& words);
 
-/// A directory that only this user can read, gone with this object.
+/// A temporary directory that only this user can read. The destructor removes it.
 class WorkDirectory {
  public:
   WorkDirectory();
@@ -85,22 +85,22 @@ class WorkDirectory {
   std::filesystem::path path_;
 };
 
-/// Adds `who` to `bans`, or takes it out of them, in `gateway.d/bans.json`. Returns what was done,
-/// for people. Throws Failure when `who` is not banned, or the file can't be written.
+/// Adds `who` to `bans`, or removes it, in `gateway.d/bans.json`. Returns the result in words.
+/// Throws Failure when `who` to remove is not banned, or when the file can't be written.
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned);
 
-/// A file with mode 0600 that gets its name only when it is whole. Made by root through sudo, it
-/// belongs to the user who typed sudo: otherwise that user could neither copy nor send it.
+/// A file with mode 0600 that gets its name only when it is complete. When root makes it through
+/// sudo, it belongs to the user who typed sudo: else that user could neither copy nor send it.
 class ArchiveFile {
  public:
-  /// Throws Failure when it can't be made.
+  /// Throws Failure when the file can't be made.
   explicit ArchiveFile(std::string file);
-  /// Removes what was not finished.
+  /// Removes the file if it was not finished.
   ~ArchiveFile();
   ArchiveFile(const ArchiveFile&) = delete;
   ArchiveFile& operator=(const ArchiveFile&) = delete;
 
-  /// Where to write until finish().
+  /// The path to write to until finish().
   const std::string& path() const { return unfinished_; }
   void finish();
 

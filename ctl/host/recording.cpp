@@ -36,8 +36,8 @@ std::optional<BrokerMessage> message_of(const json& event) {
   return BrokerMessage{topic, *payload, static_cast<Qos>(qos), false, {}};
 }
 
-/// The clock was set while it was recorded, for instance on a host that starts without the time:
-/// waiting it out would look like a replay that hangs.
+/// Throws Failure for a very long gap: the clock was set during the recording, for instance on a
+/// host that starts without the time. To wait for its end would look like a replay that hangs.
 void check_gaps(const std::vector<RecordedMessage>& messages, const std::string& name) {
   constexpr std::chrono::days longest{30};
   for (std::size_t i = 1; i < messages.size(); ++i) {
@@ -50,7 +50,7 @@ void check_gaps(const std::vector<RecordedMessage>& messages, const std::string&
   }
 }
 
-/// Under way to the broker at once; more wait here, and what comes late is published at once.
+/// The most messages under way to the broker; others wait here, and go at once when overdue.
 constexpr std::uint64_t max_under_way = 16;
 
 ConnectionTraits traits(bool is_user_typed) {
@@ -71,7 +71,7 @@ class Replay final : private UpstreamListener {
         upstream_(io_, std::move(broker), traits(is_user_typed), *this) {}
 
   Replayed run() {
-    const auto until_stopped = boost::asio::make_work_guard(io_);  // links work elsewhere
+    const auto until_stopped = boost::asio::make_work_guard(io_);  // links use other threads
     upstream_.start();
     io_.run();
     upstream_.stop();
@@ -129,7 +129,7 @@ class Replay final : private UpstreamListener {
 
   std::vector<RecordedMessage> messages_;
   double speed_;
-  std::size_t untried_;  ///< brokers after this one
+  std::size_t untried_;  ///< number of brokers that are not tried yet
   boost::asio::io_context io_{1};
   boost::asio::steady_timer timer_;
   Upstream upstream_;
@@ -165,7 +165,7 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     if (line.empty()) continue;
     const json event = json::parse(line, nullptr, false);
     const auto at = event.is_object() ? parse_event_time(text_at(event, "at")) : std::nullopt;
-    // One with a reason was not published as it came: no server has seen it on its topic.
+    // A message with a reason was not published unchanged: no server has seen it on its topic.
     const bool is_message =
         event.is_object() && text_at(event, "event") == "arrived" && text_at(event, "why").empty();
     const auto message = is_message ? message_of(event) : std::nullopt;

@@ -16,7 +16,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t enough_messages = 10;  ///< to speak of a habit
+constexpr std::size_t enough_messages = 10;  ///< fewer messages do not show a habit
 constexpr std::size_t max_reasons = 5;
 
 class Judge {
@@ -122,7 +122,7 @@ class Judge {
         "as long before each next one");
   }
 
-  /// One of ten was repeated.
+  /// Returns whether more than one message in ten was repeated.
   bool is_lossy() const { return arrived_ >= enough_messages && 10 * repeats_ > arrived_; }
 
   void judge_payloads() {
@@ -150,7 +150,7 @@ class Judge {
     });
   }
 
-  /// Of `update`: most intervals should be near the middle one.
+  /// Judges the intervals of `update`: most should be near the median.
   void judge_pace() {
     std::vector<double> gaps;
     for (std::size_t i = 1; i < update_times_.size(); ++i)
@@ -223,7 +223,7 @@ class Judge {
   std::vector<double> update_times_;
 };
 
-/// Null when the daemon refuses: the robot is not there.
+/// Returns the daemon's answer; null when the daemon refuses, because it does not have the robot.
 json asked(Connection& daemon, const json& request,
            std::chrono::seconds patience = answer_patience) {
   try {
@@ -251,7 +251,7 @@ WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
       watched.events.push_back(std::move(*event));
   }
   watched.watched = std::chrono::round<std::chrono::seconds>(Clock::now() - start);
-  Connection questions(socket);  // now: one that is idle for a minute is closed
+  Connection questions(socket);  // opened late: the daemon closes a client that idles for a minute
   const json clients = asked(questions, {{"command", "mqttsn clients"}, {"robot", robot}});
   if (clients.is_array() && !clients.empty()) watched.client = clients.front();
   constexpr std::chrono::seconds config_patience{60};

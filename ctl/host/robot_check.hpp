@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl check ROBOT`: watches one robot for some minutes and says what its firmware
-// should do otherwise. The facts are gathered first, and judged without asking further.
+// should do otherwise. Facts are gathered first; judging them does no I/O.
 #pragma once
 
 #include <chrono>
@@ -14,19 +14,19 @@
 namespace slamgw::ctl {
 
 struct WatchedRobot {
-  /// What happened to its messages and commands, as `watch` tells it; at most max_events.
+  /// Events of its messages and commands, as `watch` reports them; at most max_events.
   std::vector<nlohmann::json> events;
   nlohmann::json client;  ///< of `mqttsn clients ROBOT`; null when it has no session there
-  nlohmann::json config;  ///< of `ble config ROBOT`; null when it is no node, or does not answer
+  nlohmann::json config;  ///< of `ble config ROBOT`; null when it is not a node or does not answer
   std::chrono::seconds watched{0};
 
   static constexpr std::size_t max_events = 100'000;
 };
 
-/// Asks the daemon; `events` and `watched` are what comes within `time`.
+/// Watches the robot for `time`, then asks the daemon for its session or configuration.
 WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
                          const std::string& socket);
-/// One finding for each habit that costs the robot messages, air time or battery.
+/// Returns a finding for each habit that costs the robot messages, air time or battery.
 std::vector<Finding> judge_robot(const WatchedRobot& robot);
 
 }  // namespace slamgw::ctl

@@ -65,7 +65,7 @@ RobotKeys read_keys(const fs::path& path) {
   return keys;
 }
 
-/// The service must be able to read what root writes.
+/// Gives the file to the owner of the replaced file, else to the service, which must read it.
 void give_to_owner(int file, const fs::path& replaced) {
   if (geteuid() != 0) return;
   struct stat status {};
@@ -99,7 +99,7 @@ Bytes random_key() {
   return key;
 }
 
-/// A robot of `robots` is known on the mesh by its client id.
+/// Returns the client id, by which the mesh knows a robot of `robots`; else `robot` itself.
 std::string identity_of(const Installation& installation, const std::string& robot) {
   for (const RobotName& name : installation.parsed().config.robots)
     if (name.id == robot && name.mqttsn_client_id) return *name.mqttsn_client_id;

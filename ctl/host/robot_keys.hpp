@@ -10,14 +10,14 @@
 
 namespace slamgw::ctl {
 
-/// Performs the task and returns its answer; a new key shows there and never again. The file is
-/// whole at any time, and a change by another process is not lost. Throws Failure when there is no
-/// such file or key, or it can't be written.
+/// Performs the task and returns its answer, the only text that ever shows a new key. The file is
+/// complete at any time, and a change by another process is not lost. Throws Failure when the file
+/// or the key does not exist, or when the file can't be written.
 nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task);
-/// A QR code for a terminal, black on white whatever its colours are, two modules in each character
-/// cell. Empty when `text` is too long for one.
+/// Returns a QR code for a terminal, black on white whatever the terminal's colours are, with two
+/// modules in each character cell. Empty when `text` is too long.
 std::string qr_code(const std::string& text);
-/// `shows_codes`: a new key is a QR code too, for a terminal.
+/// `shows_codes`: also shows a new key as a QR code, for a terminal.
 std::string text_of_keys(const nlohmann::ordered_json& answer, bool shows_codes = false);
 
 }  // namespace slamgw::ctl
