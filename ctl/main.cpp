@@ -303,7 +303,6 @@ int ping(Connection& connection, const Order& order) {
 }
 
 /// Escapes characters that hide or deceive. Keeps line ends, because each problem is a line.
-
 std::string printable_lines(const std::string& text) {
   std::istringstream lines(text);
   std::string out;
@@ -464,7 +463,6 @@ bool may_replace(const std::string& files) {
 }
 
 /// Returns the configuration's path; with --socket alone, asks the daemon that listens there.
-
 std::string configuration_of(const HostTask& task) {
   const bool needs_none = task.kind == HostTask::Kind::check || task.kind == HostTask::Kind::audit;
   if (!task.is_by_socket || needs_none) return task.configuration;

@@ -82,7 +82,6 @@ bool is_controller(std::string_view name) {
 }
 
 /// Refuses 1 (Mesh Profile section 3.4.4.5): such a message is never relayed, as with 0.
-
 void read_ttl(Value value, Config& config) {
   const nlohmann::json& json = value.node().value;
   const std::uint64_t ttl = json.is_number_unsigned() ? json.get<std::uint64_t>() : 1;

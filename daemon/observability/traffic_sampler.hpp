@@ -110,7 +110,6 @@ class TrafficSampler {
     TokenBucket budget;
     std::uint64_t without_line = 0;
     /// By the hash of robot, type and direction; two streams with the same hash share their lines.
-
     std::unordered_map<std::size_t, LogThrottle> streams;
     std::unordered_map<std::size_t, std::size_t> types;  // by the hash of the robot
   };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Histograms of the newest values: arrival intervals and latency, as in the thesis's chapter 8, but live.
+// Live histograms of the newest values: arrival intervals and latency, as in the thesis's chapter 8.
 import { colour, surface } from './dom.js';
 
 const KEPT = 5000;
@@ -21,7 +21,7 @@ export class Histogram {
     return this.values.slice(0, Math.min(this.count, KEPT)).sort();
   }
 
-  // null while there is nothing.
+  // Returns null while there are no values.
   summary() {
     const sorted = this.sorted();
     if (!sorted.length) return null;
@@ -35,7 +35,7 @@ export class Histogram {
     const { context, width, height } = on;
     const base = height - 18;
     const most = summary ? NICE_MS.find((ms) => ms >= summary.p99 * 1.15) ?? summary.p99 * 1.15 : 1000;
-    const bins = new Uint32Array(BINS + 1); // the last: beyond
+    const bins = new Uint32Array(BINS + 1); // the last bin: all larger values
     for (const value of summary?.sorted ?? []) bins[Math.min(BINS, Math.max(0, Math.floor(value / most * BINS)))]++;
     const highest = Math.max(1, ...bins);
     const step = width / (BINS + 1);
@@ -65,8 +65,8 @@ export class Histogram {
   }
 }
 
-// One robot's last 24 hours: bars of the share that it was online, and lines of its signal and latency; a tick for each
-// slot with repeats or gaps. Hours before the program started stay empty.
+// Draws one robot's last 24 hours: its share of time online, repeats and gaps as bars, its signal and latency as lines. Hours
+// before the program started stay empty.
 const DAY_MS = 24 * 3600000;
 export function drawDay({ context, width, height }, day, now, hasSignal) {
   const rows = [['online', 'Online'], ...(hasSignal ? [['rssi_dbm', 'Signal']] : []), ['latency_us', 'Latency p50'], ['repeats', 'Repeats'], ['gaps', 'Gaps']];
@@ -84,7 +84,7 @@ export function drawDay({ context, width, height }, day, now, hasSignal) {
     context.fillStyle = context.strokeStyle = colour(key === 'online' ? '--good' : key === 'repeats' || key === 'gaps' ? '--warn' : '--accent');
     if (key === 'rssi_dbm' || key === 'latency_us') line(context, values, (i) => Math.min(width - 1, x(i + 0.5)), y);
     else values.forEach((value, i) => value > 0 && context.fillRect(x(i), y(value), Math.min(step, width - x(i)), base - y(value)));
-    if (key === 'online') { // what it was not online: a thin mark, so that it differs from what nobody saw
+    if (key === 'online') { // a thin mark for time offline, so that it differs from time without data
       context.fillStyle = colour('--bad');
       values.forEach((value, i) => value !== null && value < 100 && context.fillRect(x(i), base - 2, Math.min(step, width - x(i)), 2));
     }
@@ -100,7 +100,7 @@ export function drawDay({ context, width, height }, day, now, hasSignal) {
   }
 }
 const newest = (key, seen) => (key === 'rssi_dbm' ? `${seen.at(-1)} dBm` : key === 'latency_us' ? `${(seen.at(-1) / 1000).toFixed(1)} ms` : String(seen.reduce((a, b) => a + b, 0)));
-// Points beside each other are joined; one alone is a dot.
+// Joins neighbouring points; a single point is a dot.
 function line(context, values, x, y) {
   context.lineWidth = 1.5;
   context.beginPath();

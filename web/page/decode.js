@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Payloads in a person's words. Little-endian int16 pairs in centimetres: `update` and `cmd`.
+// Describes payloads in words. `update` and `cmd` are little-endian int16 pairs in centimetres.
 const signed = (hex, at) => {
   const low = parseInt(hex.substr(at, 2), 16);
   const high = parseInt(hex.substr(at + 2, 2), 16);
   return ((high << 8 | low) << 16) >> 16;
 };
 
-// What int16 holds, in JSON too: far beyond it, a step on the map no longer changes a coordinate.
+// Accepts only the range of int16, also in JSON: far beyond it, a step on the map no longer changes a coordinate.
 const isPlace = (number) => Number.isFinite(number) && Math.abs(number) <= 32768;
 
-// {x, y, obstacles: [x, y, ...]} or null. 4 + 4n octets, n = 0..4, perhaps a stray one behind; or JSON.
+// Returns {x, y, obstacles: [x, y, ...]} or null. The payload is 4 + 4n octets, n = 0..4, with at most one stray octet at the
+// end; or JSON.
 export function decodeUpdate(message) {
   const hex = message.payload;
   if (message.encoding === 'hex') {
@@ -41,7 +42,7 @@ const pairs = (flat) => {
   return words.join(' ');
 };
 
-// One line of text for any message.
+// Returns one line of text for any message.
 export function describe(message, type) {
   if (message.bytes !== undefined) return `${message.bytes} octets, too long to show`;
   if (type === 'update') {

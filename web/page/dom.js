@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small steps of making and changing elements. Text goes in as text only, and without characters that deceive.
+// Functions that make and change elements. Text is never parsed as HTML, and characters that deceive are escaped.
 import { shown } from './shown.js';
 
 export const $ = (id) => document.getElementById(id);
@@ -20,13 +20,13 @@ export function setText(node, text) {
   const safe = shown(text);
   if (node.textContent !== safe) node.textContent = safe;
 }
-// As many children as there are items, old ones used again.
+// Gives `parent` exactly `count` children; keeps those that exist.
 export function keep(parent, count, make) {
   while (parent.children.length < count) parent.append(make());
   while (parent.children.length > count) parent.lastElementChild.remove();
 }
 
-// A part that fails leaves the others alone.
+// Runs all parts, even when one of them fails.
 export function attempt(...parts) {
   for (const part of parts) {
     try {
@@ -42,7 +42,7 @@ export function save(name, blob) {
   element('a', { href: url, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
-// A field of CSV; what a spreadsheet would take for a formula is made text.
+// Returns a field of CSV; text that a spreadsheet would take for a formula gets an apostrophe in front.
 export function csv(value) {
   const text = String(value);
   const safe = shown(typeof value === 'string' && /^'*[=+\-@\t\r]/.test(text) ? `'${text}` : text);
@@ -58,7 +58,7 @@ export function toast(text) {
   timer = setTimeout(() => $('toast').classList.remove('on'), 4000);
 }
 
-// A canvas ready to draw on in CSS pixels, or null when it has no size.
+// Returns the canvas, cleared and ready to draw on in CSS pixels, or null when it has no size.
 export function surface(canvas) {
   const ratio = Math.min(devicePixelRatio || 1, 2);
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Occupancy grid: cells of 2 cm, free along each ray, occupied at its end. Kept in tiles of 64 x 64 cells, each with a
-// picture of itself that is painted again when something in it has changed.
+// Occupancy grid: cells of 2 cm, free along each ray, occupied at its end. Tiles hold 64 x 64 cells and a picture of them,
+// which is painted again when a cell has changed.
 export const CELL_CM = 2;
 const SIDE = 64;
 export const TILE_CM = CELL_CM * SIDE;
 const MAX_TILES = 1500; // 2400 square metres, some 30 MB
-const MAX_RAY_CM = 200; // sensors end at 80; anything longer is a jump or a lie, and only its end counts
+const MAX_RAY_CM = 200; // sensors reach 80 cm; a ray longer than this is a jump or wrong, and only its end counts
 const FREE = -2;
 const OCCUPIED = 14;
 const LIMIT = 100;
@@ -40,7 +40,7 @@ export class Grid {
     tile.isDirty = true;
   }
 
-  // From the robot to what it saw, in cm; `worth` 0..1.
+  // Adds a ray from the robot to an obstacle, in cm; `worth` 0..1.
   ray(fromX, fromY, toX, toY, worth) {
     let x = Math.floor(fromX / CELL_CM);
     let y = Math.floor(fromY / CELL_CM);
@@ -81,7 +81,7 @@ export class Grid {
     tile.isDirty = false;
   }
 
-  // `view`: {x, y} room cm to pixels, `scale` pixels a cm.
+  // `view` converts room cm to pixels; its `scale` is pixels a cm.
   draw(context, view, width, height) {
     const size = TILE_CM * view.scale;
     context.imageSmoothingEnabled = view.scale * CELL_CM < 2;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// New BLE robots: a dialog that opens a gateway's mesh for a while, and shows who joins. Where the gateway takes no requests
-// over the broker, it shows what to type instead.
+// A dialog that opens a gateway's BLE mesh to new robots for a while, and shows which robots join. If the gateway takes no
+// requests over the broker, the dialog shows a command to type instead.
 import { $, element, keep, setText } from './dom.js';
 import { lacksWords } from './robot.js';
 import { isThere } from './robots.js';
@@ -10,13 +10,13 @@ const PLAIN = /^[A-Za-z0-9_.][A-Za-z0-9_.:-]*$/;
 
 const ble = (gateway) => (isThere(gateway) ? gateway.stats?.meshes?.ble : null);
 const hasBle = (gateway) => ble(gateway)?.enabled === true;
-// Whether the gateway takes requests: it counts them then (docs/topics.md).
+// Returns whether the gateway takes requests: only then it counts them (docs/topics.md).
 export const takesRequests = (gateway) => hasBle(gateway) && ble(gateway).counters?.join_requests !== undefined;
 
 const left = (join, now) => (join?.seconds_left > 0 ? Math.max(0, join.at + join.seconds_left * 1000 - now) : 0);
 const minutes = (time) => `${Math.floor(time / 60000)}:${String(Math.floor(time / 1000) % 60).padStart(2, '0')}`;
 
-// [class, words] of each device, the newest last.
+// Returns [class, words] for each device, the newest last.
 export function story(join) {
   const devices = new Map();
   for (const { event, uuid, robot, why } of Array.isArray(join?.events) ? join.events.filter(Boolean) : []) {
@@ -30,7 +30,7 @@ export function story(join) {
 }
 
 export class JoinDialog {
-  // `order(gateway, wanted)` says whether it was sent.
+  // `order(gateway, wanted)` returns whether the request was sent.
   constructor(model, order) {
     Object.assign(this, { model, order, asked: null });
     $('join-form').addEventListener('submit', (event) => {
@@ -44,7 +44,7 @@ export class JoinDialog {
   }
   open() {
     this.asked = null;
-    for (const { join } of this.gateways) if (join) join.error = null; // of earlier requests
+    for (const { join } of this.gateways) if (join) join.error = null; // errors of earlier requests
     this.draw();
     $('join-dialog').showModal();
   }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket: mirrors the broker's topics to `listener.onMessage`, comes back by itself. Each message holds one or
-// several of ours, a line each.
+// The WebSocket: passes messages on the broker's topics to `listener.onMessage`, and reconnects by itself. Each WebSocket
+// message holds one or several of ours, a line each.
 // A token is sent as the first message, never in a URL; it stays in this tab's session.
 const PAUSES_MS = [300, 1000, 2000, 5000];
 const TOKEN = 'slamgw-token';
 
-// null for what is none of our program's messages: one that cannot be read must not end the others.
+// Returns null for text that is not a message of our program: one bad line must not stop the others.
 function read(text) {
   try {
     const message = JSON.parse(text);
@@ -43,7 +43,7 @@ export class Link {
     if (message.topic === '$web/token' && !message.payload.accepted) sessionStorage.removeItem(TOKEN);
     try {
       this.listener.onMessage(message);
-    } catch (error) { // those that came with it are none the worse
+    } catch (error) { // must not stop the messages that came with this one
       console.error(error);
     }
   }
@@ -59,7 +59,7 @@ export class Link {
     this.socket.close();
   }
 
-  // Whether it could be said. `encoding`: "text" or "hex".
+  // Sends a message; returns false without a connection. `encoding`: "text" or "hex".
   say(topic, payload, encoding = 'text') {
     if (this.socket.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify({ topic, payload, encoding }));

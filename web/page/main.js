@@ -71,7 +71,7 @@ function takeOwn({ topic, payload }) {
   if (/^.web.(robot.|gateway.|history|past)/.test(topic)) return;
   drawLink();
   if (topic === '$web/hello' && model.isLocked && !link.hasToken()) askToken();
-  if (topic === '$web/hello' && !model.isLocked) link.say('$web/past', model.newest); // answered once for each connection
+  if (topic === '$web/hello' && !model.isLocked) link.say('$web/past', model.newest); // the program answers once a connection
   if (topic !== '$web/token') return;
   if (!payload.accepted && model.isLocked && !$('token-dialog').open) askToken();
   setText($('token-words'), payload.accepted ? '' : payload.why);
@@ -168,8 +168,8 @@ function drawPilot() {
 }
 
 // ---- going back in time
-const PLAY_MS = 60000; // for all of it
-const MIN_SPEED = 4; // else it would never come to now
+const PLAY_MS = 60000; // for the whole time
+const MIN_SPEED = 4; // at a speed of 1, playing would never reach now, which moves on
 const MIN_TRACK_MS = 10000;
 const SLIDER = 1000;
 let playing = 0;
@@ -212,7 +212,7 @@ $('play').addEventListener('click', () => {
 });
 
 // ---- the head
-// The first thing on the way from the robots to this page that is not there.
+// Names the first missing part of the way from this page to the robots.
 function linkWords() {
   if (!model.isOpen) return 'No connection';
   if (model.isLocked) return 'Locked';
@@ -275,7 +275,7 @@ function follow() {
     show('robot');
   } else show(VIEWS.includes(location.hash.slice(1)) ? location.hash.slice(1) : 'map');
 }
-// What somebody has typed may be no URI.
+// Returns the text unchanged if it is not valid: a user may have typed it.
 function decoded(text) {
   try {
     return decodeURIComponent(text);

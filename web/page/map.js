@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map: grid, points, trails, robots, and where commands went. The room's y axis points up. Nothing is drawn while
-// nothing changes.
+// The map: grid, points, trails, robots, and the goals of commands. The room's y axis points up. The map is drawn only when
+// something changes.
 import { Grid } from './grid.js';
 import { MAX_POINTS } from './model.js';
 import { Points } from './points.js';
@@ -11,19 +11,19 @@ const FIT_MARGIN_PX = 70;
 const MIN_SCALE = 0.01;
 const MAX_SCALE = 40;
 const MARK_MS = 12000;
-// From so many points on, what lies still is painted into a layer that is made anew once a second; in between only what is
-// new is added to it.
+// With more points than this, the layer of still parts is painted only once a second. In between, only new points and trails
+// are added to it.
 const HEAVY_POINTS = 20000;
 const LAYER_MS = 1000;
-// From so many robots on, those that stand close together are drawn as one disc with their number. Its cells are squares of
-// the room, so that they stay while the map moves.
+// From this number of robots on, robots that stand close together are drawn as one disc with their number. The cells are
+// squares of the room, so that clusters stay the same while the map moves.
 const CLUSTERS_FROM = 40;
 const CLUSTER_PX = 44;
 const CLUSTER_OF = 4;
 const MAX_NAMES = 200;
 const calm = matchMedia('(prefers-reduced-motion: reduce)');
 
-// Room centimetres to pixels.
+// Converts room centimetres to pixels, and back.
 class View {
   constructor() {
     Object.assign(this, { scale: 2, left: 0, top: 0 });
@@ -40,7 +40,7 @@ class View {
   }
 }
 
-// Where a name of this width can stand beside a robot: on the canvas, and covering nothing that is `taken`; null when nowhere.
+// Returns a place for a name of this width beside a robot: on the canvas and free of all boxes in `taken`. Null without one.
 function freePlace(px, py, width, taken, wide, tall) {
   for (const [x, y] of [[px + 12, py - 12], [px + 12, py + 14], [px - 12 - width, py - 12], [px - 12 - width, py + 14]]) {
     const box = { left: x - 2, right: x + width + 2, top: y - 8, bottom: y + 8 };
@@ -62,14 +62,14 @@ export class WorldMap {
     this.layer = new OffscreenCanvas(1, 1);
     this.layerAt = -Infinity;
     this.sprites = new Map();
-    this.marks = []; // where commands were sent
+    this.marks = []; // the goals of commands
     this.show = { points: true, grid: true, trails: true, labels: true };
-    this.time = Infinity; // what is shown is of then; Infinity: of now
-    this.wanted = ''; // only robots that match
+    this.time = Infinity; // the time that is shown; Infinity: now
+    this.wanted = ''; // shows only robots that match
     this.clusters = [];
     this.single = []; // robots that are drawn one by one
     this.chosen = null;
-    this.fits = true; // until somebody moves the map
+    this.fits = true; // until the user moves the map
     this.isVisible = true;
     this.frames = 0;
     this.recolour();
@@ -109,7 +109,7 @@ export class WorldMap {
     this.time = time;
     this.repaint();
   }
-  // Like change(), for what is in the layer too.
+  // As change(), but also paints the layer again.
   repaint() {
     this.layerAt = -Infinity;
     this.change();
@@ -122,7 +122,7 @@ export class WorldMap {
       if (this.isVisible && this.width > 0) this.draw();
     });
   }
-  // Robots that have been silent for a while are fainter.
+  // Draws again when a robot has become fainter, because it was silent for a while.
   fade() {
     const look = this.robots.map((robot) => robot.freshness(this.model.now()) + robot.isGone).join();
     if (look !== this.look) this.change();
@@ -133,7 +133,7 @@ export class WorldMap {
     if (isVisible) this.resize();
   }
 
-  // ---- what is where
+  // ---- bounds, choice
   bounds() {
     let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
     const reach = (x, y) => {
@@ -161,7 +161,7 @@ export class WorldMap {
       left: aside.left + (this.width - aside.left) / 2 - scale * (bounds.left + bounds.right) / 2,
       top: aside.top + (this.height - aside.top - aside.bottom) / 2 + scale * (bounds.low + bounds.high) / 2,
     };
-    // A view that rests stays until it is clearly wrong: each new point moves the goal a little.
+    // A resting view stays until it is clearly off, because each new point moves the goal a little.
     const off = Math.max(Math.abs(goal.scale / this.view.scale - 1) * 300, Math.abs(goal.left - this.view.left), Math.abs(goal.top - this.view.top));
     if (!isNow && this.isResting && off < 24) return false;
     const step = isNow || calm.matches || !this.hasFitted ? 1 : 0.12;
@@ -241,7 +241,7 @@ export class WorldMap {
       robot.drawn = { points: robot.pointCount, trail: robot.trail.at(-1) };
     }
   }
-  // What came since: small, so plain calls will do.
+  // Adds only new points and trails to the layer. These are few, so plain canvas calls are fast enough.
   extendLayer(robots) {
     const context = this.layer.getContext('2d');
     const { view } = this;
@@ -317,7 +317,7 @@ export class WorldMap {
     }
     context.globalAlpha = 1;
   }
-  // The disc of a robot, drawn once for each colour, size and state.
+  // Returns the disc of a robot, which is drawn once for each colour, size and state.
   sprite(robot, size, isGone) {
     const key = `${robot.number},${size},${isGone},${this.ratio}`;
     let sprite = this.sprites.get(key);
@@ -361,7 +361,7 @@ export class WorldMap {
     context.drawImage(this.sprite(robot, size, isGone), x - size - 2, y - size - 2, 2 * size + 4, 2 * size + 4);
     context.globalAlpha = 1;
   }
-  // Many robots: clusters, then dots, then names, the closer one looks.
+  // Sorts robots into clusters and single ones. Zooming in turns clusters of many robots into single discs, then adds names.
   gather(robots) {
     const cell = 2 ** Math.ceil(Math.log2(CLUSTER_PX / this.view.scale));
     const cells = robots.length < CLUSTERS_FROM ? new Map() : Map.groupBy(robots.filter((robot) => robot !== this.chosen), (robot) => {
@@ -414,7 +414,7 @@ export class WorldMap {
       const name = id.length > 24 ? id.slice(0, 23) + '…' : id;
       robot.nameWidth ??= context.measureText(name).width;
       const place = freePlace(view.px(this.poseOf(robot).x), view.py(this.poseOf(robot).y), robot.nameWidth, taken, this.width, this.height);
-      if (!place) continue; // two names in one place can't be read
+      if (!place) continue; // overlapping names can't be read
       context.strokeText(name, ...place);
       context.fillText(name, ...place);
     }

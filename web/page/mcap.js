@@ -7,7 +7,7 @@ const MOST_MESSAGES = 200000; // some 30 MB; the newest are kept
 const FRAME = 'map';
 const FLOAT32 = 7; // of sensor_msgs/PointField
 
-// The texts of ROS 2's message definitions: a schema's own, then those that it uses.
+// The texts of ROS 2's message definitions: the schema's own text, then the definitions that it uses.
 const line = `\n${'='.repeat(80)}\nMSG: `;
 const header = `${line}std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id${line}builtin_interfaces/Time\nint32 sec\nuint32 nanosec`;
 const SCHEMAS = [
@@ -17,7 +17,7 @@ const SCHEMAS = [
 const [POSE, POINTS] = [1, 2];
 
 const utf8 = new TextEncoder();
-// Little-endian values, one after the other.
+// A growing buffer of little-endian values.
 class Octets {
   constructor() {
     this.view = new DataView(new ArrayBuffer(256));
@@ -52,7 +52,7 @@ class Octets {
   text(value) { const octets = utf8.encode(value); return this.u32(octets.length).all(octets); }
   get octets() { return new Uint8Array(this.view.buffer, 0, this.size); }
 }
-// CDR (XCDR1, little-endian): values stand at multiples of their size, counted from behind the first four octets.
+// CDR (XCDR1, little-endian): values are aligned to multiples of their size, counted after the first four octets.
 class Cdr extends Octets {
   constructor() { super(); this.all([0, 1, 0, 0]); }
   align(size) { while ((this.size - 4) % size) this.u8(0); return this; }
@@ -76,7 +76,7 @@ function pointsOf({ at, points }) {
   return cdr.all(data.octets).u8(1).octets;
 }
 
-// Where it was, and how it faced: as it moved last.
+// Returns the robot's places with its heading, which is the direction of its last movement.
 function posesOf(robot) {
   let [yaw, before] = [0, null];
   return robot.track.map(({ at, x, y }) => {
@@ -85,7 +85,7 @@ function posesOf(robot) {
     return { at, x, y, yaw };
   });
 }
-// What it saw at one time is one cloud.
+// Returns a cloud for each time, with the points that the robot saw then.
 function cloudsOf(robot) {
   const clouds = new Map();
   for (let i = 0; i < robot.kept; i++) {
@@ -95,7 +95,7 @@ function cloudsOf(robot) {
   }
   return [...clouds.values()];
 }
-// Names of ROS 2 have letters, digits and _ alone, and no two are equal.
+// Makes a unique ROS 2 name for each robot; such names have letters, digits and _ only.
 function topicNames(robots) {
   const taken = new Set();
   return robots.map(({ id }) => {
@@ -107,7 +107,7 @@ function topicNames(robots) {
   });
 }
 
-// The file's parts for a Blob; null while there is nothing.
+// Returns the file's parts for a Blob; null while there are no messages.
 export function mcap(robots) {
   const channels = [];
   const messages = [];

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Both meshes as far as they are known: from the broker over each gateway and mesh to its robots. BLE tells signal, relays and
-// TTL; MQTT-SN tells address, latency, repeats and gaps; a Thread border router whom it hears itself, and how well. Nothing else
-// is drawn: who relays for whom nobody reports.
+// Draws both meshes as far as they are known: from the broker over each gateway and mesh to its robots. BLE reports signal,
+// relays and TTL; MQTT-SN reports address, latency, repeats and gaps; a Thread border router reports its neighbours and their
+// link quality. No source reports which node relays for which, so that is not drawn.
 import { colour, element, keep, setText, surface, svg } from './dom.js';
 import { dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
-const MOST = 40; // robots of one mesh; those that need a look come first
+const MOST = 40; // robots shown of one mesh; robots that need attention come first
 
 const signal = (robot) => robot.figures?.rssi_dbm ?? (robot.state === 'unknown' ? undefined : robot.best?.rssi_dbm);
 const relays = (robot) => robot.figures?.hops ?? (robot.state === 'unknown' ? undefined : robot.best?.hops);
@@ -25,19 +25,19 @@ function wayWords(robot) {
   const hops = relays(robot);
   return !Number.isFinite(hops) ? 'way not known' : hops === 0 ? 'direct' : `${hops} relay${hops === 1 ? '' : 's'}`;
 }
-// A node that the border router hears itself.
+// Describes a node that the border router hears itself.
 function neighbourWords(node) {
   const lost = node.frame_error_rate > 0 ? [`${(100 * node.frame_error_rate).toFixed(1)} % of frames lost`] : [];
   return [`${node.child ? (node.sleepy ? 'sleepy child' : 'child') : node.isLeader ? 'leader' : 'router'} ${node.rloc16 ?? ''}`, `link quality ${number(node.link_quality)} of 3`, dbm(node.rssi_last_dbm), ...lost].join(' · ');
 }
-// The border router's own place in its mesh; `hidden`: neighbours that are not shown.
+// Describes the border router's own place in its mesh; `hidden`: the number of neighbours that are not shown.
 function nodeWords(thread, hidden) {
   if (!thread) return [];
   const { role, network_name: name, channel, rloc16, extended_address: address } = thread;
   const leftOut = hidden + (thread.left_out ?? 0);
   return [`this node: ${role ?? 'role not known'}`, ...(name ? [name] : []), ...(Number.isFinite(channel) ? [`channel ${channel}`] : []), ...[rloc16, address].filter(Boolean), ...(leftOut > 0 ? [`${leftOut} more neighbours are not shown`] : [])];
 }
-// The way from the gateway: a circle for each relay, dots where it is not known, thicker where the signal is stronger.
+// Draws the way from the gateway: a circle for each relay, a dotted line for an unknown way, a thicker one for a strong signal.
 function drawWay(way, robot) {
   const hops = robot.best?.mesh === 'ble' ? relays(robot) : 0;
   const isThere = robot.state === 'online' || robot.state === 'asleep';
@@ -70,7 +70,7 @@ const newRobot = () => element('li', {}, element('a', { class: 'name' }, element
 const newMesh = () => element('div', { class: 'mesh' }, element('h3', {}, element('span', { class: 'dot' }), element('span')), element('p', { class: 'muted' }), element('ul'), element('p', { class: 'muted' }));
 const newGateway = () => element('div', { class: 'card pad' }, element('div', { class: 'row wrap chain' }, ...['Broker', ''].map((text) => element('span', { class: 'state' }, element('span', { class: 'dot' }), element('strong', {}, text)))), element('div', { class: 'meshes' }));
 
-// `robots`: those to show. Every robot is at the gateway that tells its state.
+// `robots`: the robots to show. Each is drawn at the gateway that reports its state.
 export function drawMeshes(parent, model, robots, isThere) {
   const gateways = model.orderedGateways();
   const here = Map.groupBy(robots, (robot) => robot.life?.gateway);
@@ -91,7 +91,7 @@ export function drawMeshes(parent, model, robots, isThere) {
     meshes.forEach((mesh, n) => drawMesh(place.children[n], mesh, isThere(gateway) ? gateway.stats?.meshes?.[mesh] : null, byMesh.get(mesh) ?? [], mesh === 'thread' ? thread : null, mesh === 'thread' ? others : [], model.now()));
   });
 }
-// `thread`: what the border router tells, else null; `others`: whom it hears, but those that are robots by their addresses.
+// `thread`: the border router's report, else null; `others`: its neighbours that are not robots by their addresses.
 function drawMesh(card, mesh, link, robots, thread, others, now) {
   const [head, summary, list, rest] = card.children;
   head.firstChild.className = `dot ${!link ? 'unknown' : link.state === 'up' ? 'online' : 'offline'}`;

@@ -1,30 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page knows: robots, gateways, the newest messages. Bounded; no drawing here. Robots' names are keys of
-// Maps, never of objects, and are shown as text only.
+// The page's state: robots, gateways, the newest messages. Bounded; no drawing here. Robots' names are keys of Maps, never
+// of objects, and are shown as text only.
 import { decodeUpdate, describe } from './decode.js';
 
 export const MAX_ROBOTS = 1000;
-const MAX_LEFT_OUT = 20000; // robots that are not kept: their names and presence are
+const MAX_LEFT_OUT = 20000; // robots without a place, of which only name, presence and life are kept
 const MAX_ID = 64; // docs/topics.md
-const QUIET_MS = 10000; // whom a newcomer may replace: else a thousand and one would push each other out
-const LOOK_MS = 1000; // between two searches for the quiet ones
+const QUIET_MS = 10000; // a new robot replaces only one that was silent this long: else 1001 robots would replace each other
+const LOOK_MS = 1000; // between two searches for quiet robots
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
-const MAX_TRACK = 1000; // places of one robot with their times; beyond it, each second one of the older half goes
+const MAX_TRACK = 1000; // places of one robot with their times; beyond it, each second place of the older half is removed
 const MAX_MESSAGES = 3000;
-const MAX_QUALITY = 60; // of one robot; gateways tell it each 10 s
-const MAX_NEIGHBOURS = 256; // of a gateway on a Thread border router; it tells no more
+const MAX_QUALITY = 60; // of one robot; gateways report it each 10 s
+const MAX_NEIGHBOURS = 256; // of a gateway on a Thread border router; it reports no more
 const MAX_COMMANDS = 20; // of one robot
-const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
+const MAX_NOTED = 4096; // octets of one message; robots' messages are never longer
 const MAX_GATEWAYS = 100;
-const STATES = ['state', 'stats', 'numbers', 'thread', 'robots', 'response']; // of a gateway; the rest happens once
+const STATES = ['state', 'stats', 'numbers', 'thread', 'robots', 'response']; // of a gateway; other topics are events
 const SECONDS = 60;
-const FADES_FROM_MS = 10000; // of silence
+const FADES_FROM_MS = 10000; // silence after which a robot begins to fade
 const FADED_AT_MS = 60000;
 const SENSOR_LIMIT_CM = 80;
 const FADES_FROM_CM = 60;
 
-// How much a reading at this distance is worth, 0.12 to 1: scatter grows towards the sensor's limit.
+// Returns the worth of a reading at this distance, 0.12 to 1: scatter grows towards the sensor's limit.
 export function worth(distance) {
   if (distance <= FADES_FROM_CM) return 1;
   return Math.max(0.12, 1 - 0.88 * (distance - FADES_FROM_CM) / (SENSOR_LIMIT_CM - FADES_FROM_CM));
@@ -55,7 +55,7 @@ export function colourOf(number) {
   return balanced([channel(0), channel(8), channel(4)]);
 }
 
-// Things that happened in each of the last 60 seconds.
+// Counts events in each of the last 60 seconds.
 class Pulse {
   constructor() {
     this.counts = new Uint16Array(SECONDS);
@@ -71,7 +71,7 @@ class Pulse {
     this.turn(now);
     this.counts[this.second % SECONDS]++;
   }
-  // Oldest first, without the second that is not over.
+  // Returns the counts, oldest first, without the current second.
   list(now) {
     this.turn(now);
     return Array.from({ length: SECONDS - 1 }, (_, i) => this.counts[(this.second + 1 + i) % SECONDS]);
@@ -87,26 +87,26 @@ export class Robot {
     this.id = id;
     this.number = number;
     this.colour = colourOf(number);
-    this.presence = new Map(); // gateway: what it says
-    this.life = null; // what the program has decided: {state, since, heard, gateway}
+    this.presence = new Map(); // gateway: its report
+    this.life = null; // the program's decision: {state, since, heard, gateway}
     this.numbers = null;
-    this.neighbour = null; // on Thread: how its gateway's border router hears it, where its address tells; set for each drawing
+    this.neighbour = null; // on Thread: the border router's entry of this robot, if its address is known; set for each drawing
     this.quality = []; // [signal, latency] of the last ten minutes
     this.pulse = new Pulse();
-    this.heard = 0; // ms, this page's program's clock
+    this.heard = 0; // ms, by the clock of slam-gateway-web
     this.messages = 0;
     this.isShown = true;
     this.pose = null; // {x, y} in the room, cm
     this.heading = null; // radians, from the last two poses
     this.points = null; // a ring: x, y in the room, worth
     this.times = null;
-    this.pointCount = 0; // ever; the ring holds the newest
+    this.pointCount = 0; // all points so far; the ring holds the newest
     this.trail = [];
-    this.track = []; // {at, x, y}: to go back in time
+    this.track = []; // {at, x, y}, for going back in time
     this.outcomes = [];
     this.pending = [];
-    this.commands = []; // whoever sent them, newest last: {at, type, text, outcome, after, why}
-    this.day = null; // its last 24 hours, as the program has seen them
+    this.commands = []; // from any sender, newest last: {at, type, text, outcome, after, why}
+    this.day = null; // the robot's last 24 hours, as the program has seen them
     this.setOrigin(origin);
   }
 
@@ -137,7 +137,7 @@ export class Robot {
     this.times[slot] = at;
   }
 
-  // `see` gets each ray: (from x, y, to x, y, worth).
+  // Calls `see` with each ray: (from x, y, to x, y, worth).
   apply(update, at, see) {
     const pose = this.toRoom(update.x, update.y);
     const before = this.pose;
@@ -155,7 +155,7 @@ export class Robot {
       see(pose.x, pose.y, point.x, point.y, value);
     }
   }
-  // Where it was; null before it came.
+  // Returns the robot's place at this time; null before its first place.
   placeAt(time) {
     let [low, high] = [0, this.track.length];
     while (low < high) {
@@ -170,7 +170,7 @@ export class Robot {
     this.trail = [];
   }
 
-  // What the gateway that knows best says.
+  // The report of the gateway that the program has chosen for this robot.
   get best() {
     const said = this.presence.get(this.life?.gateway);
     return said ? { gateway: this.life.gateway, ...said } : null;
@@ -178,15 +178,15 @@ export class Robot {
   get state() {
     return this.life?.state ?? 'unknown';
   }
-  // A robot that no gateway has ever named is not gone while it speaks.
+  // A robot that no gateway has ever reported is not gone while it sends messages.
   get isGone() {
     return this.life !== null && (this.state === 'offline' || this.state === 'unknown');
   }
-  // Of a gateway that is gone, what it measured last is out of date.
+  // The robot's numbers, but null when its gateway is gone and they are out of date.
   get figures() {
     return this.state === 'unknown' ? null : this.numbers;
   }
-  // Any sign of life, here or at its gateway; 0: none.
+  // The last sign of life, here or at the robot's gateway; 0: none.
   get lastHeard() {
     return Math.max(this.heard, this.life?.heard ?? 0);
   }
@@ -194,14 +194,14 @@ export class Robot {
     const wanted = text.toLowerCase();
     return !wanted || `${this.id} ${this.state} ${this.best?.mesh ?? ''} ${this.best?.gateway ?? ''}`.toLowerCase().includes(wanted);
   }
-  // 1, and less the longer it has been silent.
+  // Returns 1, and less after a longer silence.
   freshness(now) {
     const silent = (now - this.lastHeard - FADES_FROM_MS) / (FADED_AT_MS - FADES_FROM_MS);
     return Math.round(20 * (1 - 0.6 * Math.max(0, Math.min(1, silent)))) / 20;
   }
 }
 
-// What is kept of a long document; 3000 of them are.
+// Drops the payload of a long document, because the page keeps 3000 messages.
 const shortened = (message) => {
   const { payload } = message;
   const bytes = typeof payload === 'string' ? payload.length : JSON.stringify(payload).length;
@@ -209,8 +209,8 @@ const shortened = (message) => {
 };
 const isObject = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
 
-// A Thread node's extended address, which its link-local address holds with one bit turned (RFC 4291, appendix A). Other
-// addresses do not tell it: null.
+// Returns a Thread node's extended address, which its link-local address holds with one bit turned (RFC 4291, appendix A).
+// Returns null for other addresses, which do not hold it.
 export function extendedAddressOf(address) {
   const text = /^\[?(fe80:[0-9a-f:]*)/i.exec(address ?? '')?.[1].toLowerCase();
   const [head, tail] = text?.split('::').map((part) => part.split(':').filter(Boolean)) ?? [[]];
@@ -219,8 +219,8 @@ export function extendedAddressOf(address) {
   const id = groups.slice(4).map((group) => group.padStart(4, '0')).join('');
   return (parseInt(id.slice(0, 2), 16) ^ 2).toString(16).padStart(2, '0') + id.slice(2);
 }
-// What a gateway's border router tells, its neighbours by extended address, each with its signal of the last ten minutes. A
-// router's RLOC16 is its id, six bits, and ten zeroes.
+// Keeps the report of a gateway's border router: its neighbours by extended address, each with its signal of the last ten
+// minutes. A router's RLOC16 is its id, six bits, and ten zeroes.
 function takeThread(gateway, said) {
   const before = gateway.thread?.neighbours;
   const neighbours = new Map();
@@ -235,28 +235,28 @@ export class Model {
     this.prefix = '';
     this.origins = {};
     this.takesToken = false;
-    this.isLocked = false; // it must send a token before it gets anything
-    this.holder = ''; // whose token it has sent
+    this.isLocked = false; // the page must send a token before it gets anything
+    this.holder = ''; // the name of the token that the page has sent
     this.maySend = false;
     this.isOpen = false;
     this.broker = { state: 'down', why: 'connecting' };
     this.robots = new Map();
     this.roster = 0; // changes with the set of robots
-    this.leftOut = new Map(); // robots that there is no room for: presence and life
-    this.quiet = []; // those that may make room, the quietest last
+    this.leftOut = new Map(); // presence and life of robots that there is no room for
+    this.quiet = []; // robots that may be replaced, the quietest last
     this.lookedAt = -Infinity;
     this.gateways = new Map();
-    this.own = ''; // the gateway whose configuration this page's program reads
+    this.own = ''; // the gateway whose configuration slam-gateway-web reads
     this.gatewaysLeftOut = false;
     this.messages = []; // newest last
     this.newest = 0; // when the newest message came to the program
-    this.liveFrom = Infinity; // since then this connection shows everything
-    this.lost = 0; // events that a slow page did not get
-    this.skew = 0; // the program's clock minus this one's, ms
+    this.liveFrom = Infinity; // from this time on, this connection has got every message
+    this.lost = 0; // events that the page did not get, because it was too slow
+    this.skew = 0; // the program's clock minus the browser's, ms
     this.onRay = () => {};
     this.onMessage = () => {};
     this.onOutcome = () => {};
-    this.mayLeave = () => true; // whether nobody looks at this robot
+    this.mayLeave = () => true; // whether the user does not look at this robot
     this.revision = 0; // changes with everything that a table shows
   }
 
@@ -264,7 +264,7 @@ export class Model {
     return Date.now() + this.skew;
   }
 
-  // `heard`: when the robot was heard, ms. Null for a robot that there is no room for.
+  // `heard`: when the robot was heard, ms. Returns null for a robot that there is no room for.
   robot(id, heard) {
     const known = this.robots.get(id);
     if (known) return known;
@@ -284,8 +284,8 @@ export class Model {
   leaveOut(id, { presence, life }) {
     if (!this.leftOut.has(id) && this.leftOut.size < MAX_LEFT_OUT && id.length <= MAX_ID) this.leftOut.set(id, { presence, life });
   }
-  // The number, and with it the colour, of the least recently heard robot, which goes. Null when all are livelier than
-  // one that was heard at `heard`.
+  // Removes the robot that was silent longest, and returns its number, and with it its colour. Returns null when no robot
+  // was silent for long enough before `heard`.
   makeRoom(heard) {
     if (performance.now() - this.lookedAt > LOOK_MS) {
       this.lookedAt = performance.now();
@@ -322,7 +322,7 @@ export class Model {
     return gateway?.thread?.neighbours.get(extendedAddressOf(robot.best.address)) ?? null;
   }
 
-  // The one of this page's configuration comes first.
+  // Returns the gateways; the one of this page's configuration comes first.
   orderedGateways() {
     return [...this.gateways.values()].sort((a, b) => (b.id === this.own) - (a.id === this.own));
   }
@@ -354,7 +354,7 @@ export class Model {
       this.origins = said.origins;
       this.takesToken = said.takes_token;
       this.version = said.version;
-      // All states come anew after it; what was taken back meanwhile does not.
+      // All states come again after this message, except those that were withdrawn.
       this.gateways.clear();
       this.gatewaysLeftOut = false;
       this.own = said.gateway;
@@ -381,7 +381,7 @@ export class Model {
     else if (name === 'refused') this.refuse(said);
   }
 
-  // What was before this page came: it has missed it, or was away. What came live meanwhile is newer.
+  // Takes messages that the page has missed before it came, or while it was away. Messages that came live are newer.
   takePast({ robot: id, updates = [], events = [] }) {
     const { liveFrom, skew } = this;
     for (const message of events) if (message.at < liveFrom) this.take(message);
@@ -399,7 +399,7 @@ export class Model {
     const known = this.robot(id, said.heard) ?? this.leftOut.get(id);
     if (known) known.life = said;
   }
-  // Without the program nothing is known.
+  // Makes all states unknown, because the connection to the program is lost.
   lose() {
     const lost = { state: 'unknown', since: this.now() };
     for (const each of [...this.robots.values(), ...this.leftOut.values(), ...this.gateways.values()]) if (each.life) Object.assign(each.life, lost);
@@ -420,10 +420,10 @@ export class Model {
 
   takeGateway(message, id, what, rest) {
     const isState = STATES.includes(what);
-    const gateway = isState ? this.gateway(id) : this.gateways.get(id); // an outcome may be of yesterday's gateway
+    const gateway = isState ? this.gateway(id) : this.gateways.get(id); // an old outcome may be of a gateway that is gone
     if (!gateway && isState) return;
     const said = message.encoding === 'json' && isObject(message.payload) ? message.payload : null;
-    if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // taken back
+    if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // withdrawn
     else if (what === 'state') gateway.state = said;
     else if (what === 'stats') gateway.stats = said;
     else if (what === 'thread') takeThread(gateway, said);
@@ -452,7 +452,7 @@ export class Model {
     }
   }
 
-  // ---- commands: an outcome names robot and type, so the oldest that waits for one of this type gets it
+  // ---- commands: an outcome names robot and type only, so it belongs to the oldest waiting command of this type
   expect(robot, command) {
     robot.pending.push(command);
     robot.outcomes.unshift(command);
@@ -487,7 +487,7 @@ export class Model {
     Object.assign(command, { outcome, after, why, ended: performance.now() });
     this.onOutcome(robot, command);
   }
-  // Commands whose outcome did not come within 30 s (docs/topics.md, promise 6).
+  // Ends commands without an outcome, which gateways promise within 30 s (docs/topics.md, promise 6).
   expire() {
     for (const robot of this.robots.values())
       while (robot.pending.length && performance.now() - robot.pending[0].begun > 35000) this.end(robot, 0, 'no outcome', undefined, 'none came within 35 s');

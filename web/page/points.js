@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// All obstacle points as one picture, written pixel by pixel: a canvas call for each of 200 000 points would take the
-// whole frame.
+// Draws all obstacle points into one picture, pixel by pixel: canvas calls for 200 000 points would take the whole frame.
 import { MAX_POINTS } from './model.js';
 
 const little = new Uint8Array(new Uint32Array([1]).buffer)[0] === 1;
 const pack = ([r, g, b], a) => (little ? (a << 24 | b << 16 | g << 8 | r) : (r << 24 | g << 16 | b << 8 | a)) >>> 0;
 const SHADES = 8;
 
-// Offsets of the pixels of a disc, row by row.
+// Returns the pixels of a disc as [row, first column, length], relative to its middle.
 function disc(diameter) {
   const rows = [];
   const middle = (diameter - 1) / 2;
@@ -33,7 +32,7 @@ export class Points {
     this.pixels = new Uint32Array(this.image.data.buffer);
   }
 
-  // `view` in device pixels; `time`: of the newest points. Gives the picture.
+  // `view` is in device pixels; points newer than `time` are left out. Returns the picture.
   draw(robots, view, width, height, chosen, time) {
     this.resize(width, height);
     this.pixels.fill(0);

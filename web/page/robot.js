@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of one robot (#/robot/<id>): what is known of it, its last 24 hours, its commands and messages, what one may do.
+// The page of one robot (#/robot/<id>): facts, the last 24 hours, commands, messages, and command lines to type.
 import { describe } from './decode.js';
 import { drawDay } from './charts.js';
 import { $, attempt, element, keep, setText, surface, toast } from './dom.js';
@@ -7,12 +7,12 @@ import { shown } from './shown.js';
 import { age, clock, dbm, hourOf, meshNames, ms, number, outcomeWords, stateWords } from './words.js';
 
 const MESSAGES = 15;
-const ASK_MS = 10000; // as often as the program takes a sample
+const ASK_MS = 10000; // the program takes a sample as often
 const PLAIN = /^[A-Za-z0-9_.][A-Za-z0-9_.:-]*$/;
 
 const isBle = (robot) => robot.best?.mesh === 'ble';
 const known = (value, words) => (Number.isFinite(value) ? words(value) : 'not known');
-// [what, words, why it is there]; null for what this mesh does not have.
+// Returns [name, words, explanation] for each fact that this mesh has.
 function facts(robot, now) {
   const said = robot.state === 'unknown' ? null : robot.best;
   const counted = robot.figures;
@@ -36,7 +36,7 @@ function facts(robot, now) {
   ].filter(Boolean);
 }
 
-// What the page cannot do; null for a name that cannot be typed safely.
+// Returns command lines for actions that the page cannot take; null for a name that cannot be typed safely.
 function lines(robot) {
   if (shown(robot.id) !== robot.id || robot.id.startsWith('-')) return null;
   const id = PLAIN.test(robot.id) ? robot.id : `'${robot.id.replaceAll("'", "'\\''")}'`;
@@ -52,7 +52,7 @@ function lines(robot) {
   ];
 }
 
-// Why this page may order nothing; empty when it may.
+// Says why this page may not send commands; empty when it may.
 export function lacksWords(model) {
   if (model.maySend) return '';
   if (model.holder) return 'Your token may watch, and send no commands.';
@@ -150,7 +150,7 @@ export class RobotView {
   }
 }
 
-// Over plain HTTP from another host a browser copies nothing; then the line is selected.
+// Copies the line, or selects it: over plain HTTP from another host, browsers do not allow copying.
 async function copy(line) {
   try {
     await navigator.clipboard.writeText(line.textContent);

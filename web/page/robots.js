@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots and gateways: what is wrong first, with its remedy; both meshes; a table with sparklines.
+// Robots and gateways: problems with their remedies first, then both meshes, then a table with sparklines.
 import { $, attempt, colour, element, keep, setText, surface } from './dom.js';
 import { drawMeshes } from './meshes.js';
 import { shown } from './shown.js';
@@ -13,7 +13,7 @@ const rssi = (robot) => (robot.state === 'unknown' ? null : robot.numbers?.rssi_
 // "Gateway pi is gone since 14:02"
 export const goneWords = (gateway, model) => `Gateway ${gateway.id} is ${lifeWords(gateway.life, model.now())}`;
 
-// {title, remedy, isWarning}: worst first.
+// Returns {title, remedy, isWarning} for each problem, worst first.
 export function problems(model) {
   const found = [];
   const add = (title, remedy, isWarning = false) => found.push({ title, remedy: remedy || '', isWarning });
@@ -74,7 +74,7 @@ const COLUMNS = [
   ['Repeats', (r) => number(r.figures?.repeats), (r) => -(r.figures?.repeats ?? 0), true],
 ];
 
-// Of a gateway that is gone, nothing that it said last is shown as if it were so now.
+// Shows a dash for a gateway that is gone: its last values are not shown as if they were current.
 const now = (show) => (gateway) => (gateway.stats && isThere(gateway) ? show(gateway) : '–');
 const GATEWAY_COLUMNS = [
   ['Gateway', (g) => g.id],
@@ -93,7 +93,7 @@ const byText = new Intl.Collator(undefined, { numeric: true }).compare;
 export class RobotsView {
   constructor(model, choose) {
     Object.assign(this, { model, choose, sort: 0, isUp: true });
-    // Of a thousand sparklines only those are drawn that can be seen.
+    // Only visible rows get a sparkline: there may be a thousand.
     this.eyes = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => { target.isSeen = isIntersecting; }));
     const head = $('table').tHead.rows[0];
     COLUMNS.forEach(([name, , , isNumber], i) => {
@@ -115,7 +115,7 @@ export class RobotsView {
     });
   }
 
-  // Those that the field above asks for.
+  // The robots that match the field above.
   get robots() {
     return [...this.model.robots.values()].filter((robot) => robot.matches($('find-robots').value));
   }
@@ -150,7 +150,7 @@ export class RobotsView {
     keep(body, robots.length, () => this.newRow());
     const rows = [...body.rows];
     robots.forEach(([robot], i) => fillRow(rows[i], robot, now));
-    // After all texts: each look at a canvas' size would lay out the whole table anew.
+    // Drawn after all texts: reading a canvas's size after a change would lay out the whole table again.
     robots.forEach(([robot], i) => rows[i].isSeen && sparkline(rows[i].querySelector('canvas'), robot, now));
   }
   newRow() {
@@ -189,7 +189,7 @@ function sparkline(canvas, robot, now) {
   const counts = robot.pulse.list(now);
   const most = Math.max(5, ...counts);
   on.context.beginPath();
-  const first = robot.heard && now - robot.heard > 60000 ? 0 : counts.findIndex((count) => count > 0); // not before it came
+  const first = robot.heard && now - robot.heard > 60000 ? 0 : counts.findIndex((count) => count > 0); // where a new robot's line begins
   counts.forEach((count, i) => first >= 0 && i >= first && on.context.lineTo(i * on.width / (counts.length - 1), on.height - 2 - count / most * (on.height - 4)));
   on.context.strokeStyle = colour('--accent');
   on.context.lineWidth = 1.4;

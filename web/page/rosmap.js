@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The occupancy grid as ROS's map_server reads it: a PGM picture, and a YAML text that says where it lies. Metres, y up.
+// The occupancy grid as ROS's map_server reads it: a PGM picture, and a YAML text with its place. Metres, y up.
 import { CELL_CM } from './grid.js';
 
 const SIDE = 64; // cells of a tile's edge
 const [WALL, FREE, UNKNOWN] = [0, 254, 205]; // as map_saver writes them
-const MOST_CELLS = 1 << 25; // 32 MB; beyond that a few far readings would make a picture of nothing
+const MOST_CELLS = 1 << 25; // 32 MB; a larger picture comes from a few far readings and is almost empty
 
-// Null while there is nothing, or when it lies too far apart for one picture.
+// Returns null while the grid is empty, or when its parts lie too far apart for one picture.
 export function rosMap(grid, name) {
   const tiles = [...grid.tiles.values()];
   if (!tiles.length) return null;

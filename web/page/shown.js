@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Names as they may be shown. Characters by which one name looks like another are escaped, as daemon/core/utf8.cpp and
+// Escapes characters by which one name looks like another, as daemon/core/utf8.cpp and
 // experiment/slamgw_experiment/events.py do: tests/vectors/shown.json checks all three.
 const HIDDEN = '\\u00ad\\u034f\\u061c\\u115f\\u1160\\u17b4\\u17b5\\u180b-\\u180f\\u200b-\\u200f\\u2028-\\u202e\\u2060-\\u206f\\u3164' +
   '\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\ufffb\\u{e0000}-\\u{e0fff}';

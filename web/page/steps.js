@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a first visitor has to do until a robot is on the map: each step with its command. Fed by what the gateways publish.
+// The steps of a first visitor until a robot is on the map, each with its command. Their state comes from the gateways' topics.
 import { $, element, keep, setText } from './dom.js';
 import { takesRequests } from './join.js';
 import { lifeWords } from './words.js';
 
 const MARKS = { done: '✓', todo: '○', off: '–' };
 
-// {state, title, words, command, hasButton}: `off` is what need not be; the button lets robots in.
+// Returns {state, title, words, command, hasButton} for each step. The state `off` is an optional step; the button opens the
+// join dialog.
 export function steps(model) {
   const all = [];
   const add = (isDone, title, words, command, isOptional) => all.push({ state: isDone ? 'done' : isOptional ? 'off' : 'todo', title, words: words || '', command: isDone ? '' : command });

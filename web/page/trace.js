@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The newest messages, decoded; filter, pause, download; histograms of what passes the filter.
+// The newest messages, decoded; filter, pause, download; histograms of messages that pass the filter.
 import { Histogram } from './charts.js';
 import { describe } from './decode.js';
 import { $, csv, element, keep, save, setText, stamp } from './dom.js';
@@ -63,7 +63,7 @@ export class TraceView {
     for (const row of this.model.messages) if (this.isCounting(row)) this.count(row);
   }
 
-  // ---- what people do
+  // ---- the user's actions
   pause() {
     this.isPaused = !this.isPaused;
     this.held = this.isPaused ? this.model.messages.slice() : null;
@@ -125,7 +125,7 @@ export class TraceView {
   }
 }
 
-// As the thesis counts: a gap of twice the usual interval is one lost message.
+// Counts losses as the thesis does: a gap of twice the usual interval is one lost message.
 function lossWords({ sorted, n, p50 }) {
   if (!(p50 > 0)) return '';
   const lost = sorted.reduce((sum, gap) => sum + Math.max(0, Math.round(gap / p50) - 1), 0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Values in a person's words.
+// Shows values in words.
 export const meshNames = { __proto__: null, ble: 'BLE Mesh', thread: 'Thread' };
 export const number = (value, digits = 0) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 export const ms = (us) => (Number.isFinite(us) ? `${(us / 1000).toFixed(us < 10000 ? 1 : 0)} ms` : '–');
@@ -16,7 +16,7 @@ export function age(time) {
   return `${Math.round(seconds / 86400)} days`;
 }
 const two = (value) => String(value).padStart(2, '0');
-// "14:02", with the date in front where it is another day's.
+// Returns "14:02", with the date in front if the day is not today.
 export function hourOf(time, now) {
   const at = new Date(time);
   const day = at.toDateString() === new Date(now).toDateString() ? '' : `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} `;
@@ -27,7 +27,7 @@ export function clock(time) {
   return `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}.${String(at.getMilliseconds()).padStart(3, '0')}`;
 }
 
-// What the program has decided about a robot or gateway (web/server/roster.hpp): "unknown since 14:02".
+// Describes the program's decision about a robot or gateway (web/server/roster.hpp): "unknown since 14:02".
 export function lifeWords(life, now) {
   if (!life) return 'unknown';
   return ['unknown', 'gone', 'silent'].includes(life.state) && life.since ? `${life.state} since ${hourOf(life.since, now)}` : life.state;

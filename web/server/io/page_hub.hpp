@@ -86,7 +86,6 @@ class PageHub {
   void send_broker_state();
   /// Returns whether pages get the message: false if there is no room, or if it withdraws an
   /// unknown state.
-
   bool keep(const BrokerMessage& message, const SharedText& text);
   void on_robot_message(const BrokerMessage& message);
   void tell_roster(const BrokerMessage& message);

@@ -57,7 +57,6 @@ void WebServer::admit(tcp::socket socket) {
   const Places::Room room = places_.room_for(client);
   if (room == Places::Room::share_is_taken) hub_.report_taken_share(client);
   if (room != Places::Room::free) hub_.count_refused_request();  // this one, or the one it replaces
-
   if (!places_.make_room_for(client)) return;
   std::make_shared<HttpConnection>(std::move(socket), *this, client)->read();
 }
