@@ -469,8 +469,8 @@ std::string suggestion(const CLI::App& app, const std::string& word) {
 }
 
 /// Names a missing or misspelt verb; CLI11 only says that a verb is required. The first word that
-/// is neither an option nor an option's value is the verb; after `ble`, `store` and `key`, the
-/// second such word is a verb too.
+/// is neither an option nor an option's value is the verb; after a group such as `ble` or `store`,
+/// the second such word is a verb too.
 std::optional<std::string> complaint_about_verb(const CLI::App& app,
                                                 const std::vector<std::string>& words) {
   const CLI::App* group = &app;

@@ -65,7 +65,7 @@ struct HostTask {
   std::string socket = Order{}.socket;
   bool json = false;
   std::string configuration = "/etc/slam-gateway/gateway.json";
-  /// The daemon at `socket` reports its configuration's path: it may not be this host's service.
+  /// Asks the daemon at `socket`, which may not be this host's service, for its configuration.
   bool is_by_socket = false;
   std::string file;           ///< the archive or the recording; none for doctor
   std::string robot;          ///< for check, doctor and audit; empty: the whole way, all robots

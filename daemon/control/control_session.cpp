@@ -151,7 +151,8 @@ void ControlSession::perform(control::Request& request) {
       request);
 }
 
-/// Returns the callback that answers an order. The client may wait as long as the order takes.
+/// Returns the callback that answers an order. Stops the idle timer, because the client may wait as
+/// long as the order takes.
 OrderDone ControlSession::answer_order() {
   idle_timer_.cancel();
   return [self = weak_from_this()](const OrderAnswer& done) {

@@ -7,7 +7,8 @@
 //             {"command": "watch", "robot": optional, "type": optional}
 //             {"command": "forget" | "ping", "robot": "..."}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
-//             {"command": "ble scan" | "ble nodes" | "ble export" | "ble reset-board"}
+//             {"command": "ble scan" | "ble nodes" | "ble reset-board"}
+//             {"command": "ble export", "address": optional number}
 //             {"command": "ble provision", "uuid": "...", "robot": "..."}
 //             {"command": "ble permit-join", "minutes": number, "robot": optional}
 //             {"command": "ble joining", "after": optional number of an event}

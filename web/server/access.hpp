@@ -18,8 +18,8 @@ class AccessRules {
   /// `host`: a Host header, `127.0.0.1:8321`, `[::1]:8321`, `localhost`. Every address is allowed,
   /// because it cannot be rebound; of the names, only the known ones.
   bool is_own_host(std::string_view host) const;
-  /// Returns whether a page that came from `host` sends `origin`. No origin is allowed: programs
-  /// other than browsers send none, and these could send any.
+  /// Returns whether a page that came from `host` sends `origin`. A missing origin is allowed:
+  /// programs other than browsers send none, and could send any.
   static bool is_own_origin(std::string_view origin, std::string_view host);
 
  private:

@@ -52,8 +52,8 @@ constexpr std::array<std::string_view, 17> texts{
 constexpr std::array<std::string_view, 6> groups{"broker",   "meshes", "store",
                                                  "messages", "queue",  "counters"};
 
-/// Returns whether the member has the type that pages and metrics expect. JavaScript cannot even
-/// turn an object into text that has members with these functions' names.
+/// Returns whether the member has the type that pages and metrics expect. JavaScript calls the
+/// three names below as functions: an object with such a member cannot even be turned into text.
 bool is_usable(const std::string& key, const json& value) {
   if (key == "toString" || key == "valueOf" || key == "toJSON") return false;
   if (value.is_null()) return true;

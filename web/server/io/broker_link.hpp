@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page's connection to the broker: uses the daemon's (Upstream, MosquittoLink), but only
-// listens and sends commands. Subscribes again at each connection. Passes on messages that come
-// within a few milliseconds together. On the loop's thread.
+// listens and sends commands. Subscribes again at each connection. Gathers messages for a few
+// milliseconds and passes them on together. On the loop's thread.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
