@@ -79,7 +79,7 @@ std::string nodes(const nlohmann::json& nodes, const Screen& screen);
 std::string topology(const nlohmann::json& topology, const Screen& screen);
 /// For each robot, the robots that hear it.
 std::string hearing(const nlohmann::json& hearing);
-/// The robot that was put out of the mesh.
+/// The robot that was removed from the mesh.
 std::string removed(const nlohmann::json& node);
 /// The progress of the refresh of the mesh's keys.
 std::string refresh(const nlohmann::json& refresh);

@@ -43,7 +43,7 @@ struct LocalBrokers {
 struct BluetoothFacts {
   bool has_controller = false;
   bool is_blocked = false;    ///< by rfkill
-  std::string meshd_version;  ///< of the package bluez-meshd; empty: it is not installed
+  std::string meshd_version;  ///< the version of the package bluez-meshd; empty: not installed
   bool is_bluetoothd_active = false;
   bool is_meshd_active = false;
   std::string meshd_command;  ///< as bluetooth-mesh.service starts it

@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Waits until the file, or what the directory lists, is on disk.
+/// Waits until the file, or the directory's list of files, is on disk.
 bool sync(const fs::path& path) {
   const int opened = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   const bool is_synced = opened >= 0 && fsync(opened) == 0;

@@ -102,6 +102,7 @@ class ArchiveFile {
 
   /// The path to write to until finish().
   const std::string& path() const { return unfinished_; }
+  /// Gives the complete file its name. Throws Failure when that is not possible.
   void finish();
 
  private:

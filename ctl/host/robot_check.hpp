@@ -16,8 +16,8 @@ namespace slamgw::ctl {
 struct WatchedRobot {
   /// Events of its messages and commands, as `watch` reports them; at most max_events.
   std::vector<nlohmann::json> events;
-  nlohmann::json client;  ///< of `mqttsn clients ROBOT`; null when it has no session there
-  nlohmann::json config;  ///< of `ble config ROBOT`; null when it is not a node or does not answer
+  nlohmann::json client;  ///< answer to `mqttsn clients ROBOT`; null without a session
+  nlohmann::json config;  ///< answer to `ble config ROBOT`; null when not a node, or silent
   std::chrono::seconds watched{0};
 
   static constexpr std::size_t max_events = 100'000;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks relations between keys, each of which is right by itself, and the files that keys name.
+// Checks relations between keys that are valid one by one, and the files that keys name.
 // Called by the parser after all keys are read.
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace slamgw {
 
-/// The configuration as read so far, and where its keys stand.
+/// The configuration as read so far, and the places of its keys.
 struct Located {
   const Config& config;
   const std::map<std::string, Place>& places;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole configuration as one value. Each module owns its settings; this only gathers them.
+// The whole configuration as one value. Each module owns its settings; Config only gathers them.
 // Parsing: parse.hpp.
 #pragma once
 
@@ -35,11 +35,11 @@ struct Config {
   std::vector<std::string> bans;  ///< see Bans
   ble::Settings ble_mesh;
   mqttsn::Settings mqttsn;
-  RobotKeys robot_keys;  ///< secret: what `mqttsn.dtls.keys_file` holds
+  RobotKeys robot_keys;  ///< secret: the content of `mqttsn.dtls.keys_file`
   StoreSettings store;
   LogSettings log;
   std::string control_socket = "/run/slam-gateway/control.sock";
-  web::Settings web;  ///< of slam-gateway-web; the daemon only checks them
+  web::Settings web;  ///< for slam-gateway-web; the daemon only checks them
 };
 
 }  // namespace slamgw

@@ -7,7 +7,7 @@
 
 namespace slamgw {
 
-/// Byte for byte the shipped file; what `slam-gatewayd --print-config` prints.
+/// The shipped file, byte for byte. `slam-gatewayd --print-config` prints it.
 extern const std::string_view default_config_text;
 
 }  // namespace slamgw

@@ -11,7 +11,7 @@ namespace slamgw {
 
 namespace {
 
-/// The first row whose fragments are all in the message gives the words.
+/// The first row whose fragments are all in the message supplies the words.
 struct Row {
   std::string_view fragment;
   std::string_view second;  // empty: no second condition

@@ -13,11 +13,11 @@
 
 namespace slamgw {
 
-/// A value and where it stands. Members of an object and elements of an array are in `children`, in
+/// A value and its place. Members of an object and elements of an array are in `children`, in
 /// the file's order; `value` is then an empty object or array.
 struct JsonNode {
   std::string key;  ///< empty for the root and for elements of an array
-  Place place;      ///< of the key where there is one
+  Place place;      ///< the key's, if there is a key; else the value's
   nlohmann::json value;
   std::vector<JsonNode> children;
 };
@@ -40,8 +40,8 @@ std::optional<std::vector<JsonNode>> read_group(std::string_view text, const std
 /// the file that it quotes is left out, because that may be a secret.
 std::string syntax_words(std::string_view message);
 
-/// Lays `over` upon `base` key by key: groups are joined, every other value (a list too) replaces
-/// the one below it.
+/// Merges `over` into `base` key by key: groups are joined, every other value (a list too) replaces
+/// the value in `base`.
 void overlay(JsonNode& base, JsonNode over);
 
 }  // namespace slamgw

@@ -124,7 +124,7 @@ void sort_by_place(Problems& problems, const std::vector<ConfigFile>& parts) {
   });
 }
 
-/// The parts that can be read, as one tree.
+/// The readable parts as one tree.
 struct Tree {
   std::optional<JsonNode> root;  ///< nothing when no part can be read
   bool is_complete = true;       ///< whether all parts are in it

@@ -20,7 +20,7 @@ struct Surroundings {
   /// The file that systemd copies to the service's credential `broker`; the operator edits this
   /// file. Empty when it does not exist, or when another configuration is read.
   std::string credential_source{};
-  /// Whether the daemon itself reads the configuration. Other programs do not read its secrets: the
+  /// True when the daemon itself reads. Other programs do not read the daemon's secrets: the
   /// credentials, the files of `broker.tls`, and robots' keys.
   bool is_daemon = true;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One thing that is wrong in a configuration file, with its place. Made by the parser and its
-// checks, printed by main.
+// A fault in a configuration file, with its place. Made by the parser and its checks, printed by
+// main.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace slamgw {
 
-/// Where a key or value stands.
+/// The place of a key or value.
 struct Place {
   std::string file;
   int line = 1;  ///< counted from 1
@@ -18,7 +18,7 @@ struct Place {
 struct Problem {
   std::string file;
   int line = 1;     ///< counted from 1
-  std::string key;  ///< `broker.uri`, `robots[1].id`; `syntax` or `file` when no key is concerned
+  std::string key;  ///< `broker.uri`, `robots[1].id`; without a key, `syntax` or `file`
   std::string text;
   bool operator==(const Problem&) const = default;
 };

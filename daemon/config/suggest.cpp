@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// suggestion() of schema.hpp: which known key a misspelt one was meant to be.
+// suggestion() of schema.hpp: finds the known key that a misspelt key was meant to be.
 #include <limits>
 #include <set>
 

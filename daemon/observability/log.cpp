@@ -59,8 +59,8 @@ spdlog::sink_ptr make_sink() {
 
 }  // namespace
 
-/// systemd says in $JOURNAL_STREAM which device and inode the journal's stream has; stderr may have
-/// been redirected since.
+/// Compares stderr, which may have been redirected, with the device and inode of the journal's
+/// stream, which systemd gives in $JOURNAL_STREAM.
 bool stderr_is_journal() {
   const char* stream = std::getenv("JOURNAL_STREAM");
   struct stat status {};

@@ -19,7 +19,7 @@ std::optional<std::chrono::microseconds> half_of_watchdog() {
   return std::chrono::microseconds(limit_us / 2);
 }
 
-/// systemd 253 and later compare this with the time at which they asked for the reload.
+/// systemd 253 and later compare this time with the time of their request to reload.
 std::uint64_t monotonic_us() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);

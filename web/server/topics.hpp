@@ -33,8 +33,8 @@ class Topics {
   GatewayTopic gateway_topic(std::string_view topic) const;
   /// `<id>` of a topic under `<prefix>/robot/`; empty for others.
   std::string_view robot_of(std::string_view topic) const;
-  /// Whether a page may publish here: `<prefix>/server/<id>/<type>` with two valid levels, or
-  /// `<prefix>/gateway/<gw>/request/permit_join`.
+  /// Returns whether a page may publish here: `<prefix>/server/<id>/<type>` with two valid levels,
+  /// or `<prefix>/gateway/<gw>/request/permit_join`.
   bool may_publish(std::string_view topic) const;
   const std::string& prefix() const { return prefix_; }
 

@@ -29,6 +29,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   using Response = boost::beast::http::response<boost::beast::http::string_body>;
 
   void on_request();
+  /// Hands the stream to a PageConnection if there is room; else makes `answer` a refusal.
   bool becomes_page(Answer& answer);
   /// Metrics need a token where watching needs one.
   bool may_read_metrics();

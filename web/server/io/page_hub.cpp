@@ -172,7 +172,7 @@ SharedText PageHub::history_of(const std::string& robot) const {
 
 bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
   if (!message.payload.empty()) return known_.keep(message.topic, text);
-  if (!known_.forget(message.topic)) return false;  // a retained message was taken back
+  if (!known_.forget(message.topic)) return false;  // a retained message was withdrawn
   const auto [gateway, rest] = topics_.gateway_topic(message.topic);
   for (const std::string_view each :
        {std::string_view("stats"), std::string_view("numbers"), Topics::join_response}) {

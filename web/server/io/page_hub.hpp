@@ -32,7 +32,7 @@ class PageHub {
  public:
   /// Each page costs a copy of all traffic on the wire. A lab has a handful.
   static constexpr std::size_t max_pages = 32;
-  /// How often the states of gateways and robots are decided.
+  /// The period in which the states of gateways and robots are decided.
   static constexpr std::chrono::milliseconds roster_period{250};
 
   PageHub(boost::asio::io_context& io, const Config& config, Tokens tokens, std::string version);
