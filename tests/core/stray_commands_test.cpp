@@ -148,9 +148,9 @@ TEST_F(StrayCommandsTest, AreDroppedWhenTheRobotBecomesKnownElsewhere) {
   for (const char* robot : {"here", "held", "theirs"}) server_sends(robot);
   say(PresenceChange{Mesh::thread, "here", Presence::online, "a"});
   session_comes("held", /*was_present=*/true);
+  elsewhere.insert("theirs");
   wait(StrayCommands::patience);
   session_comes("here", /*was_present=*/true);
-  elsewhere.insert("theirs");
   wait(1min);
   EXPECT_TRUE(delivered.empty());
   EXPECT_TRUE(outcomes.empty()) << "whoever holds the session tells it";
