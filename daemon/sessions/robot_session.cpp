@@ -136,6 +136,7 @@ void RobotSession::on_other_broker(TimePoint now) {
 }
 
 void RobotSession::on_attach_failed(TimePoint now) {
+  drop_unfenced();  // of a session that was lost while sorting
   state_ = State::detached;
   opens_at_ = now + retry_;
   retry_ = std::min(retry_ * 2, longest_retry);

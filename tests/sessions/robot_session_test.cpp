@@ -352,6 +352,23 @@ TEST_F(ForgottenRobots, ThatAreHeardAgainBeginAnew) {
   EXPECT_TRUE(opened[0].is_clean);
 }
 
+TEST_F(ForgottenRobots, ThatAreHeardAgainBeginAnewThoughTheirConnectionIsLostWhileSorting) {
+  sessions.on_broker_up(/*is_v5=*/true, false, now);
+  sessions.forget("r1");
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  arrives(command("old"));
+  sessions.on_detached("r1", now);  // no fence was answered
+  forget_actions();
+  pass(RobotSession::longest_retry);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+  sessions.on_attached("r1", true, now);
+  pass(RobotSession::marker_patience);
+  const auto opened = drain<OpenSession>();
+  ASSERT_EQ(opened.size(), 1U) << "it waits for the fence of a lost connection";
+  EXPECT_TRUE(opened[0].is_clean);
+}
+
 // --- What another gateway leaves behind ----------------------------------------------------------
 
 TEST_F(RobotSessionRulesUp, Rule7_AConnectionThatBreaksWhileItSortsIsFollowedByAnotherMarker) {
