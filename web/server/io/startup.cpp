@@ -123,6 +123,7 @@ void drop_unreadable_certificate(ParseResult& result) {
 Startup load_startup(const std::string& config_file) {
   Startup startup{load_shared_config(config_file), {}};
   if (!startup.parsed.problems.empty()) return startup;
+  startup.parsed.config.broker.client = MqttClient::mosquitto;  // whatever the gateway uses
   read_own_credentials(startup.parsed, config_file);
   drop_unreadable_certificate(startup.parsed);
   const auto& token_file = startup.parsed.config.web.token_file;
