@@ -263,6 +263,7 @@ void FleetMember::give_up(const std::string& robot) {
       gateway_driver_->commands().on_handed_on(waiting.command);
     submit_({names_.mailbox_topic(robot), sessions::encode_waiting(waiting), Qos::at_least_once});
   }
+  host_->on_given_up(robot);
   gateway_driver_->presence().on_given_up(robot);
 }
 
@@ -327,6 +328,9 @@ void FleetMember::perform(sessions::SessionHost::Report& report) {
       overloaded{
           [this](sessions::SessionHeld& held) { on_held(held); },
           [this](sessions::SessionLost& lost) { on_lost(lost); },
+          [this](sessions::SessionSorted& sorted) {
+            gateway_driver_->commands().on_session_sorted(sorted.robot);
+          },
           [this](sessions::FilterAnswered& it) {
             meshes_.each(&MeshAdapter::on_subscribe_result, it.robot, it.filter, it.is_granted);
           },

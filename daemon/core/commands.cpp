@@ -103,6 +103,11 @@ void Commands::on_session_held(const std::string& robot, bool was_present, const
   }
 }
 
+void Commands::on_session_sorted(const std::string& robot) {
+  strays_.take_for(robot);
+  before_session_.take_for(robot);
+}
+
 void Commands::on_stop(const Now& now) {
   for (const StrayCommands::Stray& stray : strays_.take_overdue(TimePoint::max()))
     if (!awaits_session(stray.robot)) refuse_stray(stray, now);

@@ -51,6 +51,8 @@ class Commands {
   /// The stray commands for this robot wait no longer. A session that `was_present` brings them;
   /// for a new session they are delivered here.
   void on_session_held(const std::string& robot, bool was_present, const Now& now);
+  /// Drops the stray commands for this robot: its session brought them, and they were refused.
+  void on_session_sorted(const std::string& robot);
   /// Drops all stray commands. Call when the gateway stops hearing commands for all names.
   void forget_strays() {
     strays_.clear();

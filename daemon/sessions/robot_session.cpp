@@ -106,6 +106,7 @@ void RobotSession::begin_sorting(TimePoint now) {
 void RobotSession::purge_when_sorted() {
   if (state_ != State::sorting || !marker_.empty() || !unfenced_.empty()) return;
   actions_.push(CloseSession{robot_, false});
+  actions_.push(SessionSorted{robot_});
   is_purge_due_ = true;
   open();
 }
@@ -136,7 +137,8 @@ void RobotSession::on_other_broker(TimePoint now) {
 }
 
 void RobotSession::on_attach_failed(TimePoint now) {
-  drop_unfenced();  // of a session that was lost while sorting
+  drop_unfenced();        // of a session that was lost while sorting
+  is_purge_due_ = false;  // new commands may wait in the session, so the next try sorts again
   state_ = State::detached;
   opens_at_ = now + retry_;
   retry_ = std::min(retry_ * 2, longest_retry);
@@ -148,8 +150,9 @@ void RobotSession::on_detached(bool is_broker_gone, TimePoint now) {
     retry_ = first_retry;
   }
   const bool was_held = state_ == State::attached;
-  if (state_ == State::sorting) drop_unfenced();
   if (!was_held && !is_broker_gone) return on_attach_failed(now);
+  if (state_ == State::sorting) drop_unfenced();
+  is_purge_due_ = false;
   state_ = State::detached;
   if (!was_held) return;
   if (!is_broker_gone) {
@@ -246,6 +249,13 @@ void RobotSession::begin_clean(TimePoint now) {
   given_up_.clear();
   is_clean_due_ = true;
   if (is_held()) begin_sorting(now);
+}
+
+void RobotSession::on_given_up() {
+  grant_waiting();
+  filters_.clear();
+  given_up_.clear();
+  is_clean_due_ = false;
 }
 
 void RobotSession::grant_waiting() {

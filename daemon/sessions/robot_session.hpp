@@ -122,6 +122,8 @@ class RobotSession {
   void unsubscribe(const std::string& filter);
   /// Starts a clean session: nothing of the robot's former session counts.
   void begin_clean(TimePoint now);
+  /// Call when another gateway serves the robot: what the robot has subscribed is known there only.
+  void on_given_up();
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
   /// Grants the filters of subscribers that wait for the broker.
   void grant_waiting();

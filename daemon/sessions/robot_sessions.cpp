@@ -54,6 +54,11 @@ void RobotSessions::begin_clean(const std::string& robot, const Now& now) {
   settle(robot, *session, now);
 }
 
+void RobotSessions::on_given_up(const std::string& robot) {
+  RobotSession* session = find(robot);
+  if (session && !session->is_held()) session->on_given_up();
+}
+
 void RobotSessions::read_note(const std::string& robot, const Now& now) {
   RobotSession* session = is_broker_up_ ? find_or_make(robot, now) : nullptr;
   if (!session) {
@@ -272,7 +277,10 @@ void RobotSessions::on_deadline(const Now& now) {
     entry.session->on_deadline(now);
     const auto kept = kept_.find(robot);
     if (kept != kept_.end() && kept->second <= now.mono && is_broker_up_) {
-      if (!is_served_elsewhere_(robot)) entry.session->keep();
+      if (!is_served_elsewhere_(robot))
+        entry.session->keep();
+      else if (!entry.session->is_held())
+        actions_.push(SessionLost{robot, LossReason::taken});
       kept_.erase(kept);
     }
     settle(robot, *entry.session, now);

@@ -58,6 +58,11 @@ struct SessionLost {
   std::string robot;
   LossReason why = LossReason::taken;
 };
+/// The messages that waited for a robot that starts a clean session were refused; the broker now
+/// forgets them.
+struct SessionSorted {
+  std::string robot;
+};
 /// The broker's answer to RobotSessions::subscribe().
 struct FilterAnswered {
   std::string robot;
@@ -90,8 +95,9 @@ struct SessionContested {
   bool is_contested = false;
 };
 
-using SessionAction = std::variant<OpenSession, CloseSession, SubscribeSession, UnsubscribeSession,
-                                   AskFence, SendMarker, SessionHeld, SessionLost, FilterAnswered,
-                                   TakeMessage, RefuseStale, NoteRead, SessionContested, Notice>;
+using SessionAction =
+    std::variant<OpenSession, CloseSession, SubscribeSession, UnsubscribeSession, AskFence,
+                 SendMarker, SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
+                 RefuseStale, NoteRead, SessionContested, Notice>;
 
 }  // namespace slamgw::sessions

@@ -202,6 +202,17 @@ TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionHaveNoOutcomeWhenTheGatewa
   EXPECT_TRUE(outcomes.empty()) << "its session may bring the command after the restart";
 }
 
+TEST_F(StrayCommandsTest, ThatASortedSessionHasRefusedAreNotDelivered) {
+  say(PresenceChange{Mesh::thread, "r1", Presence::online, "a"});
+  server_sends("r1", "1");
+  gateway.commands().on_session_sorted("r1");
+  server_sends("r1", "2");
+  reach[{Mesh::thread, "r1"}] = Presence::online;
+  session_comes("r1", /*was_present=*/false);
+  take_actions();
+  EXPECT_EQ(delivered, std::vector<std::string>{"2"}) << "the broker has forgotten it";
+}
+
 TEST_F(StrayCommandsTest, AreNeitherRetainedOnesNorGatewaysThatTryTheirRights) {
   server_sends("nobody", "x", "cmd", /*retain=*/true);
   server_sends("room-b", "17-1", "probe");

@@ -391,5 +391,17 @@ TEST_F(RobotSessionRulesUp, Rule13_AFilterForAllCommandsIsTheRobotsAgainWhenTheS
   EXPECT_EQ(std::ranges::count(filters, everything), 1)
       << "another gateway may have put its own in its place";
 }
+
+TEST_F(RobotSessionRulesUp, ARobotThatHasMovedWhileTheBrokerWasAwayIsGivenUp) {
+  attach(true);
+  sessions.on_broker_down(now);
+  is_served_elsewhere = true;
+  sessions.on_broker_up(/*is_v5=*/true, /*is_other=*/false, now);
+  forget_actions();
+  pass(RobotSessions::unheard_delay);
+  const auto lost = drain<SessionLost>();
+  ASSERT_EQ(lost.size(), 1U);
+  EXPECT_EQ(lost[0].why, LossReason::taken);
+}
 }  // namespace
 }  // namespace slamgw::sessions

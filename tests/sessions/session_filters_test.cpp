@@ -86,5 +86,38 @@ TEST_F(RobotSessionRulesUp, ACleanRobotBeginsAnew) {
   EXPECT_EQ(subscribed(), (std::vector<std::string>{mailbox, "ntnu-slam/server/r1/#"}));
 }
 
+TEST_F(RobotSessionRulesUp, ACleanConnectThatFailsIsFollowedByOneThatSortsAgain) {
+  sessions.begin_clean("r1", now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  pass(RobotSession::marker_patience);
+  ASSERT_TRUE(drain<OpenSession>().back().is_clean);
+  sessions.on_attach_failed("r1", now);
+  pass(RobotSession::longest_retry);
+  const auto opened = drain<OpenSession>();
+  ASSERT_EQ(opened.size(), 1U);
+  EXPECT_FALSE(opened[0].is_clean) << "commands may have come in between";
+  sessions.on_attached("r1", true, now);
+  arrives(command("1"));
+  std::size_t stale = 0;
+  while (auto action = sessions.next_action()) {
+    if (const auto* fence = std::get_if<AskFence>(&*action))
+      sessions.on_fence("r1", fence->number, now);
+    stale += std::holds_alternative<RefuseStale>(*action) ? 1 : 0;
+  }
+  EXPECT_EQ(stale, 1U);
+}
+
+TEST_F(RobotSessionRulesUp, ARobotThatWasGivenUpBringsItsFiltersWithItsNote) {
+  subscribe("ntnu-slam/server/r1/run");
+  attach(true);
+  sessions.on_given_up("r1");
+  sessions.on_detached("r1", now);
+  sessions.on_given_up("r1");
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(subscribed(), (std::vector<std::string>{mailbox, "ntnu-slam/server/r1/#"}));
+}
+
 }  // namespace
 }  // namespace slamgw::sessions

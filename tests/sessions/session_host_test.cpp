@@ -24,7 +24,9 @@ namespace {
 using test::eventually;
 
 constexpr const char* silent_host = "silent.example";
-std::atomic<int> asking = 0;  ///< threads that ask for its address
+constexpr const char* moving_host = "moving.example";
+std::atomic<const char*> moved_to = "127.0.0.2";  ///< its address
+std::atomic<int> asking = 0;                      ///< threads that ask for its address
 std::atomic<bool> is_answering = false;
 
 class Host {
@@ -62,6 +64,7 @@ class Host {
   void take(FilterAnswered& what) { answered.push_back(what); }
   void take(TakeMessage& what) { taken.push_back(what); }
   void take(NoteRead& what) { notes.push_back(what); }
+  void take(SessionSorted&) {}
   void take(RefuseStale&) {}
   void take(SessionContested&) {}
   void take(Notice& notice) { notices.push_back(notice.text); }
@@ -360,7 +363,47 @@ TEST_F(OneSessionHost, LeavesNoDescriptorOpenAcrossExecAndNoLargeBuffer) {
   EXPECT_EQ(pairs, 20);
 }
 
+TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
+  test::Mosquitto broker;
+  BrokerSettings settings;
+  settings.host = moving_host;
+  settings.port = broker.port();
+  a.host.on_broker_up(settings, MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); })) << "nobody listens there";
+  EXPECT_FALSE(a.host.is_refused("r1"));
+  a.host.on_broker_down();
+  moved_to = "127.0.0.1";
+  a.host.on_broker_up(settings, MqttVersion::v5);
+  EXPECT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));
+}
+
+TEST_F(OneSessionHost, KeepsItsSessionsWhenALookUpOfLongAgoEnds) {
+  is_answering = false;
+  test::Mosquitto broker;
+  a.up(broker.port(), MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));
+  a.host.on_broker_down();
+  BrokerSettings silent;
+  silent.host = silent_host;
+  a.host.on_broker_up(silent, MqttVersion::v5);
+  ASSERT_TRUE(eventually([] { return asking == 1; }));
+  a.host.on_broker_down();
+  a.up(broker.port(), MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));
+  is_answering = true;
+  is_answering.notify_all();
+  ASSERT_TRUE(eventually(io, [] { return asking == 0; }));
+  a.subscribe("r1", "p/server/r1/+");
+  EXPECT_TRUE(eventually(io, [&] { return !a.answered.empty() && a.answered[0].is_granted; }));
+  test::mosquitto_publish(broker, {"-t", "p/server/r1/run", "-m", "1", "-q", "1"});
+  EXPECT_TRUE(eventually(io, [&] { return a.taken.size() == 1; }));
+}
+
 TEST_F(OneSessionHost, EndsWhileANameServerDoesNotAnswer) {
+  is_answering = false;
   BrokerSettings settings;
   settings.host = silent_host;
   a.host.on_broker_up(settings, MqttVersion::v5);
@@ -382,7 +425,9 @@ extern "C" int getaddrinfo(const char* node, const char* service, const addrinfo
   using namespace slamgw::sessions;
   static const auto real =
       reinterpret_cast<decltype(&getaddrinfo)>(dlsym(RTLD_NEXT, "getaddrinfo"));
-  if (std::string_view(node ? node : "") != silent_host) return real(node, service, hints, result);
+  const std::string_view name(node ? node : "");
+  if (name == moving_host) return real(moved_to, service, hints, result);
+  if (name != silent_host) return real(node, service, hints, result);
   ++asking;
   is_answering.wait(false);
   --asking;

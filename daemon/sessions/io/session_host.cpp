@@ -35,18 +35,14 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
 
 // --- The broker ----------------------------------------------------------------------------------
 
-/// Leads to on_ready(), never from inside this call. Connections to another broker are closed.
+/// Leads to on_resolved(), never from inside this call. Looks the name up each time, because the
+/// broker's addresses and the files of TLS may have changed.
 void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version) {
   const std::string uri = broker.addresses().front().uri();
   is_other_ = is_other_ || (!uri_.empty() && (uri != uri_ || version != version_));
   uri_ = uri;
   version_ = version;
-  is_broker_up_ = true;
-  if (!broker_ || broker_->settings != broker || broker_->version != version)
-    return resolve(broker, version);
-  boost::asio::post(io_, [this] {
-    if (!is_stopped_) on_ready();
-  });
+  resolve(broker, version);
 }
 
 void SessionHost::resolve(const BrokerSettings& broker, MqttVersion version) {
@@ -65,19 +61,15 @@ void SessionHost::resolve(const BrokerSettings& broker, MqttVersion version) {
 }
 
 void SessionHost::on_resolved(std::shared_ptr<RobotBroker> broker) {
-  end_links();
+  const bool is_same = broker_ && broker_->settings == broker->settings;
+  if (is_same && broker->addresses.literals.empty()) broker->addresses = broker_->addresses;
   broker_ = std::move(broker);
-  on_ready();
-}
-
-void SessionHost::on_ready() {
-  if (!is_broker_up_) return;
   driver_->on_broker_up(version_ == MqttVersion::v5, std::exchange(is_other_, false),
                         read_clocks());
 }
 
 void SessionHost::on_broker_down() {
-  is_broker_up_ = false;
+  ++resolving_;  // the answer of a look-up that is under way is dropped
   refused_.clear();
   driver_->on_broker_down(read_clocks());
 }
@@ -108,7 +100,7 @@ void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure
   if (const auto count = failure_throttle_.on_event(read_clocks().mono))
     report_(Notice{Severity::warning,
                    fmt::format("{} ({} like it)", explain(robot, failure), *count), robot});
-  refused_.insert(robot);
+  if (failure.is_id_refused) refused_.insert(robot);
   driver_->on_attach_failed(robot, read_clocks());
 }
 

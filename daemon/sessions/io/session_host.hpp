@@ -22,8 +22,8 @@ namespace slamgw::sessions {
 class SessionHost {
  public:
   /// Actions for the application: the second group of session_action.hpp.
-  using Report = std::variant<SessionHeld, SessionLost, FilterAnswered, TakeMessage, RefuseStale,
-                              NoteRead, SessionContested, Notice>;
+  using Report = std::variant<SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
+                              RefuseStale, NoteRead, SessionContested, Notice>;
 
   SessionHost(boost::asio::io_context& io, SessionNames names,
               RobotSessions::ServedElsewhere is_served_elsewhere,
@@ -35,7 +35,7 @@ class SessionHost {
   /// Calls an input of the machine: `host->on_heard(robot, read_clocks())`.
   MachineDriver<RobotSessions>::Input operator->() { return driver_.operator->(); }
   const RobotSessions& sessions() const { return sessions_; }
-  /// Returns true when the last try to open the robot's session failed.
+  /// Returns true when the broker does not let this gateway use the robot's client id.
   bool is_refused(const std::string& robot) const { return refused_.contains(robot); }
 
   /// Call when the gateway's own connection to this broker is up, with this version, or is lost.
@@ -58,7 +58,6 @@ class SessionHost {
 
   void resolve(const BrokerSettings& broker, MqttVersion version);
   void on_resolved(std::shared_ptr<RobotBroker> broker);
-  void on_ready();
 
   // The links call these on the loop's thread, never from inside a call to a link.
   void on_attached(const std::string& robot, bool is_present);
@@ -98,7 +97,6 @@ class SessionHost {
   MqttVersion version_ = MqttVersion::v5;
   std::string uri_;        ///< of the sessions' broker
   bool is_other_ = false;  ///< the machine knows another broker
-  bool is_broker_up_ = false;
   bool is_stopped_ = false;
   std::set<std::string> refused_;  ///< at most as many as there are sessions
   LogThrottle failure_throttle_{std::chrono::minutes{1}};
