@@ -164,7 +164,7 @@ void add_send(CLI::App& app, Arguments& a) {
 void add_ping(CLI::App& app, Arguments& a) {
   CLI::App* ping = app.add_subcommand("ping", "Ask a robot for a sign of life, and time it");
   ping->add_option("ROBOT", a.robot, "The robot's id")->required();
-  ping->add_option("-c,--count", a.order.count, "So many times, once a second")
+  ping->add_option("-c,--count", a.order.count, "Number of pings, one a second")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   ping->callback(ask(a, "ping", show::ping, Course::ping, ping_patience));
@@ -223,11 +223,11 @@ void add_ble_config(CLI::App& ble, Arguments& a) {
           const auto group = parse_mesh_address(word);
           if (!group || *group < first_group)
             throw CLI::ValidationError(fmt::format("--{}", key),
-                                       "'" + word + "' is none of 0xc000-0xfeff");
+                                       "'" + word + "' is not a group, 0xc000-0xfeff");
           a.order.request[key] = *group;
         },
         std::string(key) == "subscribe" ? "Hear this group, 0xc000-0xfeff, beside ble_mesh.groups"
-                                        : "Hear it no longer");
+                                        : "Stop hearing this group");
   config->add_option_function<std::string>(
       "--publish",
       [&a](const std::string& word) {
@@ -256,10 +256,10 @@ constexpr const char* refresh_keys_warning =
 void add_refresh_keys(CLI::App& ble, Arguments& a) {
   CLI::App* refresh = ble.add_subcommand("refresh-keys", "Give the mesh new keys");
   auto* const left = refresh->add_option("--leave-behind", a.left_behind,
-                                         "This robot gets none, and is out of the mesh");
+                                         "This robot gets no new keys, and is out of the mesh");
   left->expected(1)->take_all()->type_name("ROBOT");
   auto* const silent = refresh->add_flag("--leave-behind-silent", a.leaves_silent,
-                                         "Nor do those that have not answered");
+                                         "Also leave behind robots that have not answered");
   auto* const status = refresh->add_flag("--status", a.is_status, "How far it has come");
   status->excludes(left)->excludes(silent);
   refresh->add_flag("--yes", a.is_confirmed, "Begin, or leave robots behind");
@@ -304,7 +304,7 @@ void add_ble_changes(CLI::App& ble, Arguments& a) {
       ->check(CLI::Range(1, 0x7fff));
   exported->callback(
       ask(a, "ble export", on_any_screen<show::exported_mesh>, Course::mesh, order_patience));
-  CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up anew");
+  CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up again");
   reset->add_flag("--yes", a.is_confirmed, "Robots may ignore the gateway for a while: do it");
   reset->callback([&a, order = ask(a, "ble reset-board", on_any_screen<show::done>, Course::once,
                                    order_patience)] {
@@ -364,13 +364,13 @@ void add_store(CLI::App& app, Arguments& a) {
 }
 
 std::string complaint_about_broker(const std::string& uri) {
-  return parse_broker_uri(uri) ? "" : uri + " is no mqtt://host:port or mqtts://host:port";
+  return parse_broker_uri(uri) ? "" : uri + " is not mqtt://host:port or mqtts://host:port";
 }
 
 /// Used in place of CLI::Range, which accepts "nan".
 std::string complaint_about_speed(const std::string& factor) {
   const double number = std::strtod(factor.c_str(), nullptr);
-  return number >= 0.001 && number <= 1000 ? "" : factor + " is no factor from 0.001 to 1000";
+  return number >= 0.001 && number <= 1000 ? "" : factor + " is not a factor from 0.001 to 1000";
 }
 
 void add_host_tasks(CLI::App& app, Arguments& a) {

@@ -22,6 +22,9 @@ namespace {
 /// Far above any answer: 10 000 robots are 3 MB.
 constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
 
+constexpr const char* stranger_words =
+    " does not answer like slam-gatewayd; is it the right socket?";
+
 [[noreturn]] void fail_to_connect(const std::string& path, int error) {
   struct stat status {};
   const bool is_there = stat(path.c_str(), &status) == 0;
@@ -34,7 +37,7 @@ constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
         ": join the group slam-gateway (sudo adduser \"$USER\" slam-gateway), then log in "
         "again");
   if (is_there && !S_ISSOCK(status.st_mode))
-    throw Failure(path + " is no socket; name the one that control.socket says with --socket");
+    throw Failure(path + " is not a socket; pass the path of control.socket with --socket");
   if (error == ECONNREFUSED)
     throw NotRunning("slam-gatewayd is not running: no answer at " + path +
                      "; start it with: sudo systemctl start slam-gateway");
@@ -86,15 +89,14 @@ nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::secon
 nlohmann::json Connection::result_in(nlohmann::json answer) const {
   if (const auto error = answer.find("error"); error != answer.end() && error->is_string())
     throw Failure(error->get<std::string>());
-  if (!answer.contains("result"))
-    throw Failure(path_ + " does not answer like slam-gatewayd; is it the right socket?");
+  if (!answer.contains("result")) throw Failure(path_ + stranger_words);
   return std::move(answer["result"]);
 }
 
 std::optional<nlohmann::json> Connection::next_event_within(std::chrono::seconds patience) try {
   set_patience(socket_, patience);
   nlohmann::json line = receive();
-  if (!line.contains("event")) throw Failure(path_ + " does not answer like slam-gatewayd");
+  if (!line.contains("event")) throw Failure(path_ + stranger_words);
   return std::move(line["event"]);
 } catch (const Silence&) {
   return std::nullopt;
@@ -125,13 +127,12 @@ nlohmann::json Connection::receive() {
     if (count <= 0) throw Failure("slam-gatewayd hung up: it ended, or this client was too slow");
     const std::size_t before = input_.size();
     input_.append(chunk.data(), static_cast<std::size_t>(count));
-    if (input_.size() > max_line_bytes) throw Failure(path_ + " sends no line; wrong socket?");
+    if (input_.size() > max_line_bytes) throw Failure(path_ + stranger_words);
     end = input_.find('\n', before);
   }
   nlohmann::json line = nlohmann::json::parse(input_.substr(0, end), nullptr, false);
   input_.erase(0, end + 1);
-  if (!line.is_object())
-    throw Failure(path_ + " does not answer like slam-gatewayd; is it the right socket?");
+  if (!line.is_object()) throw Failure(path_ + stranger_words);
   return line;
 }
 

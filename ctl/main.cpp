@@ -73,7 +73,7 @@ std::string read_mesh(const std::string& path) {
   std::ifstream file = open_file(path);
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   const auto json = nlohmann::json::parse(text, nullptr, false);
-  if (json.is_discarded()) throw Failure(path + " is no JSON");
+  if (json.is_discarded()) throw Failure(path + " is not JSON");
   return json.dump();
 }
 
@@ -386,7 +386,7 @@ std::string reload(const HostTask& task) {
     const std::string left = text_at(answer, "needs_restart");
     return left.empty() ? "" : "Only a restart of the gateway changes: " + left + "\n";
   } catch (const NotRunning&) {
-    return "The gateway does not run; it will know when it starts.\n";
+    return "The gateway is not running; the change takes effect when it starts.\n";
   }
 }
 

@@ -650,7 +650,7 @@ std::string one_client(const json& client, const Screen& screen) {
                             count_at(subscription, "qos"), text_at(subscription, "topic_id_type")));
   for (const json& topic : list_at(client, "topics"))
     out += line("topic id", fmt::format("{} {}{}", count_at(topic, "id"), text_at(topic, "name"),
-                                        is_true(topic, "told") ? "" : " (not told yet)"));
+                                        is_true(topic, "told") ? "" : " (not registered yet)"));
   for (const json& topic : list_at(client, "waiting"))
     out += line("waits", topic.is_string() ? topic.get<std::string>() : "-");
   return out;
@@ -894,8 +894,8 @@ std::string done(const json& done) {
   if (done.contains("nodes"))
     return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
   if (done.contains("cleared"))
-    return "the radio was cleared and is set up anew; robots may ignore the gateway until "
-           "they were restarted\n";
+    return "the radio was cleared and is set up again; robots may ignore the gateway until "
+           "they are restarted\n";
   if (done.contains("forgotten")) {
     const std::string robot = text_at(done, "forgotten");
     if (is_true(done, "was_known")) return robot + " is forgotten\n";
@@ -935,7 +935,7 @@ std::string dead_letters(const json& letters, const Screen& screen) {
 std::string resent(const json& done) {
   const std::uint64_t left = count_at(done, "left");
   std::string out = fmt::format("{} dead letters are sent again\n", count_at(done, "resent"));
-  if (left > 0) out += fmt::format("{} stay: the store fails (slam-gatewayctl status)\n", left);
+  if (left > 0) out += fmt::format("{} remain: the store fails (slam-gatewayctl status)\n", left);
   return out;
 }
 

@@ -193,10 +193,7 @@ std::string words_on_new_name(const Manifest& manifest) {
 
 void need_rights(const Installation& installation, const char* verb) {
   if (installation.is_service() && geteuid() != 0)
-    throw Failure(
-        fmt::format("{} reads and writes what only root may; type: sudo slam-gatewayctl "
-                    "{} FILE",
-                    verb, verb));
+    throw Failure(fmt::format("{} needs root; type: sudo slam-gatewayctl {} FILE", verb, verb));
 }
 
 // ---- the report
@@ -350,7 +347,7 @@ std::string restore(const Installation& installation, const std::string& file,
 
 std::string without_secrets(std::string_view text) {
   ordered_json json = ordered_json::parse(text, nullptr, false, true);
-  if (json.is_discarded()) return "(is no JSON; left out, for it may hold secrets)\n";
+  if (json.is_discarded()) return "(not JSON; left out, because it may hold secrets)\n";
   hide_secrets(json);
   return json.dump(2) + "\n";
 }

@@ -106,7 +106,7 @@ std::string audit_text(const nlohmann::json& entries) {
                         text_at(entry, "what"), robot.empty() ? "" : " ", robot,
                         text_at(entry, "outcome"));
   }
-  return text.empty() ? "nothing was asked of the gateway\n" : text;
+  return text.empty() ? "no orders were found\n" : text;
 }
 
 nlohmann::json read_audit(const std::string& robot) {

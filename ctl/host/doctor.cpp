@@ -212,7 +212,7 @@ class Examination {
     if (settings.is_open_to_all())
       return add("thread: interface", Health::warning,
                  "every network of this host can reach MQTT-SN (mqttsn.interface is \"*\"), and "
-                 "whoever reaches it can act as any robot",
+                 "any host there can act as any robot",
                  "\"auto\" serves Thread and loopback only, \"wpan0\" that interface only");
     if (!settings.is_auto() || !settings.listens_widely()) return;
     for (const InterfaceFacts& each : facts_.interfaces) {

@@ -173,7 +173,7 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     if (is_cut && number > 1) break;
     if (!at || (is_message && !message))
       throw Failure(
-          fmt::format("{}:{}: is no line that slam-gatewayctl record writes", name, number));
+          fmt::format("{}:{}: is not a line that slam-gatewayctl record writes", name, number));
     if (message) messages.push_back({*at, *message});
   }
   std::ranges::stable_sort(messages, {}, &RecordedMessage::after);

@@ -76,14 +76,14 @@ class Judge {
   void judge_messages() {
     if (arrived_ == 0)
       return add("messages", Health::problem, fmt::format("none in {} s", robot_.watched.count()),
-                 "slam-gatewayctl doctor says of a robot why it is silent");
+                 "slam-gatewayctl doctor ROBOT says why");
     add("messages", Health::well,
         fmt::format("{} in {} s, {} of them again", arrived_ + repeats_, robot_.watched.count(),
                     repeats_));
     if (2 * unacknowledged_ > arrived_)
       add("acknowledgement", Health::warning,
-          fmt::format("{} of {} messages ask for none: what is lost on the air is lost",
-                      unacknowledged_, arrived_),
+          fmt::format("{} of {} messages ask for none: a loss on the air is final", unacknowledged_,
+                      arrived_),
           "publish at QoS 1 (Thread), or send SET in place of SET_UNRELIABLE (BLE)");
   }
 
@@ -115,8 +115,8 @@ class Judge {
           "slam-gatewayctl ping -c 10, and ble topology on BLE: move it, or add a relay");
     if (arrived_ < enough_messages || repeats_ <= arrived_) return;
     add("repeats", Health::problem,
-        fmt::format("{} copies for {} messages: it does not hear the acknowledgements, or waits "
-                    "too shortly for them",
+        fmt::format("{} copies for {} messages: it does not hear the acknowledgements, or does "
+                    "not wait long enough for them",
                     repeats_, arrived_),
         "is it deaf (slam-gatewayctl robots)? else wait longer before the first repeat, and twice "
         "as long before each next one");
@@ -193,7 +193,7 @@ class Judge {
     const std::uint64_t keep_alive = count_at(robot_.client, "keep_alive_s");
     constexpr std::uint64_t shortest = 10;
     if (keep_alive == 0)
-      add("keep-alive", Health::warning, "is 0: nobody notices when the robot is gone",
+      add("keep-alive", Health::warning, "is 0: the gateway cannot notice a lost robot",
           "name 30 to 120 s in CONNECT");
     else if (keep_alive < shortest)
       add("keep-alive", Health::warning,
@@ -201,7 +201,7 @@ class Judge {
                       keep_alive),
           "name 30 to 120 s in CONNECT");
     if (!is_true(robot_.client, "has_answered"))
-      add("answers", Health::warning, "it has answered nothing yet, so it gives way first",
+      add("answers", Health::warning, "it has answered nothing yet, so it loses its place first",
           "answer REGISTER, PUBLISH and the questions for a will");
   }
 

@@ -251,7 +251,7 @@ TEST_F(ControlMeshIo, ImportsAFile) {
   EXPECT_NE(order({"import", directory.path()}, {}).err.find(" is a directory; a file is needed"),
             std::string::npos);
   write_file(directory / "text", "no JSON");
-  EXPECT_NE(order({"import", directory / "text"}, {}).err.find("is no JSON"), std::string::npos);
+  EXPECT_NE(order({"import", directory / "text"}, {}).err.find("is not JSON"), std::string::npos);
   EXPECT_TRUE(handler.orders.empty());
 }
 

@@ -123,7 +123,7 @@ TEST_F(AuditTrail, SaysWhatToDoWithoutAJournal) {
   EXPECT_NE(none.err.find("this host has no journal"), std::string::npos) << none.err;
   setenv("PATH", (directory.path() + ":" + path_before).c_str(), 1);
   make_journal("case \"$*\" in *cat*) echo started;; esac\n");
-  EXPECT_EQ(run({"audit"}).out, "nothing was asked of the gateway\n");
+  EXPECT_EQ(run({"audit"}).out, "no orders were found\n");
 }
 
 TEST_F(ControlProgramIo, GivesJsonBeforeAndAfterTheCommand) {
@@ -394,7 +394,7 @@ TEST_F(ControlProgramIo, SaysWhyTheDaemonCannotBeReached) {
   write_file(path, "");
   result = run({"robots"});
   EXPECT_EQ(result.status, 1);
-  EXPECT_NE(result.err.find("is no socket"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("is not a socket"), std::string::npos) << result.err;
 }
 
 TEST_F(ControlProgramIo, SaysWhichGroupToJoin) {

@@ -88,7 +88,7 @@ TEST_F(ControlStoreIo, ResendsAndTellsWhatStays) {
   EXPECT_EQ(ordered<ResendOrder>().choice.ids, (std::vector<std::uint64_t>{7, 9}));
   result = order({"resend", "--all"}, {{R"({"resent":1,"left":2})", {}}});
   EXPECT_EQ(result.status, 1);
-  EXPECT_NE(result.out.find("2 stay"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("2 remain"), std::string::npos) << result.out;
   EXPECT_TRUE(ordered<ResendOrder>().choice.is_all);
 }
 

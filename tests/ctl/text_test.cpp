@@ -299,7 +299,7 @@ TEST(CtlShow, Clients) {
   for (const char* line : {"client id          tank-1\n", "heard              2.5 s ago\n",
                            "sleeps             300 s\n", "will               -\n",
                            "subscription       p/server/tank/+ (QoS 1, normal)\n",
-                           "topic id           7 p/robot/tank/adv (not told yet)\n",
+                           "topic id           7 p/robot/tank/adv (not registered yet)\n",
                            "waits              p/server/tank/cmd\n",
                            "in flight          1, repeated 2 times; next copy after 1.5 s\n"})
     EXPECT_NE(shown.find(line), std::string::npos) << line << shown;

@@ -112,7 +112,7 @@ TEST_F(WebRoles, AViewerWatchesAndSendsNothing) {
   EXPECT_TRUE(session.may_watch());
   const auto reaction = say(stop);
   EXPECT_FALSE(reaction.publish);
-  EXPECT_NE(reaction.reply.find("bob may watch, and send no commands"), std::string::npos);
+  EXPECT_NE(reaction.reply.find("bob may watch, but not send commands"), std::string::npos);
 }
 
 TEST_F(WebRoles, OnlyAnOperatorReadsTheNote) {

@@ -144,7 +144,7 @@ TEST_F(WebProgramWithAViewer, TellsNothingWithoutAToken) {
   say(page, of_bob);
   hear(page, "$web/broker");
   say(page, command);
-  hear(page, "bob may watch, and send no commands");
+  hear(page, "bob may watch, but not send commands");
 }
 
 TEST_F(WebProgramWithAViewer, GivesTheMetricsToWhoHoldsAToken) {

@@ -71,7 +71,7 @@ TEST_F(WebStartup, TakesANoteThatOthersCannotRead) {
   EXPECT_NE(problem().find("more than 4096 octets"), std::string::npos) << problem();
   for (const char* const unprintable : {"\xff", "\x1b[2J", "\xe2\x80\xae"}) {
     write("note", unprintable, 0640);
-    EXPECT_NE(problem().find("is no plain text"), std::string::npos) << problem();
+    EXPECT_NE(problem().find("is not plain text"), std::string::npos) << problem();
   }
   write("note", "user: é\npassword: x\n", 0640);
   EXPECT_EQ(problem(), "");

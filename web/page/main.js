@@ -85,7 +85,7 @@ function takeOwn({ topic, payload }) {
 // ---- commands
 function mayOrder() {
   if (model.maySend) return true;
-  if (model.holder) toast(`The token of ${model.holder} may watch, and send no commands.`);
+  if (model.holder) toast(`The token of ${model.holder} may watch, but not send commands.`);
   else if (model.takesToken) askToken();
   else toast('This page only watches: web.token_file is not set.');
   return false;

@@ -55,7 +55,7 @@ function lines(robot) {
 // Says why this page may not send commands; empty when it may.
 export function lacksWords(model) {
   if (model.maySend) return '';
-  if (model.holder) return 'Your token may watch, and send no commands.';
+  if (model.holder) return 'Your token may watch, but not send commands.';
   return model.takesToken ? 'To send commands, unlock this page.' : 'This page only watches.';
 }
 export const rightsWords = (robot, model) => (robot.best ? lacksWords(model) : 'No gateway serves it: commands will not arrive.');

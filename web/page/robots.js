@@ -24,7 +24,7 @@ export function problems(model) {
   if (model.broker.state === 'up' && model.gateways.size === 0 && !Object.keys(model.broker.unreadable ?? {}).length)
     add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status. May slam-gateway-web's user read ${model.prefix}/# at the broker?`);
   for (const gateway of model.orderedGateways()) problemsOf(gateway, model, add);
-  if (model.gatewaysLeftOut) add(`More gateways are not shown: a page keeps ${model.gateways.size}`, 'Does somebody invent some? At the broker: topic write <prefix>/gateway/<gateway>/# for each gateway alone', true);
+  if (model.gatewaysLeftOut) add(`More gateways are not shown: a page keeps ${model.gateways.size}`, 'Does a client invent gateways? At the broker: topic write <prefix>/gateway/<gateway>/# for each gateway alone', true);
   for (const robot of model.robots.values()) {
     if (robot.state === 'online' && robot.best?.contested === true) add(`${robot.id} is contested: another client uses its name`, 'Two robots, or a foreign client, of that name: /usr/share/doc/slam-gateway/security.md', true);
     if (robot.state === 'offline') add(`${robot.id} is offline`, `${robot.lastHeard ? `Silent for ${age(Math.max(0, model.now() - robot.lastHeard))}. ` : ''}Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);

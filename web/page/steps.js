@@ -19,7 +19,7 @@ export function steps(model) {
   add(isThere, 'Gateway', gateway ? `${gateway.id} is ${lifeWords(gateway.life, model.now())}` : 'none has been heard on this broker', 'systemctl status slam-gateway');
   const links = isThere ? gateway.stats?.meshes ?? {} : {};
   const link = (mesh) => (Object.hasOwn(links, mesh) ? links[mesh] : null);
-  const said = (mesh) => (!isThere ? '' : !link(mesh) ? 'the gateway tells within 10 s' : link(mesh).state === 'disabled' ? 'not enabled' : link(mesh).detail || link(mesh).state);
+  const said = (mesh) => (!isThere ? '' : !link(mesh) ? 'the gateway reports within 10 s' : link(mesh).state === 'disabled' ? 'not enabled' : link(mesh).detail || link(mesh).state);
   const isOff = (mesh) => link(mesh)?.state === 'disabled';
   add(link('ble')?.state === 'up', 'Board of the BLE mesh', said('ble'), isOff('ble') ? `echo '{"ble_mesh": {"enabled": true}}' | sudo tee /etc/slam-gateway/gateway.d/ble.json` : 'slam-gatewayctl doctor', isOff('ble'));
   add(link('thread')?.state === 'up', 'Thread', said('thread'), 'slam-gatewayctl doctor', isOff('thread'));

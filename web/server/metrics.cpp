@@ -117,7 +117,9 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
            "Messages that were written to disk."},
           {{"store", "depth"}, "slamgw_gateway_store_messages", "Messages on disk."},
           {{"store", "bytes"}, "slamgw_gateway_store_bytes", "Size of the messages on disk."},
-          {{"store", "max_bytes"}, "slamgw_gateway_store_limit_bytes", "The most that it may be."},
+          {{"store", "max_bytes"},
+           "slamgw_gateway_store_limit_bytes",
+           "Limit of the size of the messages on disk (store.max_bytes)."},
           {{"store", "oldest_age_s"},
            "slamgw_gateway_store_oldest_seconds",
            "Age of the oldest message on disk."},
@@ -233,7 +235,7 @@ class Gateways {
  private:
   void add_life(Exposition& out, const std::string& gateway) const {
     const GatewayLife life = roster_.gateway(gateway);
-    out.add("slamgw_gateway_up", "Whether the gateway is there.", {{"gateway", gateway}},
+    out.add("slamgw_gateway_up", "Whether the gateway is online.", {{"gateway", gateway}},
             life.state == "online" ? 1 : 0);
     out.add("slamgw_gateway_clock_ahead_seconds",
             "How far the gateway's clock is ahead of that of slam-gateway-web; 0 within a minute.",
@@ -250,8 +252,8 @@ class Gateways {
     if (life.gateway != gateway) return;
     const Labels labels{
         {"gateway", std::string(gateway)}, {"robot", std::string(robot)}, {"mesh", life.mesh}};
-    out.add("slamgw_robot_online", "Whether the robot is there (1), or asleep or gone (0).", labels,
-            life.state == "online" ? 1 : 0);
+    out.add("slamgw_robot_online", "Whether the robot is online (1), or asleep or offline (0).",
+            labels, life.state == "online" ? 1 : 0);
     if (const std::int64_t heard_ms = roster_.last_heard_ms(robot); heard_ms > 0)
       out.add(
           "slamgw_robot_last_heard_timestamp_seconds",

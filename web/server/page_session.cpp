@@ -44,7 +44,7 @@ PageSession::Reaction PageSession::on_wrong_token(TimePoint now) {
     reaction.reply = own_message("token", why);
     return reaction;
   }
-  reaction.reply = own_message("token", R"({"accepted":false,"why":"nobody has this token"})");
+  reaction.reply = own_message("token", R"({"accepted":false,"why":"unknown token"})");
   const TokenGuesses::Cost cost = guesses_.on_wrong(client_, now);
   reaction.report = cost.report;
   if (now < answer_due_) {  // the client does not wait for answers, so it needs none
@@ -59,11 +59,11 @@ PageSession::Reaction PageSession::on_wrong_token(TimePoint now) {
 PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint now) {
   if (!holder_) return {refusal(command.topic, "this page only watches: it has sent no token")};
   if (holder_->role != Role::operator_)
-    return {refusal(command.topic, holder_->name + " may watch, and send no commands")};
+    return {refusal(command.topic, holder_->name + " may watch, but not send commands")};
   if (!topics_.may_publish(command.topic))
     return {refusal(command.topic,
-                    "no command: only <prefix>/server/<id>/<type> and "
-                    "<prefix>/gateway/<gw>/request/permit_join are allowed")};
+                    "commands may go only to <prefix>/server/<id>/<type> and "
+                    "<prefix>/gateway/<gw>/request/permit_join")};
   if (!take_turn(now)) return {refusal(command.topic, "too many commands at once")};
   command.sender = holder_->name + ", page at " + client_.name;
   return {"", std::move(command)};

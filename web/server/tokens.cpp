@@ -52,7 +52,7 @@ std::variant<Tokens, Tokens::Problem> Tokens::parse(std::string_view text) {
       is_alone = true;
       words = {"operator", "operator", words[0]};
     } else if (words.size() != 3 || is_alone) {
-      return Problem{line, "is no line `NAME ROLE TOKEN`, and no token alone"};
+      return Problem{line, "the line is not `NAME ROLE TOKEN`"};
     }
     if (words[0].size() > max_name || !is_printable(words[0]))
       return Problem{line, fmt::format("the name is not 1 to {} printable characters", max_name)};
@@ -71,7 +71,7 @@ std::variant<Tokens, Tokens::Problem> Tokens::parse(std::string_view text) {
     tokens.guards_watching_ = tokens.guards_watching_ || role == Role::viewer;
     tokens.holders_.push_back({{std::string(words[0]), role}, std::string(words[2])});
   }
-  if (tokens.empty()) return Problem{1, "there is no token in it"};
+  if (tokens.empty()) return Problem{1, "the file has no token"};
   return tokens;
 }
 

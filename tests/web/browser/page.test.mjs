@@ -364,7 +364,7 @@ pageTest('a wrong token is told, and three end the connection', {}, async (page)
   await page.click('#unlock');
   await page.fill('#token', 'a-wrong-token-of-somebody');
   await page.click('#token-form .main');
-  await until(page, () => document.querySelector('#token-words').textContent === 'nobody has this token');
+  await until(page, () => document.querySelector('#token-words').textContent === 'unknown token');
   assert.equal(await page.evaluate(() => window.slamgw.model.maySend), false);
   const code = await page.evaluate(() => new Promise((resolve) => {
     const socket = new WebSocket(`ws://${location.host}/api`);
@@ -885,7 +885,7 @@ pageTest('* the broker goes and comes back; a command meanwhile is refused at on
   await until(page, () => document.querySelector('#link').textContent === 'Broker away');
   await choose(page, 'robot1');
   await page.click('#stop');
-  await outcome(page, 'refused: the broker is away');
+  await outcome(page, 'refused: no connection to the broker');
   await page.click('#tab-robots');
   await until(page, () => /does not reach the broker/.test(document.querySelector('#problems li').textContent));
   await shot(page, 'trouble.png');

@@ -58,7 +58,7 @@ void HttpConnection::on_request() {
   if (answer.is_metrics) {
     scrape_ = server_.hub().begin_scrape();
     if (scrape_) return send_metrics(std::move(answer));
-    answer = refuse(503, "Too many ask for the metrics at once.");
+    answer = refuse(503, "Too many clients read the metrics at once.");
   }
   if (answer.status >= 400) server_.hub().count_refused_request();
   send(std::move(answer));

@@ -116,7 +116,7 @@ void PageHub::report_taken_share(const Client& client) {
 
 std::string PageHub::publish(const CommandRequest& command) {
   const auto number = link_.publish(command);
-  if (!number) return refusal(command.topic, "the broker is away: " + why_);
+  if (!number) return refusal(command.topic, "no connection to the broker: " + why_);
   ++own_.commands;
   sent_.emplace_back(*number, command.topic);
   if (sent_.size() > max_sent) sent_.pop_front();

@@ -94,7 +94,7 @@ std::string read_note(ParseResult& result, const std::string& path) {
     refuse_at(result, note_key, path, fmt::format("{} has more than {} octets", path, longest));
   else if (!is_printable(line))
     refuse_at(result, note_key, path,
-              path + " is no plain text; UTF-8 without control characters is needed");
+              path + " is not plain text; UTF-8 without control characters is needed");
   return *text;
 }
 
