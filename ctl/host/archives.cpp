@@ -242,13 +242,19 @@ bool is_secret(std::string key) {
   return key == "pass" || key == "key";
 }
 
-void hide_secrets(ordered_json& document) {
-  for (auto& [key, value] : document.items()) {
-    if (value.is_structured()) {
-      hide_secrets(value);
-    } else if (document.is_object() && is_secret(key) && !value.is_null()) {
-      value = "(not shown)";
-    }
+/// Returns whether the text may be an address with a password, as in mqtt://USER:PASSWORD@HOST. The
+/// daemon refuses such a `broker.uri`, but its file goes into the report, too.
+bool may_name_user(const ordered_json& value) {
+  return value.is_string() && value.get_ref<const std::string&>().find('@') != std::string::npos;
+}
+
+/// Hides what is secret in `value`, or everything in it when its key is a secret's.
+void hide_secrets(ordered_json& value, bool is_below_secret = false) {
+  if (value.is_structured()) {
+    for (auto& [key, each] : value.items())
+      hide_secrets(each, is_below_secret || (value.is_object() && is_secret(key)));
+  } else if (!value.is_null() && (is_below_secret || may_name_user(value))) {
+    value = "(not shown)";
   }
 }
 

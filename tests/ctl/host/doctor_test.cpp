@@ -373,5 +373,17 @@ TEST(Report, HidesSecretsAndKeepsTheRest) {
   EXPECT_EQ(without_secrets("{\"password\": \"hush\"").find("hush"), std::string::npos);
 }
 
+TEST(Report, HidesSecretsInListsGroupsAndAddresses) {
+  const std::string text = without_secrets(R"({
+      "token": ["hush", {"viewer": "hush", "role": ["hush"]}],
+      "Credentials": {"name": "hush", "none": null},
+      "broker": {"uri": ["mqtt://h", "mqtts://u:hush@h"]},
+      "list": ["shown"]})");
+  EXPECT_EQ(text.find("hush"), text.npos) << text;
+  EXPECT_NE(text.find("mqtt://h\""), text.npos) << text;
+  EXPECT_NE(text.find("shown\""), text.npos) << text;
+  EXPECT_NE(text.find("null"), text.npos) << text;
+}
+
 }  // namespace
 }  // namespace slamgw::ctl
