@@ -20,9 +20,14 @@ class WebHistory : public testing::Test {
   History history;
   std::int64_t now = 1'800'000'000'000 / History::slot_ms * History::slot_ms;
 
-  void say(const std::string& rest, const json& document) {
-    roster.on_document({"g", rest}, document.dump(), now, false);
+  void say(const std::string& rest, const json& document, const char* gateway = "g") {
+    roster.on_document({gateway, rest}, document.dump(), now, false);
     roster.update(now);
+  }
+  void count(int repeats, const char* gateway = "g") {
+    const json numbers = {
+        {"rssi_dbm", -60}, {"latency_p50_us", 1900}, {"repeats", repeats}, {"gaps", 1}};
+    history.on_numbers(roster, gateway, json{{"robots", {{"r", numbers}}}}.dump(), now);
   }
   void pass(std::int64_t ms) {
     for (const std::int64_t end = now + ms; now < end; now += History::sample_ms) {
@@ -54,23 +59,36 @@ TEST_F(WebHistory, OfAGatewayThatIsGoneNothingIsKnown) {
 }
 
 TEST_F(WebHistory, KeepsSignalLatencyAndWhatWasCountedInEachSlot) {
-  const auto numbers = [](int repeats) {
-    return json{
-        {"robots",
-         {{"r", {{"rssi_dbm", -60}, {"latency_p50_us", 1900}, {"repeats", repeats}, {"gaps", 1}}}}}}
-        .dump();
-  };
   say("state", {{"state", "online"}});
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
-  history.on_numbers(numbers(5), now);
+  count(5);
   pass(minute);
-  history.on_numbers(numbers(9), now);
-  history.on_numbers(numbers(2), now);  // its gateway has started again
-  history.on_numbers(numbers(3), now);
+  count(9);
+  count(2);  // its gateway has started again
+  count(3);
   EXPECT_EQ(told()["repeats"], json{5});
   EXPECT_EQ(told()["gaps"], json{0});
   EXPECT_EQ(told()["rssi_dbm"], json{-60});
   EXPECT_EQ(told()["latency_us"], json{1900});
+}
+
+TEST_F(WebHistory, CountsOnlyAtTheGatewayThatServesTheRobot) {
+  for (const char* const gateway : {"g", "h"}) say("state", {{"state", "online"}}, gateway);
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}}, "g");
+  say("robots/r", {{"state", "offline"}, {"last_seen", "2027-01-15T07:00:00Z"}}, "h");
+  for (const int repeats : {5, 6, 8}) {
+    count(repeats, "g");
+    count(100, "h");
+  }
+  pass(minute);
+  EXPECT_EQ(told()["repeats"], json{3});
+  say("robots/r", {{"state", "offline"}, {"last_seen", "2027-01-15T08:00:00Z"}}, "g");
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:01Z"}}, "h");
+  for (const int repeats : {101, 102}) {
+    count(8, "g");
+    count(repeats, "h");
+  }
+  EXPECT_EQ(told()["repeats"], json{4}) << "counts of two gateways are not compared";
 }
 
 TEST_F(WebHistory, IsADayLong) {
@@ -99,11 +117,13 @@ TEST_F(WebHistory, IsBoundedAndForgetsRobotsThatAreGone) {
 }
 
 TEST_F(WebHistory, TakesNonsenseForNothing) {
+  say("state", {{"state", "online"}});
+  say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   for (const char* payload :
        {"", "x", "[]", R"({"robots":1})", R"({"robots":{"r":1}})",
         R"({"robots":{"r":{"rssi_dbm":"x","latency_p50_us":-1,"repeats":-5,"gaps":1e300}}})",
         R"({"robots":{"r":{"rssi_dbm":99999,"repeats":18446744073709551615}}})"})
-    history.on_numbers(payload, now);
+    history.on_numbers(roster, "g", payload, now);
   EXPECT_EQ(told()["repeats"], json{nullptr});
 }
 

@@ -66,13 +66,19 @@ History::Slot& History::slot_at(Day& day, std::int64_t now_ms) {
   return day.ring[place_of(number)];
 }
 
-void History::on_numbers(std::string_view payload, std::int64_t now_ms) {
+void History::on_numbers(const Roster& roster, std::string_view gateway, std::string_view payload,
+                         std::int64_t now_ms) {
   const json document = json::parse(payload, nullptr, false);
   const auto robots = document.is_object() ? document.find("robots") : document.end();
   if (robots == document.end() || !robots->is_object()) return;
   for (const auto& [id, numbers] : robots->items()) {
-    Day* const day = numbers.is_object() ? day_of(id, now_ms) : nullptr;
+    if (!numbers.is_object() || roster.robot(id).gateway != gateway) continue;
+    Day* const day = day_of(id, now_ms);
     if (day == nullptr) continue;
+    if (day->gateway != gateway) {
+      day->gateway = gateway;
+      day->repeats = day->gaps = std::nullopt;
+    }
     Slot& slot = slot_at(*day, now_ms);
     if (const auto rssi = number(numbers, "rssi_dbm")) slot.rssi_dbm = clamped<std::int8_t>(*rssi);
     if (const auto latency = number(numbers, "latency_p50_us"))

@@ -23,8 +23,10 @@ class History {
   /// Each takes 2 KiB. Further robots are not recorded.
   static constexpr std::size_t max_robots = 2000;
 
-  /// Reads a gateway's `numbers`.
-  void on_numbers(std::string_view payload, std::int64_t now_ms);
+  /// Reads a gateway's `numbers`. Takes a robot's only from the gateway that the roster has chosen
+  /// for it: a gateway that the robot has left goes on to report its own counts.
+  void on_numbers(const Roster& roster, std::string_view gateway, std::string_view payload,
+                  std::int64_t now_ms);
   /// Takes a sample of the states when one is due. Call often.
   void update(const Roster& roster, std::int64_t now_ms);
 
@@ -47,6 +49,7 @@ class History {
     std::int64_t newest = 0;  ///< the slot's number, counted from 1970
     std::int64_t oldest = 0;
     std::int64_t alive_ms = 0;
+    std::string gateway{};                   ///< which reported the counts below
     std::optional<std::uint64_t> repeats{};  ///< the last count since the gateway started
     std::optional<std::uint64_t> gaps{};
   };

@@ -163,7 +163,8 @@ std::vector<std::pair<std::string, SharedText>> PageHub::past(std::int64_t since
 void PageHub::tell_roster(const BrokerMessage& message) {
   const Topics::GatewayTopic topic = topics_.gateway_topic(message.topic);
   roster_.on_document(topic, message.payload, message.at_ms, message.is_retained);
-  if (topic.rest == "numbers") history_.on_numbers(message.payload, message.at_ms);
+  if (topic.rest == "numbers")
+    history_.on_numbers(roster_, topic.gateway, message.payload, message.at_ms);
 }
 
 SharedText PageHub::history_of(const std::string& robot) const {
