@@ -619,6 +619,8 @@ std::string fleet(const json& fleet, const Screen& screen) {
   return out;
 }
 
+namespace {
+
 std::string or_dash(std::string text) { return text.empty() ? "-" : text; }
 
 std::string one_client(const json& client, const Screen& screen) {
@@ -655,6 +657,8 @@ std::string one_client(const json& client, const Screen& screen) {
     out += line("waits", topic.is_string() ? topic.get<std::string>() : "-");
   return out;
 }
+
+}  // namespace
 
 std::string clients(const json& clients, const Screen& screen) {
   if (!clients.is_array() || clients.empty()) return "no MQTT-SN client is known\n";
