@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <spawn.h>
+#include <sys/file.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -138,8 +139,19 @@ std::vector<fs::path> Installation::files() const {
   return files;
 }
 
+DirectoryLock::DirectoryLock(const fs::path& directory)
+    : directory_(open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+  if (directory_ >= 0 && flock(directory_, LOCK_EX) == 0) return;
+  const int error = errno;
+  if (directory_ >= 0) close(directory_);
+  throw Failure(fmt::format("{} can't be locked: {}", directory.string(), std::strerror(error)));
+}
+
+DirectoryLock::~DirectoryLock() { close(directory_); }
+
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned) {
-  std::vector<std::string> bans = installation.parsed().config.bans;
+  const DirectoryLock lock(installation.etc());
+  std::vector<std::string> bans = Installation(installation.configuration()).parsed().config.bans;
   const bool was_banned = std::erase(bans, who) > 0;
   if (!is_banned && !was_banned)
     throw Failure(fmt::format("{} is not banned; banned are: {}", who,
@@ -235,8 +247,7 @@ ArchiveFile::~ArchiveFile() {
 /// user's file (fs.protected_regular in proc_sys_fs(5)).
 void ArchiveFile::finish() {
   give_to_caller(made_);
-  fsync(made_);
-  if (rename(unfinished_.c_str(), file_.c_str()) != 0)
+  if (fsync(made_) != 0 || rename(unfinished_.c_str(), file_.c_str()) != 0)
     throw Failure(file_ + ": " + std::strerror(errno));
 }
 

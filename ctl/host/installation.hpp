@@ -85,8 +85,23 @@ class WorkDirectory {
   std::filesystem::path path_;
 };
 
+/// Keeps other slam-gatewayctl programs from changing the directory's files until the destructor.
+class DirectoryLock {
+ public:
+  /// Waits for the lock. Throws Failure when the directory can't be opened or locked.
+  explicit DirectoryLock(const std::filesystem::path& directory);
+  ~DirectoryLock();
+  DirectoryLock(const DirectoryLock&) = delete;
+  DirectoryLock& operator=(const DirectoryLock&) = delete;
+  int directory() const { return directory_; }
+
+ private:
+  int directory_;
+};
+
 /// Adds `who` to `bans`, or removes it, in `gateway.d/bans.json`. Returns the result in words.
-/// Throws Failure when `who` to remove is not banned, or when the file can't be written.
+/// Reads the present bans again, under a lock. Throws Failure when `who` to remove is not banned,
+/// or when the file can't be written.
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned);
 
 /// A file with mode 0600 that gets its name only when it is complete. When root makes it through
@@ -102,7 +117,7 @@ class ArchiveFile {
 
   /// The path to write to until finish().
   const std::string& path() const { return unfinished_; }
-  /// Gives the complete file its name. Throws Failure when that is not possible.
+  /// Gives the complete file its name once it is on disk. Throws Failure when that is not possible.
   void finish();
 
  private:

@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 #include <pwd.h>
 #include <qrencode.h>
-#include <sys/file.h>
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -110,9 +109,7 @@ std::string identity_of(const Installation& installation, const std::string& rob
 
 nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task) {
   const fs::path path = keys_file(installation);
-  const Descriptor directory(open(path.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (directory < 0) fail(path.parent_path(), "opened");
-  if (flock(directory, LOCK_EX) != 0) fail(path.parent_path(), "locked");
+  const DirectoryLock lock(path.parent_path());
   RobotKeys keys = read_keys(path);
   nlohmann::ordered_json answer{{"file", path.string()}};
   if (task.kind == HostTask::Kind::key_list) {
@@ -136,7 +133,7 @@ nlohmann::ordered_json change_keys(const Installation& installation, const HostT
   } else if (keys.erase(identity) == 0) {
     throw Failure(fmt::format("{} has no key in {}", task.who, path.string()));
   }
-  write_keys(path, keys, directory);
+  write_keys(path, keys, lock.directory());
   return answer;
 }
 

@@ -83,4 +83,10 @@ int fdatasync(int file) {
   return FaultyDisk::fails_syncs ? fail() : call(file);
 }
 
+int fsync(int file) {
+  using namespace slamgw::test;
+  static const auto call = real<int (*)(int)>("fsync");
+  return FaultyDisk::fails_syncs ? fail() : call(file);
+}
+
 }  // extern "C"

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "ctl/connection.hpp"
+#include "tests/storage/faulty_disk.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::ctl {
@@ -154,6 +155,13 @@ TEST_F(Backup, BelongsToWhoTypedSudo) {
   struct stat status {};
   stat((root() / "roots.tar.gz").c_str(), &status);
   EXPECT_EQ(status.st_uid, 0U);
+}
+
+TEST_F(Backup, FailsWhenTheDiskDoes) {
+  const test::FaultyDisk disk;
+  test::FaultyDisk::fails_syncs = true;
+  EXPECT_THROW(backup(installation(), archive()), Failure);
+  EXPECT_FALSE(fs::exists(archive()));
 }
 
 TEST_F(Backup, SaysThatTheGatewayGetsAnotherName) {
