@@ -276,11 +276,11 @@ void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {
 void SnGateway::on_malformed(const Endpoint& from, TimePoint now) {
   output_.count(Count::malformed);
   if (const auto times = malformed_.on_event(now)) {
-    output_.emit(Notice{Severity::notice,
-                        fmt::format("{} datagrams that are no MQTT-SN 1.2 were dropped, the last "
-                                    "one from {}",
-                                    *times, to_string(Peer{from, {}})),
-                        {}});
+    output_.emit(
+        Notice{Severity::notice,
+               fmt::format("dropped {} datagrams that are not MQTT-SN 1.2, the last from {}",
+                           *times, to_string(Peer{from, {}})),
+               {}});
   }
 }
 
@@ -389,7 +389,7 @@ std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoi
 
 void SnGateway::forget(const std::string& robot, TimePoint now) {
   if (ClientSession* session = clients_.find_robot(robot))
-    lifecycle_.expel(*session, "an operator had the robot forgotten", now);
+    lifecycle_.expel(*session, "an operator removed the robot (slam-gatewayctl forget)", now);
 }
 
 void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) {

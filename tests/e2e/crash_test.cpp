@@ -69,7 +69,7 @@ TEST_P(CrashAfterAnAnswer, LetsSleepersSleep) {
   device.send(sim::sn::disconnect(60));
   device.expect(Type::disconnect);
   crash();
-  ASSERT_TRUE(eventually([&] { return gateway.logs("MQTT-SN sessions go on"); }));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("restored 1 MQTT-SN sessions"); }));
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "go"});
   ASSERT_TRUE(eventually([&] {
     const json robots = gateway.ctl({"robots"});

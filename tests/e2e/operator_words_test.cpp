@@ -189,7 +189,7 @@ TEST(OperatorWords, AMissingThreadInterfaceSaysWhoMakesIt) {
   GatewayProcess gateway(json{{"broker", no_broker}, {"mqttsn", {{"interface", "wpan77"}}}});
   expect_said(
       gateway, [&] { return mesh_detail(gateway, "thread"); },
-      "there is no interface wpan77 yet: the Thread border router makes it");
+      "there is no interface wpan77 yet: the Thread border router creates it");
 }
 
 TEST(OperatorWords, AFullDiskIsNamedAndShownInTheStatus) {

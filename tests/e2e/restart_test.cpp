@@ -68,7 +68,7 @@ TEST_P(Restart, IsNotNoticedByADevice) {
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "go"});
   EXPECT_EQ(device.expect(Type::publish).payload.size(), 2U);
   EXPECT_TRUE(device.is_silent());
-  EXPECT_TRUE(gateway.logs("1 MQTT-SN sessions go on")) << gateway.log();
+  EXPECT_TRUE(gateway.logs("restored 1 MQTT-SN sessions")) << gateway.log();
 }
 
 TEST_P(Restart, DoesNotLoseTheOutcomeOfACommand) {

@@ -229,8 +229,8 @@ void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint
   if (was_contested || !may_log) return;
   output_.emit(
       Notice{.severity = Severity::warning,
-             .text = fmt::format("{} and {} connect in turns with the MQTT-SN client id '{}': are "
-                                 "there two robots, or a foreign client, of that name?",
+             .text = fmt::format("{} and {} take the MQTT-SN client id '{}' from each other: two "
+                                 "robots, or a robot and a foreign client, use it",
                                  to_string(*session.peer), to_string(peer), session.client_id),
              .robot = session.robot,
              .is_proven = session.has_answered});
@@ -242,13 +242,13 @@ void Connecting::refuse_name(const Arrival& arrival, const Connect& connect) {
   if (!rules_.names.may_come_from(connect.client_id, peer.endpoint.address))
     why = "the configuration has another address for it (robots[].address)";
   if (!peer.identity.empty() && peer.identity != connect.client_id)
-    why = "its key is another robot's; over DTLS each may speak as itself alone";
+    why = "its key belongs to another robot; over DTLS a client may use only its own id";
   if (rules_.names.bans().has(connect.client_id)) why = "it is banned (slam-gatewayctl unban)";
   if (!is_valid_level(connect.client_id))
     why =
         "a client id must be one topic level of 1 to 64 octets, without + # / and control "
         "characters";
-  if (connect.protocol != protocol_id) why = "it speaks another version of MQTT-SN than 1.2";
+  if (connect.protocol != protocol_id) why = "its protocol is not MQTT-SN 1.2";
   refusals_.on_refusal(Count::connects_refused, connect.client_id,
                        fmt::format("{} may not connect as '{}' (CONNACK 0x03): {}", to_string(peer),
                                    connect.client_id.substr(0, limits::max_logged_id_octets), why),
@@ -263,11 +263,11 @@ void Connecting::answer_refused(const Arrival& arrival, ReturnCode code) {
 }
 
 void Connecting::refuse_for_room(const Arrival& arrival) {
-  refusals_.on_refusal(Count::connects_refused, {},
-                       fmt::format("{} and others can't connect: mqttsn.max_clients is {}, and as "
-                                   "many are here or connecting",
-                                   to_string(arrival.peer), settings_.max_clients),
-                       {}, arrival.now);
+  refusals_.on_refusal(
+      Count::connects_refused, {},
+      fmt::format("{} and others can't connect: all {} places (mqttsn.max_clients) are taken",
+                  to_string(arrival.peer), settings_.max_clients),
+      {}, arrival.now);
   if (settings_.is_full_silent()) return;  // the client tries again (R33)
   answer_refused(arrival, ReturnCode::congestion);
 }

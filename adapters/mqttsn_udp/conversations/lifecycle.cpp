@@ -91,7 +91,7 @@ bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
     output_.emit(Notice{
         Severity::warning,
         fmt::format("mqttsn.max_clients ({}) is reached; clients that have not shown that they "
-                    "receive give way, first '{}' at {}",
+                    "receive lose their places, first '{}' at {}",
                     settings_.max_clients, crowd.front()->client_id,
                     to_string(*crowd.front()->peer)),
         {}});

@@ -117,7 +117,7 @@ void Restoring::adopt_commands(const Delivery& delivery) {
 void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) {
   for (const MessageSnapshot& message : snapshot.messages) {
     commands_.end(command_of(message, snapshot, now), CommandResult::refused,
-                  "the robot's session can't go on", now);
+                  "the robot's session can't be restored", now);
   }
 }
 
@@ -181,7 +181,7 @@ void Renaming::on_names(TimePoint now) {
   }
   for (ClientSession* session : gone) {
     if (session->is_connected()) output_.send(*session, Disconnect{});
-    lifecycle_.expel(*session, "it is banned, or this name is another robot's or address's now",
+    lifecycle_.expel(*session, "the robot is banned, or its name or address now belongs to another",
                      now);
   }
   for (const Renamed& one : renamed) leave_name(*one.session, now);

@@ -78,7 +78,8 @@ void Supervision::expire_commands(TimePoint now) {
   std::vector<ClientSession*> waiting;  // nothing is sent before all are withdrawn
   while (const auto command = commands_.pop_overdue(now)) {
     ClientSession* session = clients_.find(command->client_id);
-    std::string why = session ? downlink_.withdraw(*session, *command) : "the robot has gone";
+    std::string why =
+        session ? downlink_.withdraw(*session, *command) : "the robot's session has ended";
     commands_.end(command, CommandResult::timeout, std::move(why), now);
     if (session) waiting.push_back(session);
   }

@@ -197,13 +197,13 @@ void TopicRegistration::on_heard(Delivery& delivery) {
 
 void TopicRegistration::notify_set_aside(ClientSession& session, const std::string& topic) {
   if (std::exchange(session.delivery.is_set_aside_reported, true)) return;
-  output_.emit(
-      Notice{.severity = Severity::notice,
-             .text = fmt::format("{} does not answer messages on '{}': they pause, at first for "
-                                 "{} s, then longer; other topics go on",
-                                 session.robot, topic, limits::first_set_aside.count()),
-             .robot = session.robot,
-             .is_proven = session.has_answered});
+  output_.emit(Notice{
+      .severity = Severity::notice,
+      .text = fmt::format("{} does not answer messages on '{}': messages on this topic pause, "
+                          "first for {} s, then longer; other topics go on",
+                          session.robot, topic, limits::first_set_aside.count()),
+      .robot = session.robot,
+      .is_proven = session.has_answered});
 }
 
 }  // namespace slamgw::mqttsn

@@ -17,12 +17,11 @@ std::optional<std::string> Wills::allowed_topic(const std::string& client_id,
   if (is_will && rules_.policy.may_publish(client_id, robot, name)) return name;
   refusals_.on_refusal(
       Count::wills_refused, client_id,
-      is_will
-          ? fmt::format("{} may not have a will on '{}': a matching filter in "
-                        "topics.extra_publish would allow it",
-                        robot, topic)
-          : fmt::format("{} may not have a will on '{}': that is no topic name, or its QoS is -1",
-                        robot, topic),
+      is_will ? fmt::format("{} may not have a will on '{}': a matching filter in "
+                            "topics.extra_publish would allow it",
+                            robot, topic)
+              : fmt::format("{} may not have a will on '{}': the name is invalid, or the QoS is -1",
+                            robot, topic),
       robot, now);
   return std::nullopt;
 }

@@ -226,7 +226,7 @@ void DtlsPort::begin(const UdpSocket::Datagram& hello, const ClientRandom& rando
     ++handshakes_failed_;
   }
   if (const auto gone = places_.add(from, read_clocks().mono))
-    give_up(*gone, "it made room for others");
+    give_up(*gone, "it lost its place to another handshake");
   const auto begun =
       handshakes_
           .emplace(from, Connection{std::move(listener_), hello.to, random, read_clocks().mono})
@@ -358,8 +358,7 @@ void DtlsPort::fail(Connections::iterator handshake, const std::string& why) {
   const auto times = failure_lines_.on_event(read_clocks().mono);
   if (!times) return;
   std::string reason = why;
-  if (has_key)
-    reason = fmt::format("{}; is the key of '{}' in the robot another one?", why, identity);
+  if (has_key) reason = fmt::format("{}; does the robot have another key for '{}'?", why, identity);
   if (!identity.empty() && !has_key)
     reason = fmt::format("'{}' has no key (slam-gatewayctl key add)", identity);
   tell_(Notice{.severity = Severity::notice,

@@ -123,7 +123,7 @@ int LanAnnouncement::on_added(sd_bus_message* reply, void* self, sd_bus_error*) 
     announcement.rename();
   } else if (error != nullptr) {
     announcement.report(Severity::warning,
-                        fmt::format("mqttsn.announce: Avahi refuses it: {}",
+                        fmt::format("mqttsn.announce: Avahi refused the service: {}",
                                     error->message != nullptr ? error->message : error->name));
   }
   return 0;

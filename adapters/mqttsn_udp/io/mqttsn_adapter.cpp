@@ -25,11 +25,11 @@ std::string place_of(const char* before, const std::string& listen, const UdpSoc
 }
 
 constexpr const char* interface_advice =
-    ": the Thread border router makes it, see systemctl status otbr-agent (older ones: wpantund); "
-    "another name goes into mqttsn.interface";
+    ": the Thread border router creates it; see systemctl status otbr-agent (older: wpantund), or "
+    "set mqttsn.interface";
 constexpr const char* open_to_all =
-    "MQTT-SN serves every network of this host, because mqttsn.interface is \"*\": whoever reaches "
-    "its port can act as any robot; \"auto\" serves Thread and loopback only";
+    "MQTT-SN serves every network of this host, because mqttsn.interface is \"*\": any host that "
+    "reaches its port can act as any robot; \"auto\" serves Thread and loopback only";
 
 }  // namespace
 
@@ -359,7 +359,7 @@ void MqttsnAdapter::follow_interface() {
   interface_index_ = index;
   close();
   if (index == 0)
-    return report_link(false, "interface " + settings_.interface + " has gone" + interface_advice);
+    return report_link(false, "interface " + settings_.interface + " is gone" + interface_advice);
   try {
     open();
   } catch (const std::runtime_error& error) {

@@ -36,11 +36,11 @@ std::optional<Notice> SessionKeeper::restore(TimePoint now) {
   }
   if (taken == 0 && useless.empty()) return std::nullopt;
   Notice restored;
-  if (taken > 0) restored.text = fmt::format("{} MQTT-SN sessions go on", taken);
+  if (taken > 0) restored.text = fmt::format("restored {} MQTT-SN sessions", taken);
   if (!useless.empty()) {
     restored.severity = Severity::warning;
     restored.text += fmt::format(
-        "{}{} stored MQTT-SN sessions can't go on (another robot's name, no room, or "
+        "{}{} stored MQTT-SN sessions can't be restored (another robot's name, no room, or "
         "damaged): these clients have to connect again",
         taken > 0 ? "; " : "", useless.size());
     store_.save(std::move(useless));

@@ -200,15 +200,15 @@ void read_control(msghdr& header, LocalAddress& to, std::uint32_t& kernel_drops)
 std::string advise(const boost::system::error_code& error, unsigned port) {
   if (error == asio::error::address_in_use) {
     const std::string_view whose =
-        port == nordic_port ? " (on Nordic's border routers Paho's: sudo systemctl disable --now "
-                              "paho-mqttsn-gateway)"
+        port == nordic_port ? " (on Nordic's border routers it is Paho's gateway: sudo systemctl "
+                              "disable --now paho-mqttsn-gateway)"
                             : "";
     return fmt::format(
         "; another MQTT-SN gateway has the port{}; sudo ss -ulpn 'sport = :{}' shows which", whose,
         port);
   }
   if (error == asio::error::no_permission || error == asio::error::access_denied)
-    return "; ports below 1024 are for root: choose another";
+    return "; only root may use ports below 1024: choose another";
   if (error.value() == EADDRNOTAVAIL) return "; no interface of this host has this address";
   return {};
 }

@@ -155,12 +155,12 @@ int BorderRouter::on_reply(sd_bus_message* reply, void* call, sd_bus_error*) {
 void BorderRouter::take(const Property& property, sd_bus_message* reply) {
   if (const sd_bus_error* const error = sd_bus_message_get_error(reply)) {
     if (property.name == properties.front().name)
-      facts_.problem = fmt::format("does not tell its role: {}", error->name);
+      facts_.problem = fmt::format("does not report its role: {}", error->name);
     return;
   }
   if (!property.read(reply, property.type, facts_))
     facts_.problem =
-        fmt::format("its {} is not of type {}, and is left out", property.name, property.type);
+        fmt::format("its {} is not of type {}; it is ignored", property.name, property.type);
 }
 
 /// Reads no value of the signal: one of them, ActiveDatasetTlvs, holds the network's key.

@@ -228,7 +228,7 @@ TEST_F(LanAnnouncementTest, TellsWhatAvahiRefuses) {
   avahi.is_failing = true;
   avahi.come();
   announcement->announce({"pi", 47193});
-  EXPECT_TRUE(eventually([&] { return lines("Avahi refuses it: ") == 1; }));
+  EXPECT_TRUE(eventually([&] { return lines("Avahi refused the service: ") == 1; }));
   avahi.is_failing = false;
   avahi.change_host_name();
   EXPECT_TRUE(announces("pi _mqttsn._udp 47193 -1 -1"));

@@ -51,7 +51,7 @@ def kill_goes_unnoticed():
     run("systemctl", "kill", "--kill-whom=main", "-s", "KILL", "slam-gateway")
     wait_for("the restart", lambda: int(service("NRestarts")) > restarts and service("ActiveState") == "active")
     wait_for_status("broker up")
-    restored = re.search(r"(\d+) MQTT-SN sessions go on", says("MQTT-SN sessions go on", *since) or "")
+    restored = re.search(r"restored (\d+) MQTT-SN sessions", says("MQTT-SN sessions", *since) or "")
     demand(restored and int(restored[1]) >= 4, "the sessions were not restored")
     wait_for("the robots' presence", lambda: all(retained(f"robots/killed{n}") == "online" for n in (1, 2, 3, 4)))
     demand(retained("state") == "online", "the gateway's retained state")

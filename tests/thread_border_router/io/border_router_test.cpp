@@ -81,7 +81,7 @@ TEST_F(BorderRouterTest, LeavesOutATableOfAnotherType) {
   ASSERT_TRUE(has_role("leader")) << document;
   EXPECT_TRUE(json::parse(document)["neighbours"].is_null()) << document;
   EXPECT_TRUE(
-      has_said("otbr-agent: its NeighborTable is not of type a(tuquuyyyqqqbbbb), and is left out"))
+      has_said("otbr-agent: its NeighborTable is not of type a(tuquuyyyqqqbbbb); it is ignored"))
       << said.back();
 }
 
