@@ -23,11 +23,11 @@ constexpr std::size_t uuid_digits = 32;
 
 std::string reason(const MeshdAnswer& answer) {
   if (answer.error == access_denied)
-    return "the system bus does not let the gateway speak with bluetooth-meshd: " + answer.why;
+    return "the system bus denies the gateway access to bluetooth-meshd: " + answer.why;
   // The bus name is there before the controller is.
   if (answer.error == no_such_method)
     return "bluetooth-meshd waits for its Bluetooth controller; see slam-gatewayctl doctor";
-  return fmt::format("bluetooth-meshd answers {} {}", answer.error, answer.why);
+  return fmt::format("a call to bluetooth-meshd failed: {} {}", answer.error, answer.why);
 }
 
 /// Makes a UUID of RFC 4122, version 4: meshd takes no other.
@@ -62,7 +62,7 @@ void MeshdRadio::on_event(MeshdEvent& event, TimePoint now) {
 }
 
 void MeshdRadio::on(const MeshdCame&, TimePoint now) {
-  if (stage_ != Stage::absent) go_down("another bluetooth-meshd has come");
+  if (stage_ != Stage::absent) go_down("bluetooth-meshd has restarted");
   begin(now);
 }
 
@@ -186,8 +186,8 @@ void MeshdRadio::attach() {
 void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
   if (answer.error == not_found) {
     actions_.push(Notice{Severity::warning,
-                         "bluetooth-meshd does not know the gateway's node any more: the gateway "
-                         "makes another one, at another address",
+                         "bluetooth-meshd has lost the gateway's node: the gateway creates a new "
+                         "one at another address",
                          {}});
     return begin_node(now);
   }
@@ -504,7 +504,7 @@ void MeshdRadio::on_deadline(TimePoint now) {
   }
   if (stage_ != Stage::up) return;
   if (join_ && join_->due && now >= *join_->due)
-    end_join({.failure = "bluetooth-meshd does not say how joining ended",
+    end_join({.failure = "bluetooth-meshd reported no result for the join",
               .may_have_joined = join_->has_address});
   if (now >= ask_iv_at_) {
     ask_iv_at_ = now + iv_index_interval;

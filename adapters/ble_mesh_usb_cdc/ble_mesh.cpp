@@ -110,7 +110,7 @@ bool BleMesh::is_banned(std::uint16_t source) const {
 
 void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (message.source == 0 || message.source > last_unicast_address)
-    return uplink_.reject(message.source, "its source is no unicast address", now);
+    return uplink_.reject(message.source, "its source is not a unicast address", now);
   if (is_banned(message.source)) {
     provisioner_.on_message(message, now);  // an operator may still remove the robot
     return settle(now);

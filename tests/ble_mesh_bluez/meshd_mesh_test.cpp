@@ -230,7 +230,7 @@ TEST(MeshdMesh, AMeshdWithoutTheNodeGetsAnotherOneAtTheNextAddress) {
   rig.restart_meshd();
   rig.run_for(10s);
   EXPECT_TRUE(rig.is_up());
-  EXPECT_TRUE(rig.has_notice("does not know the gateway's node any more"));
+  EXPECT_TRUE(rig.has_notice("has lost the gateway's node"));
   EXPECT_EQ(rig.node().address, rig.settings.address + 1);
   EXPECT_EQ(rig.stored->life.number, 2u);
   EXPECT_EQ(rig.stored->nodes[0].applied->destination, rig.settings.address + 1) << "robots follow";

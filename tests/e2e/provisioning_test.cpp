@@ -105,7 +105,7 @@ TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
   ASSERT_TRUE(eventually([&] { return !outcomes.lines().empty(); })) << gateway.log();
   const json outcome = json::parse(outcomes.lines()[0]);
   EXPECT_EQ(outcome["outcome"], "refused");
-  EXPECT_EQ(outcome["why"], "the gateway ends");
+  EXPECT_EQ(outcome["why"], "the gateway is stopping");
 }
 
 TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
@@ -146,7 +146,7 @@ TEST(NewRobots, AreToldWhenTheSettingsAreOthers) {
     changed["ble_mesh"]["groups"] = {"0xc002", "0xc005"};
   });
   gateway.start();
-  const std::string news = "is configured anew: its TTL is 8; its groups are 0xc002, 0xc005";
+  const std::string news = "is reconfigured: its TTL is 8; its groups are 0xc002, 0xc005";
   ASSERT_TRUE(eventually([&] { return count_of(gateway.log(), news) == count; }, join_limit))
       << gateway.log();
 

@@ -99,7 +99,7 @@ TEST_F(SecondBoard, JoinsTheMeshByTheStepsOfTheManual) {
   first.configure([&](json& changed) { changed.merge_patch(group); });
   restart(first);
   as_on_the_page("publishes to 0xc010`");
-  ASSERT_TRUE(eventually([&] { return first.logs("is configured anew: it publishes to 0xc010"); }))
+  ASSERT_TRUE(eventually([&] { return first.logs("is reconfigured: it publishes to 0xc010"); }))
       << first.log();
 
   // 2. The file for the second gateway, and its address.

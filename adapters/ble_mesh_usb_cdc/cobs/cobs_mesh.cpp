@@ -292,7 +292,7 @@ void CobsMesh::on_bytes(ByteView bytes, TimePoint now) {
 
 void CobsMesh::on_frame(const Bytes& encoded, TimePoint now) {
   const auto decoded = decode_cobs(encoded);
-  if (!decoded.has_value()) return reject("it is no COBS frame", now);
+  if (!decoded.has_value()) return reject("it is not a COBS frame", now);
   switch (settings_.cobs_content) {
     case CobsContent::positions: {
       Peer& peer = peers_.at(only_peer);

@@ -39,7 +39,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
     keep_commands();
   }
   void manage(BleOrder order, OrderDone done) override {
-    if (this->is_stopped()) return done({{}, "slam-gatewayd ends"});
+    if (this->is_stopped()) return done({{}, "slam-gatewayd is stopping"});
     if (!this->problem().empty()) return done({{}, this->problem()});
     const std::uint64_t id = ++last_order_;
     orders_.emplace(id, std::move(done));
@@ -114,7 +114,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
     if (problem.empty() && !wanted.is_refresh)
       this->notify(Severity::notice,
                    "a new BLE mesh begins: " + file_.path() +
-                       " holds its keys; keep a backup, without them every robot must join anew");
+                       " holds its keys; keep a backup, without them every robot must join again");
     problem.empty() ? this->driver()->on_keys(*keys, read_clocks())
                     : this->driver()->on_keys_failed(problem, read_clocks());
   }

@@ -15,7 +15,7 @@ class CobsAdapter final : public SerialShell<BleShell<CobsMesh>> {
       : SerialShell(std::move(open_port), settings, io,
                     Made{std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names)),
                          settings.cobs_content == CobsContent::positions && !settings.robot_id
-                             ? "ble_mesh.robot_id is not set: positions do not say whose they are"
+                             ? "ble_mesh.robot_id is not set: positions carry no sender"
                              : ""},
                     listener) {}
 

@@ -30,7 +30,7 @@ std::string list_others(const std::vector<UsbPort>& ports) {
   std::string list;
   for (const UsbPort& port : ports) {
     const bool is_thread = port.vendor == nordic_vendor && port.product == thread_product;
-    list += fmt::format("{} {} {:04x}:{:04x}{}", list.empty() ? "; there is" : ",", port.path,
+    list += fmt::format("{} {} {:04x}:{:04x}{}", list.empty() ? "; attached:" : ",", port.path,
                         port.vendor, port.product, is_thread ? " (a Thread radio)" : "");
   }
   return list;
@@ -80,7 +80,7 @@ std::string explain_denial(const std::string& path, const NodeAccess& access) {
         "only its owner may use it (group {}, mode {:04o}): sudo chgrp dialout {} && "
         "sudo chmod g+rw {}",
         access.group, access.mode, path, path);
-  return fmt::format("it is for the group {}: sudo adduser {} {}, then restart the daemon",
+  return fmt::format("only group {} may use it: sudo adduser {} {}, then restart the daemon",
                      access.group, access.process, access.group);
 }
 

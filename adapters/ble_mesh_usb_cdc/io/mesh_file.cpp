@@ -72,7 +72,7 @@ bool sync_directory(const std::string& path) {
 void check_address(const NodeDatabase& database, std::uint16_t address, std::string& problem) {
   if (const Node* const taken = database.find_address(address))
     problem = fmt::format(
-        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose one that none has",
+        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose a free address",
         address, to_hex(taken->uuid));
   if (database.guest_address && *database.guest_address != address)
     problem = fmt::format(
@@ -81,8 +81,8 @@ void check_address(const NodeDatabase& database, std::uint16_t address, std::str
         *database.guest_address);
   if (std::ranges::find(database.gateways, address) != database.gateways.end())
     problem = fmt::format(
-        "ble_mesh.address 0x{:04x} was given to another gateway of this mesh: choose one that none "
-        "has",
+        "ble_mesh.address 0x{:04x} was given to another gateway of this mesh: choose a free "
+        "address",
         address);
 }
 
@@ -104,7 +104,7 @@ Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
   if (!database.has_value())
     return Refusal{fmt::format(
         "{} is damaged or of another version: the BLE mesh stays off. It holds the mesh's keys: "
-        "restore it from a backup; without it every robot must be provisioned anew (move it away "
+        "restore it from a backup; without it every robot must be provisioned again (move it away "
         "to start a new mesh)",
         path_)};
   return std::optional(*database);

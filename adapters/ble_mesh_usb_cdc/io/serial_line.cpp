@@ -165,7 +165,7 @@ void SerialLine::on_stuck() {
   if (state_ == State::closing)
     callbacks_.on_close_stuck(
         "the serial board takes no data, and the kernel waits up to 30 s before it closes the "
-        "port: unplug the board and plug it in again if it stays so");
+        "port: unplug the board and plug it in again if this persists");
 }
 
 namespace {

@@ -164,7 +164,7 @@ void BoardLink::get_in_step_again(TimePoint now) {
   if (health_.losses() >= LineHealth::noticeable_losses && loss_throttle_.on_event(now))
     warn(
         fmt::format("octets are lost or added on the serial line to the board, {} times in a row "
-                    "so far: messages are lost meanwhile",
+                    "so far: messages get lost",
                     health_.losses()));
   begin_resync(now);
 }
@@ -249,7 +249,7 @@ void BoardLink::on_source_needed(TimePoint now) {
   if (addresses == 0 && is_up_) {
     ++counters_.restarts;
     not_suspected_until_ = now + confirmed_interval;
-    go_down("the serial board restarted without saying so");
+    go_down("the serial board restarted without a start event");
   }
   stage_ = Stage::awaiting_source;
   actions_.push(SourceWanted{start_up_->board().uuid, addresses, was_cleared_});
@@ -539,13 +539,13 @@ void BoardLink::give_up(const std::string& why, Duration max_delay) {
 void BoardLink::on_silence() {
   if (resync_.octets_seen() == 0)
     return give_up(
-        "the serial board answers nothing: is it Nordic's serial board and powered? Check the "
+        "the serial board does not answer: is it Nordic's serial board and powered? Check the "
         "cable, ble_mesh.device, ble_mesh.flow_control, and that no other program (ModemManager) "
         "uses it",
         max_reopen_delay);
   if (resync_.has_seen_refusal())
     return give_up(
-        "the serial board speaks Nordic's serial protocol, but Echo does not come back whole: "
+        "the serial board speaks Nordic's serial protocol, but its echo is damaged: "
         "octets are lost or added on the serial line; check the cable, the USB hub and "
         "ble_mesh.flow_control",
         max_reopen_delay);

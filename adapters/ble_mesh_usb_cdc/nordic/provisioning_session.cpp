@@ -196,7 +196,7 @@ void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now
 void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
   if (stage_ != Stage::exchanging) return;
   const auto secret = shared_secret(key_pair_, event.peer);
-  if (!secret) return fail("the device's public key is no point of the curve");
+  if (!secret) return fail("the device's public key is not on the curve");
   if (commands_.size() >= max_commands) return;
   commands_.push_back(encode_command(CommandOpcode::ecdh_secret, context_, *secret));
   enter(Stage::completing, now);

@@ -112,13 +112,13 @@ void StartUp::on_address(const CommandResponse& response) {
   ByteReader data(response.data);
   const std::uint16_t address = data.read_u16_le();
   const std::uint16_t count = data.read_u16_le();
-  if (!check(response, data.ok(), "telling its unicast address")) return;
+  if (!check(response, data.ok(), "reporting its unicast address")) return;
   had_addresses_ = count;
   if (count != 0 && address != settings_.address) {
     return refuse(fmt::format(
         "it is configured with unicast address 0x{:04x}, but ble_mesh.address is 0x{:04x}: set "
-        "ble_mesh.address to the board's, or give the board the other with slam-gatewayctl ble "
-        "reset-board --yes",
+        "ble_mesh.address to the board's, or clear the board with slam-gatewayctl ble reset-board "
+        "--yes",
         address, settings_.address));
   }
   step_ = Step::get_subnets;
@@ -290,8 +290,8 @@ void StartUp::on_group_added(const CommandResponse& response) {
     board_.addresses.add_subscription(group);
   } else {
     notice(Severity::warning,
-           fmt::format("the serial board does not subscribe to group 0x{:04x} ({}): what robots "
-                       "publish there is not heard",
+           fmt::format("the serial board does not subscribe to group 0x{:04x} ({}): messages "
+                       "to this group are not heard",
                        group, to_string(response.status)));
   }
   missing_groups_.pop_front();

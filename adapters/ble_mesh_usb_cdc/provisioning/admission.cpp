@@ -364,7 +364,7 @@ void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
       ended.is_key_lost ? std::string("reset it by hand, then it can join again")
       : ended.may_have_joined
           ? std::string("the next attempt comes when it is heard again")
-          : fmt::format("the next attempt is in {} s if it is still there",
+          : fmt::format("the next attempt is in {} s if it is still heard",
                         std::chrono::duration_cast<std::chrono::seconds>(pause).count());
   if (ended.may_have_joined) release(uuid);
   notify(Severity::warning, fmt::format("the device {} did not join: {}; {}{}", to_hex(uuid),

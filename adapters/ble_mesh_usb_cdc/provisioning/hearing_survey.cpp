@@ -51,7 +51,7 @@ std::string HearingSurvey::begin(TimePoint now) {
   for (const Node& node : database.nodes)
     if (node.state == NodeState::configured)
       robots.push_back({node.address, nodes_.id_of(node.address)});
-  if (robots.size() < 2) return "there are no two configured robots in the mesh";
+  if (robots.size() < 2) return "a survey needs at least two configured robots in the mesh";
   const int former_lives = std::max(link_.source - settings_.address, 0);
   const std::size_t senders =
       robots.size() + static_cast<std::size_t>(former_lives) + database.gateways.size();

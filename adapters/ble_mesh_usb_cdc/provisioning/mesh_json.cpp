@@ -411,7 +411,8 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
   database.iv_index = read_count(json, "ivIndex", UINT32_MAX).value_or(0);
   const auto* nodes = read_array(json, "nodes");
   if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes)
-    return Refusal{fmt::format("nodes is no list of at most {}", NodeDatabase::max_nodes)};
+    return Refusal{
+        fmt::format("`nodes` must be a list with at most {} entries", NodeDatabase::max_nodes)};
   for (std::size_t i = 0; i < nodes->size(); ++i) {
     auto node = (*nodes)[i].is_object() ? read_imported_node((*nodes)[i]) : std::nullopt;
     if (!node)
@@ -428,7 +429,7 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
 
 Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text) {
   const Json json = Json::parse(text, nullptr, false);
-  if (!json.is_object()) return Refusal{"it is no JSON object"};
+  if (!json.is_object()) return Refusal{"it is not a JSON object"};
   if (json.contains("netKeys")) return decode_tool_database(json);
   const auto database = decode_node_database(text);
   if (!database.has_value())

@@ -242,9 +242,10 @@ void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& 
   if (conversation.state() == NodeConfiguration::State::succeeded)
     return refresh_.on_taken(node.uuid, conversation.refresh_step());
   const std::string id = nodes_.id_of(node.address);
-  notify(Severity::warning,
-         id + " is behind with the mesh's new keys: " + put_off(node, conversation.problem(), now),
-         id);
+  notify(
+      Severity::warning,
+      id + " has not completed the key refresh yet: " + put_off(node, conversation.problem(), now),
+      id);
 }
 
 /// Puts off the next attempt. Returns the problem and the pause in words.
@@ -272,8 +273,8 @@ void NodeConversations::on_configured(const Node& known) {
   nodes_.announce_change();
   const std::string id = nodes_.id_of(node.address);
   if (is_outdated(before))
-    return notify(Severity::notice,
-                  fmt::format("{} is configured anew: {}", id, changes_from(before)), id);
+    return notify(Severity::notice, fmt::format("{} is reconfigured: {}", id, changes_from(before)),
+                  id);
   admission_.permit().on_configured(node.uuid, id);
   notify(Severity::notice, fmt::format("{} is configured", id), id);
   if (order_.is(OpenOrder::Kind::provision, node.uuid)) order_.answer(nodes_.json(node));
@@ -324,7 +325,7 @@ void NodeConversations::on_not_configured(const Node& node, const std::string& p
   if (!has_old && order_.is(OpenOrder::Kind::provision, node.uuid))
     order_.answer(nodes_.json(node));
   if (has_old && order_.is(OpenOrder::Kind::config, node.uuid))
-    order_.refuse(fmt::format("{}: {}; what is wanted is kept and tried again", id, problem));
+    order_.refuse(fmt::format("{}: {}; the new settings are kept and tried again", id, problem));
 }
 
 void NodeConversations::on_reset(const Node& node, bool is_done, const std::string& problem,
@@ -335,8 +336,8 @@ void NodeConversations::on_reset(const Node& node, bool is_done, const std::stri
   if (!is_done && !(is_ordered && order_->is_forced)) {
     if (is_ordered)
       order_.refuse(
-          fmt::format("{} is still in the mesh: {}; bring it in reach, or have it forgotten "
-                      "with --force",
+          fmt::format("{} is still in the mesh: {}; bring it in reach, or forget it with "
+                      "--force",
                       id, problem));
     return;
   }

@@ -110,7 +110,7 @@ OrderedJson warnings_json(const OrderedJson& models, const NodeWishes& wishes, c
       warnings.push_back("the robot has no model " + model);
     else if (!hears(address))
       warnings.push_back(fmt::format(
-          "the gateway does not hear 0x{:04x}: what model {} says no longer comes to the broker",
+          "the gateway does not hear 0x{:04x}: messages of model {} no longer reach the broker",
           address, model));
   }
   return warnings;

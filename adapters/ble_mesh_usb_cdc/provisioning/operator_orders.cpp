@@ -145,7 +145,7 @@ OrderAnswer OperatorOrders::permit_join(const PermitJoinOrder& wanted, TimePoint
   if (permit.is_open() || was_open)
     notify(Severity::notice,
            is_closing
-               ? "an operator lets no new robots join any more"
+               ? "an operator no longer lets new robots join"
                : fmt::format("an operator lets new robots join for {}{}", wanted.time_words(),
                              wanted.robot.empty() ? "" : ", one, as " + wanted.robot));
   return {permit.json(no_events, now), {}};
@@ -334,7 +334,7 @@ void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
   order_.set(Kind::reset_board, now + short_order_time_limit);
   notify(
       Severity::warning,
-      "an operator has the radio cleared: its sequence numbers start anew, and it sends from the "
+      "an operator has the radio cleared: its sequence numbers start over, and it sends from the "
       "next address");
   radio_.clear(now);
 }
@@ -363,7 +363,7 @@ std::string OperatorOrders::problem_with_refresh(const RefreshKeysOrder& wanted)
            "then let them "
            "join again with `ble export`";
   if (survey_.is_on() && !refresh_.is_on())
-    return "which robots hear which is being measured; try again when that has ended";
+    return "`ble topology --measure` is running; try again when it has ended";
   for (const std::string& robot : wanted.left_behind) {
     const Node* node = find_robot(robot);
     if (node == nullptr) return unknown_robot(robot);
@@ -393,7 +393,7 @@ void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
     admission_.candidates().erase(uuid);
     nodes_.remove(uuid);
     notify(Severity::notice,
-           id + " is left behind with the mesh's old keys, and no robot of this mesh any more" +
+           id + " keeps the mesh's old keys and is removed from this mesh" +
                (refresh_.is_on() ? "; it may have heard the new keys: if strangers may have it, "
                                    "refresh the keys again after this"
                                  : ""),
@@ -436,7 +436,7 @@ void OperatorOrders::on_deadline(TimePoint now) {
     case Kind::refresh_keys:
     case Kind::reset_board: break;
   }
-  order_.refuse("it takes longer and continues without you; see `ble nodes`");
+  order_.refuse("it takes longer: the order continues in the background; see `ble nodes`");
 }
 
 }  // namespace slamgw::ble

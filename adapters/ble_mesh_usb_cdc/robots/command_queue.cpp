@@ -127,8 +127,8 @@ EndedCommands CommandQueue::add(Command command, TimePoint now) {
     return added.command.is_replaceable && entry.command.type == added.command.type;
   });
   if (older != waiting_.end()) {
-    ended.push_back(
-        older->end(now, CommandResult::superseded, "a newer one came before it was sent"));
+    ended.push_back(older->end(now, CommandResult::superseded,
+                               "replaced by a newer command before it was sent"));
     *older = std::move(added);
   } else if (waiting_.size() >= max_waiting) {
     ended.push_back(added.end(now, CommandResult::refused,

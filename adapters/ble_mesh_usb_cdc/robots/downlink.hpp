@@ -16,7 +16,7 @@ class Downlink : private MeshPart {
  public:
   /// Maximum of topics whose retained message one robot gets.
   static constexpr std::size_t max_retained = 32;
-  static constexpr const char* gateway_ends = "the gateway ends";
+  static constexpr const char* gateway_ends = "the gateway is stopping";
 
   explicit Downlink(const MeshPart& shared) : MeshPart(shared) {}
 

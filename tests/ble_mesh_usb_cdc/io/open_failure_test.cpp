@@ -17,7 +17,7 @@ std::string explain(int error, const NodeAccess& access = dialout) {
 
 TEST(OpenFailure, NamesTheGroupThatMayUseTheTty) {
   EXPECT_EQ(explain(EACCES),
-            "/dev/ttyAMA0 can't be opened: Permission denied; it is for the group dialout: sudo "
+            "/dev/ttyAMA0 can't be opened: Permission denied; only group dialout may use it: sudo "
             "adduser slam-gateway dialout, then restart the daemon");
 }
 
@@ -51,7 +51,7 @@ TEST(DeviceChoice, ShowsWhatIsAttachedInPlaceOfABoard) {
       choose_device({{"/dev/ttyACM0", 0x1915, 0xcafe, "1"}, {"/dev/ttyUSB0", 0x0403, 0x6001, "2"}});
   ASSERT_FALSE(chosen.has_value());
   EXPECT_EQ(chosen.error().why,
-            "no serial board is attached (looked for USB ids 1366:* and 1915:520f; there is "
+            "no serial board is attached (looked for USB ids 1366:* and 1915:520f; attached: "
             "/dev/ttyACM0 1915:cafe (a Thread radio), /dev/ttyUSB0 0403:6001): plug one in, or set "
             "ble_mesh.device to its path");
   EXPECT_EQ(choose_device({}).error().why,

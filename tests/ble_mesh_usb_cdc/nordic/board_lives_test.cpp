@@ -343,7 +343,7 @@ TEST(BoardThatRestartedUnseen, IsStartedAnewWhenThePollShowsIt) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
   const auto changes = rig.all<LinkChange>();
   EXPECT_TRUE(std::ranges::any_of(changes, [](const LinkChange& change) {
-    return change.detail == "the serial board restarted without saying so";
+    return change.detail == "the serial board restarted without a start event";
   }));
 }
 

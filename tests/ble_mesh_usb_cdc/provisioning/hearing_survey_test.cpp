@@ -265,7 +265,7 @@ TEST(HearingSurvey, IsRefusedWhereItCannotBe) {
   SurveyRig busy(2);
   busy.measure();
   busy.order(RefreshKeysOrder{});
-  EXPECT_NE(refusal(busy).find("is being measured"), std::string::npos);
+  EXPECT_NE(refusal(busy).find("--measure` is running"), std::string::npos);
   SurveyRig crowd(36);
   crowd.measure();
   EXPECT_EQ(crowd.answer()["state"], "running") << crowd.answer();

@@ -457,7 +457,7 @@ TEST(Orders, ResetBoardClearsItAndSetsItUpAgain) {
   EXPECT_EQ(rig.board.count(0xac), 1u);
   EXPECT_EQ(rig.board.subnets.at(0).second, Bytes(16, 0x11));
   EXPECT_TRUE(rig.is_up());
-  EXPECT_TRUE(rig.has_notice("sequence numbers start anew"));
+  EXPECT_TRUE(rig.has_notice("sequence numbers start over"));
 }
 
 TEST(Orders, ResetBoardTakesABoardOfAnotherMesh) {

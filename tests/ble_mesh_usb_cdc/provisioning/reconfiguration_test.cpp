@@ -30,7 +30,7 @@ struct NextRig : ProvisioningRig {
   bool is_configured() const {
     return std::ranges::none_of(on_disk().nodes,
                                 [](const Node& node) { return node.applied->is_changing; }) &&
-           has_notice("configured anew");
+           has_notice("is reconfigured");
   }
   std::size_t requests() const {
     std::size_t sum = 0;
@@ -81,7 +81,7 @@ TEST_F(Reconfiguration, TellsOtherGroups) {
   NextRig next(first, other_groups);
   next.start();
   ASSERT_TRUE(next.is_configured_within(5s));
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: its groups are 0xc002, 0xc005"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: its groups are 0xc002, 0xc005"));
   for (const auto& [model, groups] : next.device().subscriptions)
     EXPECT_EQ(groups, (Groups{0xc002, 0xc005})) << model;
   for (const NodeDatabase& database : next.stored)
@@ -100,7 +100,7 @@ TEST_F(Reconfiguration, TellsThatThereAreNoGroups) {
   NextRig next(first, none);
   next.start();
   ASSERT_TRUE(next.is_configured_within(5s));
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it has no groups"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: it has no groups"));
   for (const auto& [model, groups] : next.device().subscriptions) EXPECT_EQ(groups, Groups{});
 }
 
@@ -115,7 +115,7 @@ TEST_F(Reconfiguration, TellsAnotherTtlAndCountsHopsFromIt) {
   next.answers_stores = true;
   next.mesh.on_stored({}, next.now);
   ASSERT_TRUE(next.is_configured_within(5s));
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: its TTL is 8"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: its TTL is 8"));
   EXPECT_EQ(std::ranges::count(next.device().requests, "0300010100000008000059000600"), 1);
   EXPECT_EQ(next.on_disk().nodes[0].ttl, 8);
   next.hear(0x0100, "cb 59 00 01 00 02 00");
@@ -130,7 +130,7 @@ TEST_F(Reconfiguration, TellsAnotherAddressOfTheGateway) {
   EXPECT_FALSE(next.is_up()) << "the board has the old address";
   next.order(ResetBoardOrder{});
   ASSERT_TRUE(next.is_configured_within(5s));
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it publishes to 0x0002"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: it publishes to 0x0002"));
   EXPECT_EQ(std::ranges::count(next.device().requests, "0300010200000004000059000600"), 1);
   EXPECT_EQ(next.on_disk().nodes[0].applied->destination, 0x0002);
 }
@@ -141,7 +141,7 @@ TEST_F(Reconfiguration, TellsTheGroupOfTheGateways) {
   NextRig next(first, settings);
   next.start();
   ASSERT_TRUE(next.is_configured_within(5s));
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it publishes to 0xc010"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: it publishes to 0xc010"));
   EXPECT_EQ(std::ranges::count(next.device().requests, "03000110c0000004000059000600"), 1);
   EXPECT_EQ(next.on_disk().nodes[0].applied->destination, 0xc010);
   const auto again = decode_node_database(encode_node_database(next.on_disk()));
@@ -155,7 +155,7 @@ TEST_F(Reconfiguration, SubscribesToTheRelaysGroupAndLeavesIt) {
   NextRig next(first, relaying);
   next.start();
   ASSERT_TRUE(next.is_configured_within(5s));
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it hears relayed updates in 0xc100"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: it hears relayed updates in 0xc100"));
   const std::string client = "000159000600";  // sensor_update's
   const std::string server = "000159000900";  // pos_cmd's
   EXPECT_EQ(next.device().subscriptions[client], (Groups{0xc100}));
@@ -178,7 +178,7 @@ TEST_F(Reconfiguration, SubscribesToTheRelaysGroupAndLeavesIt) {
   NextRig last(other, {});
   last.start();
   ASSERT_TRUE(last.is_configured_within(5s));
-  EXPECT_TRUE(last.has_notice("ble-0100 is configured anew: it hears no relayed updates"));
+  EXPECT_TRUE(last.has_notice("ble-0100 is reconfigured: it hears no relayed updates"));
   EXPECT_EQ(last.device().subscriptions[client], Groups{});
   EXPECT_FALSE(last.on_disk().nodes[0].applied->relay_group);
 }
@@ -245,7 +245,7 @@ TEST_F(Reconfiguration, TellsTheRobotsOfAGatewayWhosePlaceItTakes) {
   next.order(ImportOrder{encode_node_database(first.on_disk())});
   next.pass(5s);
   EXPECT_EQ(next.answer()["nodes"], 1) << next.answer();
-  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: its TTL is 8"));
+  EXPECT_TRUE(next.has_notice("ble-0100 is reconfigured: its TTL is 8"));
 }
 
 TEST_F(Reconfiguration, WaitsForARobotThatIsOutOfReach) {
@@ -274,7 +274,7 @@ TEST_F(Reconfiguration, NamesWhatARobotRefuses) {
   EXPECT_TRUE(
       next.has_notice("ble-0100 still has its old configuration: the subscription to 0xc005 of "
                       "model 0x1000 was refused: insufficient resources (0x05)"));
-  EXPECT_FALSE(next.has_notice("configured anew"));
+  EXPECT_FALSE(next.has_notice("is reconfigured"));
   next.device().refuses.clear();
   EXPECT_TRUE(next.is_configured_within(10s));
 }
@@ -289,7 +289,7 @@ TEST_F(Reconfiguration, UndoesAChangeThatBrokeOffWhenTheSettingsAreAsBefore) {
   third.device().deaf_to.clear();
   third.start();
   ASSERT_TRUE(third.is_configured_within(5s));
-  EXPECT_TRUE(third.has_notice("ble-0100 is configured anew: as it was before"));
+  EXPECT_TRUE(third.has_notice("ble-0100 is reconfigured: as it was before"));
   EXPECT_EQ(third.device().subscriptions.at("00010010"), (Groups{0xc002, 0xc003, 0xc004}));
 }
 
@@ -317,7 +317,7 @@ TEST_F(Reconfiguration, TakesInARobotThatWasResetByHandMeanwhile) {
   EXPECT_EQ(next.device().subscriptions.at("01010010"), (Groups{0xc002, 0xc005}));
   EXPECT_EQ(next.on_disk().nodes[0].applied->groups, other_groups.groups);
   EXPECT_TRUE(next.has_notice("ble-0100 is configured"));
-  EXPECT_FALSE(next.has_notice("configured anew"));
+  EXPECT_FALSE(next.has_notice("is reconfigured"));
 }
 
 TEST(ReconfigurationOfMany, IsNotHeldUpByRobotsThatAreSwitchedOff) {
@@ -333,7 +333,7 @@ TEST(ReconfigurationOfMany, IsNotHeldUpByRobotsThatAreSwitchedOff) {
   next.start();
   next.hear(0x0113, "04 00 59 00");
   next.pass(25s);
-  EXPECT_TRUE(next.has_notice("ble-0113 is configured anew"));
+  EXPECT_TRUE(next.has_notice("ble-0113 is reconfigured"));
   next.add(21);
   next.pass(25s);
   EXPECT_TRUE(next.has_notice("ble-0114 is configured"));

@@ -312,7 +312,7 @@ TEST_F(Downlink, RefusesWhatWaitsAndWhatComesWhenTheGatewayEnds) {
   ASSERT_EQ(outcomes().size(), 3u);
   for (const CommandOutcome& outcome : outcomes()) {
     EXPECT_EQ(outcome.result, CommandResult::refused);
-    EXPECT_EQ(outcome.why, "the gateway ends");
+    EXPECT_EQ(outcome.why, "the gateway is stopping");
   }
   rig.hear(first_robot, "c5 59 00 68 69");  // to be acknowledged
   const auto reports = rig.all<Report>();
