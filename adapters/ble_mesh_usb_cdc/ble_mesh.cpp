@@ -32,7 +32,7 @@ void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
 }
 
 void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
-  radio_->on_keys_failed(why, now);
+  if (!provisioner_.on_keys_failed(why, now)) radio_->on_keys_failed(why, now);
   settle(now);
 }
 

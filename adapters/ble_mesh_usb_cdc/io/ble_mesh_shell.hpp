@@ -110,7 +110,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
   }
   void on_keys_made(const GenerateKeys& wanted, const std::optional<MeshKeys>& keys,
                     const std::string& problem) {
-    if (!problem.empty() && wanted.is_refresh) return this->notify(Severity::error, problem);
+    if (!problem.empty() && wanted.is_refresh) this->notify(Severity::error, problem);
     if (problem.empty() && !wanted.is_refresh)
       this->notify(Severity::notice,
                    "a new BLE mesh begins: " + file_.path() +

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_part.hpp"
 
@@ -15,10 +16,12 @@ class KeyRefresh : private ProvisionerPart {
   /// The radio must have been made with the keys of the present database.
   explicit KeyRefresh(const ProvisionerPart& shared) : ProvisionerPart(shared), told_(step()) {}
 
-  /// Asks for new keys; answered by on_keys.
+  /// Asks for new keys; answered by on_keys or on_keys_failed.
   void begin();
   /// Returns true if these keys are for the refresh, which begins when they are on disk.
   bool on_keys(const MeshKeys& keys);
+  /// Returns true if the keys were for the refresh, which does not begin then.
+  bool on_keys_failed() { return std::exchange(awaits_keys_, false); }
 
   bool is_on() const { return step() != RefreshStep::none; }
   RefreshStep step() const;

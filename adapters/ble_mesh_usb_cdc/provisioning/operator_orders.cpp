@@ -401,6 +401,10 @@ void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
   }
 }
 
+void OperatorOrders::on_no_keys(const std::string& why) {
+  if (order_.is(Kind::refresh_keys)) order_.refuse(why);
+}
+
 void OperatorOrders::on_refresh_stored(const std::string& problem) {
   if (!problem.empty())
     return order_.refuse(problem + "; the keys are refreshed when it can be stored");

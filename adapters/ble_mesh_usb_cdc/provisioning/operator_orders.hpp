@@ -33,6 +33,8 @@ class OperatorOrders : private ProvisionerPart {
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
   void on_radio_cleared(const std::string& problem);
+  /// Call when no keys could be made for a key refresh.
+  void on_no_keys(const std::string& why);
   /// Call after NodeTable::on_stored(). `problem` is empty if the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   void on_deadline(TimePoint now);

@@ -82,6 +82,13 @@ bool Provisioner::on_keys(const MeshKeys& keys, TimePoint now) {
   return false;
 }
 
+bool Provisioner::on_keys_failed(const std::string& why, TimePoint now) {
+  if (!refresh_.on_keys_failed()) return false;
+  orders_.on_no_keys(why);
+  advance(now);
+  return true;
+}
+
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   nodes_.on_stored(problem.empty(), now);
   if (!problem.empty() && !is_store_problem_known_)

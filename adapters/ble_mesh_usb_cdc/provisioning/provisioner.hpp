@@ -37,6 +37,8 @@ class Provisioner {
   /// Takes new keys. Returns true if they are for a key refresh; else they belong to a new mesh and
   /// are on disk.
   bool on_keys(const MeshKeys& keys, TimePoint now);
+  /// Returns true if the keys were for a key refresh, which does not begin then.
+  bool on_keys_failed(const std::string& why, TimePoint now);
   void on_stored(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// Call when `robots` of the configuration was read again.

@@ -101,6 +101,18 @@ TEST(KeyRefresh, SaysNothingBeforeItIsOnDisk) {
   EXPECT_NE(rig.answer().dump().find("it takes longer"), std::string::npos) << rig.answer();
 }
 
+TEST(KeyRefresh, EndsAtOnceWhenNoKeysCanBeMade) {
+  RefreshRig rig(1);
+  rig.answers_key_requests = false;
+  EXPECT_TRUE(rig.refresh().is_null());
+  rig.mesh.on_keys_failed("no randomness", rig.now);
+  rig.run_for(1ms);
+  EXPECT_NE(rig.answer().dump().find("no randomness"), std::string::npos) << rig.answer();
+  EXPECT_EQ(rig.step(), "none");
+  rig.answers_key_requests = true;
+  EXPECT_EQ(rig.refresh()["step"], "distributing");
+}
+
 TEST(KeyRefresh, TakesEachStepWhenTheDiskHasIt) {
   RefreshRig rig(1);
   const auto hold = [&](RefreshStep step) {
