@@ -38,10 +38,13 @@ void Unanswered::remove(const IpAddress& group, ClientSession& session) {
   }
 }
 
+bool Unanswered::has_fuller(const IpAddress& own) const {
+  return largest().second >= size_of(own) + 2;
+}
+
 std::vector<ClientSession*> Unanswered::fullest(const IpAddress& own) const {
-  const auto ours = groups_.find(own);
-  const std::size_t few = ours == groups_.end() ? 0 : ours->second.size();
-  if (by_size_.empty() || by_size_.rbegin()->first < few + 2) return {};
+  if (!has_fuller(own)) return {};
+  const std::size_t few = size_of(own);
   const std::set<ClientSession*>& most = groups_.at(by_size_.rbegin()->second);
   std::vector<ClientSession*> chosen(std::min(limits::crowd_step, (most.size() - few) / 2));
   std::ranges::partial_sort_copy(most, chosen, {}, &ClientSession::last_heard,
@@ -138,13 +141,17 @@ ClientSession* ClientTable::evictable(TimePoint now) {
   return *longest_gone;
 }
 
-bool ClientTable::has_room(TimePoint now) const {
-  return !is_full() || (evictable_.earliest() && *evictable_.earliest() <= now) || unanswered() > 1;
+bool ClientTable::has_room(const Peer& peer, TimePoint now) const {
+  const auto is_due = [now](std::optional<TimePoint> at) { return at && *at <= now; };
+  const IpAddress& own = peer.endpoint.address;
+  return !is_full() || is_due(evictable_.earliest()) || is_due(words_.earliest()) ||
+         by_address_.has_fuller(own) || by_network_.has_fuller(network_of(own));
 }
 
 void ClientTable::set_answered(ClientSession& session) {
   if (session.has_answered) return;
   set_in_crowd(session, false);
+  words_.disarm(session.word_armed, &session);
   session.has_answered = true;
   ++answered_;
 }

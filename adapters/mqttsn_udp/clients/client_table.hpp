@@ -66,6 +66,8 @@ class Unanswered {
   /// Returns some clients of the fullest group, the longest silent first, if that group has at
   /// least two more members than `own`.
   std::vector<ClientSession*> fullest(const IpAddress& own) const;
+  /// Returns true if fullest(own) returns clients. Cheap.
+  bool has_fuller(const IpAddress& own) const;
   /// Returns the fullest group and its size; the size is 0 when there is none.
   std::pair<IpAddress, std::size_t> largest() const {
     if (by_size_.empty()) return {};
@@ -73,6 +75,11 @@ class Unanswered {
   }
 
  private:
+  std::size_t size_of(const IpAddress& group) const {
+    const auto found = groups_.find(group);
+    return found == groups_.end() ? 0 : found->second.size();
+  }
+
   std::map<IpAddress, std::set<ClientSession*>> groups_;
   std::set<std::pair<std::size_t, IpAddress>> by_size_;
 };
@@ -114,8 +121,8 @@ class ClientTable {
   void set_needed(ClientSession& session);
   /// Returns the longest gone session that may be forgotten to make room; null if there is none.
   ClientSession* evictable(TimePoint now);
-  /// Whether a new client may find a place; make_room() of Lifecycle decides.
-  bool has_room(TimePoint now) const;
+  /// Whether a new client at `peer` may find a place; make_room() of Lifecycle decides.
+  bool has_room(const Peer& peer, TimePoint now) const;
   void set_answered(ClientSession& session);
   /// Call when a CONNECT was accepted. The client should send something else within
   /// limits::crowd_patience.

@@ -16,7 +16,7 @@ bool FloodGuard::may_answer(const Peer& peer, TimePoint now) {
 /// Answers the source by unicast: a multicast GWINFO misses clients on other ports, behind routers,
 /// and sleepy ones (R15).
 void Discovery::on_searchgw(const Arrival& arrival, std::uint8_t radius) {
-  if (!is_broker_up_ || !clients_.has_room(arrival.now)) return;  // R20
+  if (!is_broker_up_ || !clients_.has_room(arrival.peer, arrival.now)) return;  // R20
   if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
   output_.send(arrival.peer, arrival.local, GwInfo{settings_.gateway_id, {}}, radius);
 }

@@ -60,6 +60,10 @@ TEST(Crowd, OfOneAddressGivesWayAtOnce) {
 TEST(Crowd, OfOneNetworkGivesWayToAnother) {
   SnRig rig(small());
   for (unsigned i = 0; i < 120; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
+  rig.send(1, SearchGw{1});
+  EXPECT_TRUE(rig.is_silent(1)) << "a CONNECT from there would get no place";
+  rig.send(SnRig::first_ipv4 + 1, SearchGw{1});
+  EXPECT_EQ(rig.last_to(SnRig::first_ipv4 + 1), "GWINFO gw=1 address=");
   EXPECT_EQ(answer_to_new(rig, 1), "nothing") << "of the same /64, whose clients are all alike";
   EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "CONNACK code=0");
 }
@@ -75,6 +79,8 @@ TEST(Crowd, LeavesWhoHasAnswered) {
   SnRig rig(small());
   for (unsigned i = 0; i < 100; ++i) rig.prove(10 + i, "r" + to_string(i), 60000);
   rig.pass_s(60);
+  rig.send(1, SearchGw{1});
+  EXPECT_TRUE(rig.is_silent(1));
   EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "nothing");
   EXPECT_EQ(rig.counter("clients_evicted"), 0U);
 }
