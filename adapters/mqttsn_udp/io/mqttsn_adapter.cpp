@@ -173,6 +173,7 @@ void MqttsnAdapter::close() {
   for (const auto& socket : all_sockets()) {
     socket->close();
     sends_failed_ += socket->sends_failed();
+    kernel_drops_ += socket->kernel_drops();
   }
   sockets_.clear();
   if (dtls_) dtls_->forget_sockets();
@@ -228,14 +229,14 @@ nlohmann::json MqttsnAdapter::report(const std::optional<std::string>& robot) co
 
 Counters MqttsnAdapter::counters() const {
   Counters counters = gateway_.counters();
-  std::uint64_t dropped = 0;
+  std::uint64_t dropped = kernel_drops_;
   std::uint64_t sends_failed = sends_failed_;
   for (const auto& socket : all_sockets()) {
     dropped += socket->kernel_drops();
     sends_failed += socket->sends_failed();
   }
   counters.push_back({"kernel_drops", dropped});
-  counters.push_back({"truncated", truncated_});
+  counters.push_back({"truncated", truncated_ + (dtls_ ? dtls_->truncated() : 0)});
   counters.push_back({"from_unserved_networks", unserved_});
   counters.push_back({"sends_failed", sends_failed});
   if (dtls_)

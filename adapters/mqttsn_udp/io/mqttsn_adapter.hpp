@@ -112,7 +112,8 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::map<std::uint64_t, OrderDone> pings_;  // by their ids
   std::uint64_t last_ping_ = 0;
   std::uint64_t sends_failed_ = 0;  ///< without a socket, and on sockets that were closed
-  std::uint64_t truncated_ = 0;
+  std::uint64_t kernel_drops_ = 0;  ///< on sockets that were closed
+  std::uint64_t truncated_ = 0;     ///< on the ports for plain UDP
   std::uint64_t unserved_ = 0;
   LogThrottle unserved_lines_{std::chrono::minutes{1}};
 };

@@ -268,6 +268,25 @@ TEST(Dtls, ARemovedKeyEndsItsConnectionAtOnce) {
   EXPECT_EQ(renewed.insist(connect_as("r1")), "CONNACK code=0");
 }
 
+TEST(Dtls, CountsHandshakesThatNewKeysEnd) {
+  DtlsRig rig;
+  DtlsClient robot(rig, "r1", key_of_r2);
+  for (int flight = 0; flight < 3; ++flight) {
+    robot.step();
+    rig.io.poll();
+  }
+  EXPECT_EQ(rig.counter("dtls_handshakes_failed"), 0U);
+  rig.use_keys(both);
+  EXPECT_EQ(rig.counter("dtls_handshakes_failed"), 1U);
+}
+
+TEST(Dtls, CountsTruncatedDatagrams) {
+  DtlsRig rig;
+  UdpClient client(rig, "127.0.0.1", 1);
+  client.send_octets(Bytes(65507, 0x16));
+  EXPECT_TRUE(test::eventually(rig.io, [&] { return rig.counter("truncated") == 1U; }));
+}
+
 TEST(Dtls, TellsRobotsWhenItEnds) {
   std::optional<DtlsRig> rig(std::in_place);
   DtlsClient robot(*rig, "r1", key_of_r1);
