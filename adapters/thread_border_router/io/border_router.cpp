@@ -154,7 +154,7 @@ int BorderRouter::on_reply(sd_bus_message* reply, void* call, sd_bus_error*) {
 /// leader. But each state has a role.
 void BorderRouter::take(const Property& property, sd_bus_message* reply) {
   if (const sd_bus_error* const error = sd_bus_message_get_error(reply)) {
-    if (property.name == properties.front().name)
+    if (&property == &properties.front())
       facts_.problem = fmt::format("does not report its role: {}", error->name);
     return;
   }
