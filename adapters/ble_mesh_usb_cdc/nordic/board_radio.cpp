@@ -6,6 +6,11 @@
 #include <utility>
 
 namespace slamgw::ble {
+namespace {
+
+constexpr std::chrono::seconds scan_retry_pause{30};
+
+}  // namespace
 
 // --- Requests of the mesh ------------------------------------------------------------------------
 
@@ -61,7 +66,7 @@ std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
     if (auto action = actions_.pop()) return action;
     while (auto from_link = link_.next_action()) {
       std::visit(overloaded{
-                     [&](CommandEnded& ended) { on_command_ended(ended); },
+                     [&](CommandEnded& ended) { on_command_ended(ended, now); },
                      [&](ProvisioningEvent& event) { on_event(event, now); },
                      [&](MessageReceived& message) { on_message(message); },
                      [&](LinkIsDown& down) { on_link_down(down); },
@@ -76,21 +81,19 @@ std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
 
 void BoardRadio::on_deadline(TimePoint now) {
   link_.on_deadline(now);
+  if (scan_retry_at_ && *scan_retry_at_ <= now) scan_retry_at_.reset();
   if (session_) session_->on_deadline(now);
   end_session();
 }
 
 // --- Events of the board -------------------------------------------------------------------------
 
-void BoardRadio::on_command_ended(const CommandEnded& ended) {
+void BoardRadio::on_command_ended(const CommandEnded& ended, TimePoint now) {
   if (!in_flight_) return;
   switch (*std::exchange(in_flight_, std::nullopt)) {
     case Purpose::scan_control:
       if (ended.status != Status::success && ended.status != Status::invalid_state)
-        actions_.push(Notice{Severity::warning,
-                             fmt::format("the serial board does not scan for new robots ({})",
-                                         to_string(ended.status)),
-                             {}});
+        on_scan_refused(ended.status, now);
       return;
     case Purpose::session:
       if (session_) session_->on_command_ended(ended);
@@ -102,6 +105,18 @@ void BoardRadio::on_command_ended(const CommandEnded& ended) {
       return;
     case Purpose::device_key: return on_device_key(ended);
   }
+}
+
+void BoardRadio::on_scan_refused(Status status, TimePoint now) {
+  is_scanning_ = !is_scanning_;
+  scan_retry_at_ = now + scan_retry_pause;
+  if (!scan_lines_.on_event(now)) return;
+  actions_.push(Notice{
+      Severity::warning,
+      fmt::format("the serial board does not {} scanning for new robots ({}); the "
+                  "gateway tries again every {} s",
+                  is_scanning_ ? "stop" : "start", to_string(status), scan_retry_pause.count()),
+      {}});
 }
 
 /// If the board refuses to add or delete a key, its table has unknown entries. The table is then
@@ -160,6 +175,7 @@ void BoardRadio::on_link_down(LinkIsDown& down) {
 void BoardRadio::forget() {
   in_flight_.reset();
   is_scan_wanted_ = is_scanning_ = false;
+  scan_retry_at_.reset();
   device_.reset();
   session_.reset();
   sweep_ = {};
@@ -181,7 +197,7 @@ bool BoardRadio::begin_next(TimePoint now) {
 
 /// Returns the next command for an idle board.
 std::optional<Bytes> BoardRadio::choose() {
-  if (is_scan_wanted_ != is_scanning_) {
+  if (is_scan_wanted_ != is_scanning_ && !scan_retry_at_) {
     is_scanning_ = is_scan_wanted_;
     in_flight_ = Purpose::scan_control;
     return encode_command(is_scanning_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop);

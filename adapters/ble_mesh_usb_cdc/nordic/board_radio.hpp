@@ -13,6 +13,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
+#include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::ble {
 
@@ -94,7 +95,8 @@ class BoardRadio final : public Radio {
 
   std::optional<RadioAction> next_action(TimePoint now) override;
   std::optional<TimePoint> deadline() const override {
-    return earlier(link_.deadline(), session_ ? session_->deadline() : std::nullopt);
+    return earlier(scan_retry_at_,
+                   earlier(link_.deadline(), session_ ? session_->deadline() : std::nullopt));
   }
   void on_deadline(TimePoint now) override;
 
@@ -115,7 +117,8 @@ class BoardRadio final : public Radio {
   bool is_commanded(std::uint16_t address) const {
     return in_flight_ == Purpose::device_key && commanded_ == address;
   }
-  void on_command_ended(const CommandEnded& ended);
+  void on_command_ended(const CommandEnded& ended, TimePoint now);
+  void on_scan_refused(Status status, TimePoint now);
   void on_device_key(const CommandEnded& ended);
   void on_event(const ProvisioningEvent& event, TimePoint now);
   void on_message(MessageReceived& message);
@@ -133,6 +136,8 @@ class BoardRadio final : public Radio {
   std::optional<Purpose> in_flight_;
   bool is_scan_wanted_ = false;
   bool is_scanning_ = false;
+  std::optional<TimePoint> scan_retry_at_;  ///< set while the board has refused to change it
+  LogThrottle scan_lines_{std::chrono::hours{1}};
   std::optional<ProvisionDevice> device_;  ///< the device that joins or waits for the board
   std::optional<ProvisioningSession> session_;
   std::uint8_t context_ = 0;      ///< of the session; the next one uses the other, as this may hang

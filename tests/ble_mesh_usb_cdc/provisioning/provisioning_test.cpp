@@ -228,6 +228,19 @@ TEST(Provisioning, TakesTheOtherContextWhileOneHangs) {
   EXPECT_TRUE(rig.all_configured(10s));
 }
 
+TEST(Provisioning, TriesAgainWhenTheBoardRefusesToScan) {
+  ProvisioningRig rig;
+  rig.board.status_of[0x61] = 0x86;
+  rig.start();
+  rig.run_for(70s);
+  EXPECT_FALSE(rig.board.devices.is_scanning);
+  EXPECT_EQ(rig.board.count(0x61), 3u);
+  EXPECT_EQ(rig.count_notices("does not start scanning for new robots"), 1);
+  rig.board.status_of.clear();
+  rig.run_for(30s);
+  EXPECT_TRUE(rig.board.devices.is_scanning);
+}
+
 TEST(Provisioning, GoesOnAfterTheBoardRestartsAtAnyMoment) {
   for (int moment = 0; moment < 40; ++moment) {
     ProvisioningRig rig;
