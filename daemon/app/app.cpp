@@ -242,7 +242,7 @@ OrderAnswer App::read_configuration() {
 
 void App::report_configured_robots() {
   gateway_.set_names(RobotNames(config_.robots, Bans(config_.bans)));
-  gateway_driver_->on_configured(ids_of(config_.robots), read_clocks());
+  gateway_driver_->on_configured(ids_of(config_.robots));
 }
 
 /// Publishes `offline` at a broker that is left for another one, because a clean disconnect cancels

@@ -238,7 +238,7 @@ void Gateway::on_session_held(const std::string& robot, bool was_present,
   commands_.on_session_held(robot, was_present, now);
 }
 
-void Gateway::on_configured(std::set<std::string> robots, const Now&) {
+void Gateway::on_configured(std::set<std::string> robots) {
   const std::set<std::string> before = directory_.registry.configured();
   directory_.registry.set_configured(std::move(robots));
   for (const std::string& robot : before) {

@@ -63,7 +63,7 @@ class Gateway {
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
   /// Takes the ids in `robots` of the configuration: these robots are never evicted. Forgets a
   /// robot that has left the configuration and is offline.
-  void on_configured(std::set<std::string> robots, const Now& now);
+  void on_configured(std::set<std::string> robots);
   /// Commands to banned robots are refused from now on.
   void set_names(RobotNames names) { directory_.names = std::move(names); }
   /// Removes a robot from the registry and its retained presence from the broker, also a robot that

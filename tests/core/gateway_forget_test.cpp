@@ -96,11 +96,11 @@ TEST_F(GatewayForget, ClearsWhatIsRetainedWhenTheBrokerIsBack) {
 }
 
 TEST_F(GatewayForget, WithdrawsWhatLeavesTheConfiguration) {
-  gateway.on_configured({"gone", "here", "kept"}, now);
+  gateway.on_configured({"gone", "here", "kept"});
   presence("gone", Presence::offline);
   presence("here", Presence::online);
   presence("kept", Presence::offline);
-  gateway.on_configured({"kept"}, now);
+  gateway.on_configured({"kept"});
   drain();
   EXPECT_FALSE(is_retained("gone"));
   EXPECT_TRUE(is_retained("here")) << "it goes under another name of its own, or is a stranger now";
