@@ -18,7 +18,10 @@ struct Located {
   const std::map<std::string, Place>& places;
   ConfigContext& context;
 
-  bool is_set(const std::string& key) const { return places.contains(key); }
+  bool is_set(const std::string& key) const {
+    const auto found = places.find(key);
+    return found != places.end() && !found->second.is_null;
+  }
   /// Returns the place of a key, or else of the nearest group above it that some file sets.
   Place place_of(std::string key) const;
   void problem(const std::string& key, std::string text) const;

@@ -47,7 +47,8 @@ class Reader {
     const bool has_members = is_group(row);
     const bool has_elements = is_group(row + "[]");
     if (key == nullptr && !has_members && !has_elements) return report_unknown(node, path, row);
-    result_.places[path] = node.place;
+    Place& place = result_.places[path] = node.place;
+    place.is_null = node.value.is_null();
     Value value(node, path, context_);
     if (has_elements) return read_elements(value, row + "[]");
     if (has_members && !node.value.is_object() && !(key != nullptr && value.is_null()))

@@ -11,7 +11,8 @@ namespace slamgw {
 /// The place of a key or value.
 struct Place {
   std::string file;
-  int line = 1;  ///< counted from 1
+  int line = 1;          ///< counted from 1
+  bool is_null = false;  ///< the value is null, as if the key were not set
 };
 
 /// `text` reads "what is wrong; what is allowed" and never holds a secret's value.

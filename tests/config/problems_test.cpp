@@ -226,6 +226,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"robots": ["r"]})", "g.json:1: robots[0]: ", "a group of keys"},
         Case{R"({"robots": [{"ble_address": 5}]})", "g.json:1: robots[0].id: ", "is missing"},
         Case{R"({"robots": [{"id": "r"}]})", "g.json:1: robots[0]: ", "has no address"},
+        Case{R"({"robots": [{"id": "r", "ble_address": null}]})",
+             "g.json:1: robots[0]: ", "has no address"},
         Case{R"({"robots": [{"id": "r", "address": "fd00::/129"}]})",
              "g.json:1: robots[0].address: ", "a network such as fd00::/64"},
         Case{R"({"robots": [{"id": "r", "ble_address": "0x0100", "address": "fd00::1"}]})",
