@@ -101,8 +101,7 @@ void ControlServer::report_whether_watched() {
 
 void ControlServer::publish(const TraceEvent& event) {
   std::string line;
-  const auto sessions = sessions_;  // a session that is cut off leaves the list
-  for (const auto& session : sessions) {
+  for (const auto& session : sessions_) {
     if (!session->wants(event)) continue;
     if (line.empty()) line = control::event_line(event);
     session->offer_event(line, event.at);
