@@ -4,13 +4,20 @@
 #include <fmt/format.h>
 #include <pwd.h>
 
-#include <array>
+#include <cerrno>
 #include <cstdio>
 #include <memory>
+#include <vector>
 
 #include "daemon/core/result.hpp"
 
 namespace slamgw {
+
+namespace {
+
+constexpr std::size_t longest_users_line = 1 << 20;
+
+}  // namespace
 
 std::optional<AuditedOrder> audited(const BleOrder& order) {
   using Audited = std::optional<AuditedOrder>;
@@ -66,12 +73,18 @@ Notice audit_notice(const std::string& who, const AuditedOrder& order, const std
   return notice;
 }
 
-std::string user_words(uid_t uid) {
-  const std::unique_ptr<FILE, int (*)(FILE*)> users(fopen("/etc/passwd", "re"), &fclose);
-  std::array<char, 4096> strings{};
+std::string user_words(uid_t uid, const char* users_file) {
+  const std::unique_ptr<FILE, int (*)(FILE*)> users(fopen(users_file, "re"), &fclose);
+  std::vector<char> strings(4096);
   passwd user{};
   passwd* found = nullptr;
-  while (users && fgetpwent_r(users.get(), &user, strings.data(), strings.size(), &found) == 0) {
+  while (users) {
+    const int error = fgetpwent_r(users.get(), &user, strings.data(), strings.size(), &found);
+    if (error == ERANGE && strings.size() < longest_users_line) {
+      strings.resize(2 * strings.size());  // the next call reads the same line again
+      continue;
+    }
+    if (error != 0) break;
     if (found->pw_uid == uid) return fmt::format("uid {} ({})", uid, found->pw_name);
   }
   return fmt::format("uid {}", uid);

@@ -25,7 +25,7 @@ std::optional<AuditedOrder> audited(const StoreOrder& order);
 /// `error`: empty when the order succeeded; only its first line is shown.
 Notice audit_notice(const std::string& who, const AuditedOrder& order, const std::string& error);
 
-/// `uid 1000 (alice)`. The name is read from /etc/passwd: other sources may block the caller.
-std::string user_words(uid_t uid);
+/// `uid 1000 (alice)`. The name is read from `users_file`: other sources may block the caller.
+std::string user_words(uid_t uid, const char* users_file = "/etc/passwd");
 
 }  // namespace slamgw

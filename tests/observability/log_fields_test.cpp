@@ -6,6 +6,7 @@
 #include <set>
 
 #include "daemon/observability/audit_notice.hpp"
+#include "tests/support/temp_dir.hpp"
 
 namespace slamgw {
 namespace {
@@ -61,6 +62,15 @@ TEST(AuditNotice, IsAboutWhatChangesThingsAndHoldsNoKey) {
 TEST(UserWords, NameTheUsersOfThisHost) {
   EXPECT_EQ(user_words(0), "uid 0 (root)");
   EXPECT_EQ(user_words(4'000'000'000U), "uid 4000000000");
+}
+
+TEST(UserWords, FindAUserBehindALongLine) {
+  const test::TempDir directory;
+  const std::string users = directory / "passwd";
+  test::write_file(
+      users, "long:x:5:5:" + std::string(20'000, 'n') + ":/:/bin/sh\nalice:x:6:6::/:/bin/sh\n");
+  EXPECT_EQ(user_words(5, users.c_str()), "uid 5 (long)");
+  EXPECT_EQ(user_words(6, users.c_str()), "uid 6 (alice)");
 }
 
 TEST(NoticeFields, HaveAnIdOfTheirOwnForEachOccasion) {
