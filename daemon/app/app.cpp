@@ -228,13 +228,12 @@ OrderAnswer App::read_configuration() {
   Reload reload = reload_of(config_, std::move(result.config));
   if (!config_.broker.credentials_file && is_credential_outdated())
     reload.needs_restart += fmt::format(
-        "{}the broker's user and password, of which systemd gives "
-        "the service a copy when it starts",
+        "{}the broker's user and password, which systemd copies for the service at its start",
         reload.needs_restart.empty() ? "" : ", ");
   apply(reload);
-  log_event(Severity::notice, "configuration read again: " +
-                                  (reload.in_force.empty() ? "nothing new is in force"
-                                                           : "in force: " + reload.in_force));
+  log_event(Severity::notice,
+            "configuration read again: " +
+                (reload.in_force.empty() ? "no changes applied" : "applied: " + reload.in_force));
   if (!reload.needs_restart.empty())
     log_event(Severity::warning, "only a restart changes: " + reload.needs_restart);
   return {answer_json(reload).dump(), {}};
@@ -270,7 +269,7 @@ void App::apply(const Reload& reload) {
 
 void App::stop() {
   notifier_.stopping();
-  log_event(Severity::notice, "slam-gatewayd ends");
+  log_event(Severity::notice, "slam-gatewayd is shutting down");
   stats_timer_.cancel();
   if (border_router_) border_router_->stop();
   on_watched(false);
@@ -291,9 +290,8 @@ void App::stop_when_flushed(TimePoint give_up_at) {
 
 void App::close_everything() {
   if (outbox_.unsaved() > 0) {
-    log_event(
-        Severity::warning,
-        fmt::format("{} messages are neither with the broker nor in the store", outbox_.unsaved()));
+    log_event(Severity::warning,
+              fmt::format("{} messages were neither delivered nor stored", outbox_.unsaved()));
   }
   traffic_log_.write_overdue(TimePoint::max());
   meshes_.each(&MeshAdapter::stop);
@@ -329,8 +327,8 @@ void App::warn_of_lost_messages() {
   const std::uint64_t news = dropped - std::exchange(inbound_dropped_, dropped);
   if (news == 0) return;
   log_event(Severity::warning,
-            fmt::format("{} messages of the broker were lost: they came faster than this host "
-                        "takes them; see topics.extra_subscribe and what servers publish",
+            fmt::format("lost {} messages from the broker: they came faster than this host can "
+                        "process them; see topics.extra_subscribe and what servers publish",
                         news));
 }
 

@@ -142,9 +142,11 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   const auto count =
       is_one_of_many ? newcomer_lines_.on_event(now) : std::optional<std::uint64_t>(1);
   if (count)
-    log_event(Severity::notice,
-              fmt::format("gateway '{}' is on this broker too{}", gateway,
-                          *count > 1 ? fmt::format(" ({} like it)", *count) : ""));
+    log_event(
+        Severity::notice,
+        fmt::format(
+            "gateway '{}' also uses this broker{}", gateway,
+            *count > 1 ? fmt::format(" ({} such gateways since the last line)", *count) : ""));
   newcomer_timer_.expires_after(newcomer_delay);
   newcomer_timer_.async_wait([this](boost::system::error_code error) {
     if (error || !up_since_) return;

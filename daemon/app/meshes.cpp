@@ -157,7 +157,7 @@ void Meshes::manage_ble(BleOrder order, OrderDone done) {
   const auto* permit = std::get_if<PermitJoinOrder>(&order);
   const std::string name = provision ? provision->robot : permit ? permit->robot : "";
   if (presence_of(Mesh::thread, name) && !presence_of(Mesh::ble, name))
-    return done({{}, name + " is a robot on Thread"});
+    return done({{}, name + " is a Thread robot"});
   ble_->manage(std::move(order), std::move(done));
 }
 

@@ -24,7 +24,7 @@ std::string OperatorCommands::send(const std::string& robot, const std::string& 
     return std::string(why);
   };
   if (!is_valid_level(robot) || !is_valid_level(type))
-    return refuse("robot and type are one topic level each");
+    return refuse("robot and type must be one topic level each");
   if (waiting_.size() >= max_waiting) return refuse("too many commands wait for their outcome");
   waiting_.emplace(submit(robot, type, std::move(payload)), std::move(done));
   return {};

@@ -161,13 +161,13 @@ std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings
   const Status::MeshLink& link = surroundings.link;
   if (robot.is_contested())
     return "another client uses its name: are there two robots of that name?";
-  if (there.is_deaf) return "it does not hear the gateway: it repeats what was acknowledged";
+  if (there.is_deaf) return "the robot does not hear the gateway: it repeats acknowledged messages";
   if (there.presence != Presence::offline) return {};
   if (surroundings.is_banned) return "it is banned (slam-gatewayctl unban)";
   const std::string mesh(to_string(robot.mesh()));
   if (link.is_enabled && !link.is_up)
     return fmt::format("the {} link is down: {}", mesh, link.detail);
-  if (robot.last_seen == WallTime{}) return "nothing was heard of it since the daemon started";
+  if (robot.last_seen == WallTime{}) return "not heard since the daemon started";
   const auto silence =
       std::chrono::duration_cast<std::chrono::seconds>(there.since - robot.last_seen);
   if (robot.mesh() == Mesh::ble && silence < std::chrono::seconds{1})  // below any allowed limit
@@ -176,10 +176,10 @@ std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings
     return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",
                        silence.count());
   if (robot.mesh() != Mesh::thread)
-    return fmt::format("nothing had been heard of it for {} s", silence.count());
+    return fmt::format("had not been heard for {} s", silence.count());
   // A client that disconnects is heard at that moment.
   if (silence <= std::chrono::seconds{1})
-    return "it said goodbye (DISCONNECT) and has not connected since";
+    return "disconnected (DISCONNECT) and has not connected since";
   return fmt::format("its keep-alive ran out after {} s of silence; it has not connected since",
                      silence.count());
 }

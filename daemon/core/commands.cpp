@@ -51,12 +51,11 @@ void Commands::on_stale_command(const std::string& robot, BrokerMessage message,
   const auto target = scheme_.parse_command_topic(message.topic);
   if (!target || target->robot != robot) return;
   ++counts_.down;
-  conclude(
-      {std::nullopt, ledger_.next_id(), robot, std::string(target->type), CommandResult::refused,
-       message.waited,
-       has_begun_anew ? "it waited at the broker, and the robot has begun a clean session since"
-                      : "it waited at the broker for too long while no gateway served the robot"},
-      message.sender);
+  conclude({std::nullopt, ledger_.next_id(), robot, std::string(target->type),
+            CommandResult::refused, message.waited,
+            has_begun_anew ? "waited at the broker until the robot began a clean session"
+                           : "waited too long at the broker while no gateway served the robot"},
+           message.sender);
 }
 
 /// Refuses a banned robot's command at once, because such a robot never gets a session.
@@ -87,10 +86,11 @@ void Commands::on_handed_on(CommandId command) {
   const auto ended = ledger_.end(command);
   if (!ended) return;
   if (is_operator(who_of(ended->sender)))  // the next gateway does not know who asked
-    report({Severity::notice,
-            fmt::format("- {} {} goes on to the robot's next gateway", ended->robot, ended->type),
-            ended->robot, Occasion::command_outcome},
-           ended->type, "handed on", ended->sender);
+    report(
+        {Severity::notice,
+         fmt::format("- {} {} is handed on to the robot's next gateway", ended->robot, ended->type),
+         ended->robot, Occasion::command_outcome},
+        ended->type, "handed on", ended->sender);
   actions_.push(CommandHandedOn{command});
 }
 
@@ -251,8 +251,9 @@ void Commands::refuse_unknown(CommandOutcome outcome, const Now& now, const Send
   if (count) {
     Notice notice{
         Severity::warning,
-        fmt::format("- {} {} refused: {}{}", outcome.robot, outcome.type, outcome.why,
-                    *count > 1 ? fmt::format(" ({} like it since the last line)", *count) : ""),
+        fmt::format(
+            "- {} {} refused: {}{}", outcome.robot, outcome.type, outcome.why,
+            *count > 1 ? fmt::format(" ({} such commands since the last line)", *count) : ""),
         outcome.robot, Occasion::command_outcome};
     report(std::move(notice), outcome.type, to_string(outcome.result), sender);
   }

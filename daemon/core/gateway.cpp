@@ -104,18 +104,18 @@ bool Gateway::may_retain(const Report& report, std::string_view type, const Now&
   if (is_named && retained_.admit(report.robot, report.topic, report.payload.empty())) return true;
   ++traffic_.not_retained;
   const std::string why =
-      is_named ? fmt::format("a robot may retain {} topics, all together {}",
+      is_named ? fmt::format("limit reached: {} retained topics per robot, {} in total",
                              RetainedTopics::max_per_robot, RetainedTopics::max_in_all)
                : "topics.retain does not name its type";
   if (const auto count = retained_throttles_[report.is_proven].on_event(now.mono))
-    actions_.push(Notice{
-        .severity = Severity::warning,
-        .text =
-            fmt::format("{} {}: '{}' is published without its retain flag: {}{}",
-                        to_string(report.mesh), report.robot, report.topic, why,
-                        *count > 1 ? fmt::format("; {} like it since the last line", *count) : ""),
-        .robot = report.robot,
-        .is_proven = report.is_proven});
+    actions_.push(
+        Notice{.severity = Severity::warning,
+               .text = fmt::format(
+                   "{} {}: '{}' is published without its retain flag: {}{}", to_string(report.mesh),
+                   report.robot, report.topic, why,
+                   *count > 1 ? fmt::format("; {} such messages since the last line", *count) : ""),
+               .robot = report.robot,
+               .is_proven = report.is_proven});
   return false;
 }
 
@@ -130,16 +130,16 @@ void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& n
   actions_.push(event);
   const auto due = robot ? robot->rejected_throttle.on_event(now.mono) : std::nullopt;
   if (due) {
-    actions_.push(
-        Notice{.severity = Severity::warning,
-               .text = fmt::format(
-                   "{} {}: {} bytes are no `update` (4 + 4n or 4 + 4n + 1, n = 0..4), published "
-                   "under rejected/ as they came{}",
-                   to_string(*event.mesh), event.robot, event.payload.size(),
-                   *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
-               .robot = event.robot,
-               .occasion = Occasion::rejected_payload,
-               .is_proven = event.is_proven});
+    actions_.push(Notice{
+        .severity = Severity::warning,
+        .text = fmt::format(
+            "{} {}: {} bytes are not a valid `update` (4 + 4n or 4 + 4n + 1, n = 0..4), published "
+            "under rejected/ as they came{}",
+            to_string(*event.mesh), event.robot, event.payload.size(),
+            *due > 1 ? fmt::format("; {} such messages since the last line", *due) : ""),
+        .robot = event.robot,
+        .occasion = Occasion::rejected_payload,
+        .is_proven = event.is_proven});
   }
   PassUp up{std::move(event), retain};
   up.event.topic = scheme_.rejected_topic(up.event.robot, up.event.type);

@@ -22,7 +22,8 @@ std::string dumped(const json& document) {
 Result<PermitJoinOrder, std::string> parse_join_request(ByteView payload) {
   constexpr std::uint64_t most = std::chrono::seconds(PermitJoinOrder::longest).count();
   const std::string shape = fmt::format(
-      R"(a request is {{"seconds": a whole number to {}}}, with a "name" if one robot alone may join, and nothing else)",
+      R"(a request must be {{"seconds": N}} (a whole number, 0 to {}), with "name" to admit one )"
+      "robot only; no other keys",
       most);
   if (payload.size() > JoinRequests::max_payload) return shape;
   const json request = json::parse(payload.begin(), payload.end(), nullptr, false);
@@ -42,9 +43,11 @@ Result<PermitJoinOrder, std::string> parse_join_request(ByteView payload) {
 
 void JoinRequests::on_request(const BrokerMessage& message, const Now& now) {
   if (message.retain)
-    return refuse("it is retained, so it may be old: clear it, and do not retain", true, now);
+    return refuse(
+        "the request is retained, so it may be old: clear it, then publish without retain", true,
+        now);
   if (requested_at_ && now.mono - *requested_at_ < shortest_pause)
-    return refuse("it came within a second of the request before", false, now);
+    return refuse("only one request per second is allowed", false, now);
   requested_at_ = now.mono;
   auto order = parse_join_request(message.payload);
   if (!order.has_value()) return refuse(order.error(), true, now);
@@ -60,8 +63,9 @@ void JoinRequests::refuse(const std::string& why, bool is_answered, const Now& n
   if (count)
     actions_.push(Notice{
         Severity::warning,
-        fmt::format("a request to let robots join was refused: {}{}", why,
-                    *count > 1 ? fmt::format(" ({} like it since the last line)", *count) : ""),
+        fmt::format(
+            "a request to let robots join was refused: {}{}", why,
+            *count > 1 ? fmt::format(" ({} such requests since the last line)", *count) : ""),
         {}});
   if (count || is_answered) actions_.push(PublishJoining{dumped({{"error", why}})});
 }

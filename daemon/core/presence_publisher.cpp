@@ -219,10 +219,10 @@ void PresencePublisher::on_contested(const std::string& robot, bool is_contested
 }
 
 std::string PresencePublisher::drop(const std::string& robot) {
-  if (!is_valid_level(robot)) return "a robot's id is one topic level";
+  if (!is_valid_level(robot)) return "a robot's id must be one topic level";
   const Robot* known = directory_.registry.find(robot);
   if (known && known->presence().presence != Presence::offline)
-    return fmt::format("{} is {}: switch it off first, or it would be back at once", robot,
+    return fmt::format("{} is {}: switch it off first, or it comes back at once", robot,
                        to_string(known->presence().presence));
   directory_.registry.forget(robot);
   withdraw(robot);

@@ -16,7 +16,8 @@ RightsProbe::RightsProbe(const TopicScheme& scheme)
                  "be read back",
                  fmt::format("topic readwrite {}/gateway/#", scheme.prefix())}},
                {fmt::format("{}/server/{}/{}", scheme.prefix(), scheme.gateway_id(), level),
-                {"commands may not reach this gateway: its own message under server/ did not",
+                {"commands may not reach this gateway: its test message under server/ did not come "
+                 "back",
                  fmt::format("topic read {0}/server/# (and, for this check, topic write "
                              "{0}/server/+/{1})",
                              scheme.prefix(), level)}}}} {}

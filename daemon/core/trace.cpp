@@ -56,7 +56,7 @@ void Trace::on_traffic(const TrafficEvent& event) {
         .bytes = event.payload.size(),
         .radio = event.radio,
         .command = event.command,
-        .why = event.is_rejected ? "no update: published under rejected/" : "",
+        .why = event.is_rejected ? "not a valid update: published under rejected/" : "",
         .update = event.update,
         .had_stray_octet = event.had_stray_octet,
         .payload = event.payload});

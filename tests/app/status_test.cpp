@@ -165,9 +165,9 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   thread.is_contested = thread.is_deaf = false;
   thread.presence = Presence::offline;
   thread.since = WallTime{1'700'000'000s};
-  EXPECT_EQ(why_absent(robot, around), "nothing was heard of it since the daemon started");
+  EXPECT_EQ(why_absent(robot, around), "not heard since the daemon started");
   robot.last_seen = thread.since - 300ms;
-  EXPECT_NE(why_absent(robot, around).find("said goodbye"), std::string::npos);
+  EXPECT_NE(why_absent(robot, around).find("disconnected (DISCONNECT)"), std::string::npos);
   robot.last_seen = thread.since - 90s;
   EXPECT_NE(why_absent(robot, around).find("ran out after 90 s"), std::string::npos);
   robot.last_mesh = Mesh::ble;

@@ -472,7 +472,7 @@ TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
   EXPECT_EQ(told[0].robot, "a");
   EXPECT_EQ(told[0].type, "cmd");
   EXPECT_EQ(told[0].after, 40s);
-  EXPECT_EQ(told[0].why, "it waited at the broker for too long while no gateway served the robot");
+  EXPECT_EQ(told[0].why, "waited too long at the broker while no gateway served the robot");
   EXPECT_EQ(published, std::vector<std::string>{"ntnu-slam/gateway/pi1/commands/a"});
   grows_stale("ntnu-slam/robot/b/update");
   grows_stale("ntnu-slam/server/b/cmd");

@@ -145,7 +145,7 @@ TEST(JoinRequests, MalformedOnesAreAnsweredAndCounted) {
     rig.published.clear();
     rig.ask(payload);
     ASSERT_EQ(rig.published.size(), 1U) << payload;
-    EXPECT_EQ(rig.published[0]["error"].get<std::string>().rfind("a request is ", 0), 0U);
+    EXPECT_EQ(rig.published[0]["error"].get<std::string>().rfind("a request must be ", 0), 0U);
     rig.now.mono += JoinRequests::shortest_pause;
   }
   EXPECT_TRUE(rig.ordered.empty());

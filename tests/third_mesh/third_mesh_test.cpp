@@ -205,8 +205,7 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
   robot.last_mesh = Mesh::zigbee;
   robot.last_seen = WallTime{10s};
   robot.on_mesh[Mesh::zigbee].since = WallTime{50s};
-  EXPECT_EQ(why_absent(robot, {.link = {true, true, "", {}}}),
-            "nothing had been heard of it for 40 s");
+  EXPECT_EQ(why_absent(robot, {.link = {true, true, "", {}}}), "had not been heard for 40 s");
 
   for (const Mesh mesh : all_meshes) {
     const BrokerMessage before{"t", {}, Qos::at_least_once, false, Provenance{mesh, WallTime{7s}}};

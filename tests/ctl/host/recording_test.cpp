@@ -78,7 +78,7 @@ TEST(Recording, LeavesOutWhatBecameOfMessages) {
 
 TEST(Recording, LeavesOutWhatWasNotPublishedAsItCame) {
   TraceEvent event = arrival(0us, "p/robot/r/update");
-  event.why = "no update";
+  event.why = "not a valid update";
   EXPECT_TRUE(read(control::to_json(event).dump() + "\n").empty());
 }
 

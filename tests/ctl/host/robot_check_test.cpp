@@ -102,7 +102,7 @@ TEST(RobotCheck, NamesMessagesThatAskForNoAcknowledgement) {
 TEST(RobotCheck, NamesAStrayOctetAndPayloadsThatAreNone) {
   WatchedRobot robot = steady();
   robot.events.push_back(arrived(60, {{"stray_octet", true}}));
-  robot.events.push_back(arrived(61, {{"why", "no update: published under rejected/"}}));
+  robot.events.push_back(arrived(61, {{"why", "not a valid update: published under rejected/"}}));
   EXPECT_EQ(health_of(robot, "stray octet"), Health::warning);
   EXPECT_EQ(health_of(robot, "payload"), Health::problem);
 }
