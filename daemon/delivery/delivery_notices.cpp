@@ -30,7 +30,7 @@ Notice no_room_notice(const NoRoom& no_room) {
         no_room.count);
   else if (no_room.is_of_refused_topic)
     text = fmt::format(
-        "{} new messages are not acknowledged: the broker does not take their topics, and there is "
+        "{} new messages are not acknowledged: the broker refuses their topics, and there is "
         "no more room for dead letters",
         no_room.count);
   return {Severity::warning, std::move(text), {}};
@@ -58,8 +58,7 @@ std::optional<Notice> RefusalNotices::on_deadline(TimePoint now) {
   begin_ = now;
   lines_ = 1;
   return Notice{Severity::warning,
-                fmt::format("{} more lines about messages that the broker does not take were left "
-                            "out",
+                fmt::format("{} more lines about messages that the broker refuses were left out",
                             std::exchange(left_out_, 0)),
                 {}};
 }
@@ -68,14 +67,14 @@ std::optional<Notice> RefusalNotices::on_refused_topic(const std::string& topic,
                                                        const Refusal& refusal, TimePoint now) {
   return within_budget(
       Severity::warning,
-      fmt::format("the broker does not take messages on {}: {}; they are kept and tried again{}",
-                  topic, words_of(refusal), advice_for(refusal)),
+      fmt::format("the broker refuses messages on {}: {}; they are kept and retried{}", topic,
+                  words_of(refusal), advice_for(refusal)),
       now);
 }
 
 std::optional<Notice> RefusalNotices::on_accepted(const std::string& topic, TimePoint now) {
   return within_budget(Severity::notice,
-                       fmt::format("the broker takes messages on {} again", topic), now);
+                       fmt::format("the broker accepts messages on {} again", topic), now);
 }
 
 std::optional<Notice> RefusalNotices::on_dead_letter(const std::string& topic, std::size_t bytes,
@@ -127,8 +126,8 @@ std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string
   trouble = "it cannot be " + why;
   if (!throttle_.on_event(now)) return std::nullopt;
   return Notice{Severity::error,
-                fmt::format("the store cannot be {}; until it can, messages wait in memory and "
-                            "robots for the broker's acknowledgement",
+                fmt::format("the store cannot be {}; messages wait in memory, and robots wait "
+                            "for the broker's acknowledgement",
                             why),
                 {}};
 }

@@ -264,8 +264,9 @@ void Outbox::find_cause_of_loss(TimePoint now) {
 void Outbox::on_lost_alone(Item& item, TimePoint now) {
   const std::string topic = item.message.topic;
   const bool is_convicted = refused_.on_lost_alone(topic, now);
-  const Refusal refusal{0, is_convicted ? "the connection was lost each time when it was sent alone"
-                                        : "the connection is lost when they are sent"};
+  const Refusal refusal{0, is_convicted
+                               ? "the connection was lost each time the message was sent alone"
+                               : "the connection is lost when messages of this topic are sent"};
   if (item.is_unacknowledged()) {
     notify(refusal_notices_.on_unacknowledged(item.message, refusal, now));
     return drop(item, "the connection is lost when it is sent", now);

@@ -105,8 +105,8 @@ bool RefusedTopics::on_loss_after_refusal(TimePoint now) {
   const auto& [topic, refusal, at] = *last_refusal_;
   if (!refusal.is_permanent()) {
     taken_.reset(TopicCounts::slot(topic));
-    flows_[TopicCounts::slot(flow_of(topic))] = {refusal.code,
-                                                 "another topic of this robot is: " + refusal.why};
+    flows_[TopicCounts::slot(flow_of(topic))] = {
+        refusal.code, "another topic of this robot is refused: " + refusal.why};
   }
   put_off_tries(now);
   return true;
@@ -157,7 +157,7 @@ bool RefusedTopics::on_lost_alone(const std::string& topic, TimePoint now) {
   put_off_tries(now);
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
-  known->refusal = {0, "the connection is lost when they are sent"};
+  known->refusal = {0, "the connection is lost when messages of this topic are sent"};
   if (now - up_since_ >= stable_after && ++known->losses == 1) known->answers_at_loss = answers_;
   grow_pause(*known, longest_closing_pause, now);
   const bool is_convicted =

@@ -93,7 +93,7 @@ TEST_F(OutboxClosingTest, TheMessageIsADeadLetterAloneAndAllOthersArrive) {
   ASSERT_EQ(store.dead_letters.size(), 1u);
   const auto& letter = store.dead_letters.begin()->second;
   EXPECT_EQ(number_in(letter.message), "20");
-  EXPECT_EQ(letter.why.reason, "the connection was lost each time when it was sent alone");
+  EXPECT_EQ(letter.why.reason, "the connection was lost each time the message was sent alone");
   EXPECT_EQ(letter.why.tries, 2u);
   EXPECT_EQ(said("dead letter now"), 1);
   test::expect_promises_kept(*this, topic_of, closings);
@@ -133,7 +133,7 @@ TEST_F(OutboxClosingTest, TheTopicGoesOnWhenTheBrokerTakesIt) {
   run(5min, 1s);
   EXPECT_TRUE(outbox->refused_topics().empty());
   EXPECT_EQ(received_of("r/1/bad").size() + store.dead_letters.size(), 60u);
-  EXPECT_EQ(said("takes messages on r/1/bad again"), 1);
+  EXPECT_EQ(said("accepts messages on r/1/bad again"), 1);
   test::expect_promises_kept(*this, topic_of, closings);
 }
 
@@ -200,7 +200,7 @@ TEST_F(OutboxClosingTest, AConnectionThatBreaksByItselfAccusesNobody) {
     run(2s);
   }
   EXPECT_TRUE(store.dead_letters.empty());
-  EXPECT_EQ(said("does not take messages"), 0);
+  EXPECT_EQ(said("refuses messages"), 0);
   test::expect_promises_kept(*this, topic_of, 200);
 }
 

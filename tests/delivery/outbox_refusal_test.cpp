@@ -158,16 +158,16 @@ TEST_F(OutboxRefusalTest, SaysTopicAndReasonOnceAndThatTheBrokerTakesThemAgain) 
     submit("a", static_cast<std::uint64_t>(10 + i));
     answer_all({"a", "b"}, not_authorised);
   }
-  EXPECT_EQ(said("does not take messages on a: said so (0x87)"), 1);
-  EXPECT_EQ(said("does not take messages on b: said so (0x97)"), 1);
-  EXPECT_EQ(said("does not take messages on b: said so (0x87)"), 1) << "the reason has changed";
+  EXPECT_EQ(said("refuses messages on a: said so (0x87)"), 1);
+  EXPECT_EQ(said("refuses messages on b: said so (0x97)"), 1);
+  EXPECT_EQ(said("refuses messages on b: said so (0x87)"), 1) << "the reason has changed";
   const std::vector<RefusedTopic> held = outbox->refused_topics().list(10);
   ASSERT_EQ(held.size(), 2u);
   const RefusedTopic& a = held[0].topic == "a" ? held[0] : held[1];
   EXPECT_EQ(a.waiting, 31u);
   EXPECT_EQ(a.refusal.code, not_authorised);
   settle();
-  EXPECT_EQ(said("takes messages on a again"), 1);
+  EXPECT_EQ(said("accepts messages on a again"), 1);
   EXPECT_EQ(notices.size(), 5u);
 }
 
@@ -180,7 +180,7 @@ TEST_F(OutboxRefusalTest, AThousandRefusedTopicsDoNotFillTheLog) {
   }
   EXPECT_EQ(notices.size(), RefusalNotices::most_lines);
   pass(RefusalNotices::interval);
-  EXPECT_EQ(said("980 more lines about messages that the broker does not take were left out"), 1);
+  EXPECT_EQ(said("980 more lines about messages that the broker refuses were left out"), 1);
   settle();
   for (std::uint64_t i = 1; i <= 1000; ++i)
     EXPECT_EQ(received_of("t/" + std::to_string(i)).size(), 1u);

@@ -101,7 +101,7 @@ TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
     const auto refused = gateway.outbox.refused_topics().list(1);
     return refused.size() == 1 && refused[0].tries >= 2;
   }));
-  EXPECT_TRUE(gateway.logs("does not take messages on r/2/update: not authorised (0x87)"));
+  EXPECT_TRUE(gateway.logs("refuses messages on r/2/update: not authorised (0x87)"));
 
   test::write_file(access, "topic readwrite #\n");
   broker.reload();
@@ -112,7 +112,7 @@ TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   std::vector<std::string> refused = without_repeats(subscriber.lines());
   std::erase_if(refused, [](const std::string& line) { return line.starts_with("r/1/"); });
   EXPECT_TRUE(std::ranges::is_permutation(refused, expected)) << "each once, in any order";
-  EXPECT_TRUE(gateway.logs("takes messages on r/2/update again"));
+  EXPECT_TRUE(gateway.logs("accepts messages on r/2/update again"));
 }
 
 TEST_P(BrokerLimit, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow) {
