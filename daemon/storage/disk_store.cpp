@@ -93,7 +93,7 @@ void DiskStore::serve(const StoreOrder& order, const OrderDone& done) {
   try {
     done(std::visit([this](const auto& what) { return answer(what); }, order));
   } catch (const LogError& error) {
-    done({{}, fmt::format("the store fails: {}", error.what())});
+    done({{}, fmt::format("store error: {}", error.what())});
   }
   if (before != log_->dead_letters()) post(DeadLettersChanged{log_->dead_letters()});
 }
@@ -203,7 +203,7 @@ void DiskStore::on_opened() {
   failing_since_.reset();
   report_losses();
   if (!std::exchange(why_reported_, {}).empty())
-    notify(Severity::notice, fmt::format("the store {} could be opened now", settings_.directory));
+    notify(Severity::notice, fmt::format("the store {} is open now", settings_.directory));
   try_again_after(patience_.reopen);
   ++generation_;
   post(log_->take_opened());
@@ -235,7 +235,7 @@ void DiskStore::report_closed() {
   if (std::exchange(why_reported_, why_closed_) != why_closed_) {
     notify(Severity::warning,
            fmt::format("no store: {}. Robots get their acknowledgements from the broker only; "
-                       "what is undelivered does not survive a restart",
+                       "undelivered messages do not survive a restart",
                        why_closed_));
   }
   if (!is_first) return;
@@ -262,8 +262,8 @@ void DiskStore::check_place() {
   const auto written = log_->log().put_back_in_place();
   if (written.empty()) return;
   notify(Severity::error,
-         fmt::format("{} was moved, removed or replaced while it was in use: what it held is there "
-                     "again; what was there instead is {}.replaced",
+         fmt::format("{} was moved, removed or replaced while in use; its contents are restored "
+                     "(a replaced file is now {}.replaced)",
                      fmt::join(written, ", "), written.back()));
 }
 

@@ -205,8 +205,8 @@ void RecordLog::lock() {
     if (errno != EWOULDBLOCK) fail(path);
     if (std::chrono::steady_clock::now() > give_up_at)
       throw LogError(directory_ +
-                         ": another process has it open, perhaps a second slam-gatewayd: end one "
-                         "of the two",
+                         ": another process uses it, perhaps a second slam-gatewayd: stop one of "
+                         "them",
                      0);
     std::this_thread::sleep_for(lock_poll);
   }
@@ -346,8 +346,8 @@ RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
       checksum({}, all.first(header_bytes - 4)) == u32_at(all, header_bytes - 4)) {
     const std::string_view found = as_text(all.first(magic.size()));
     if (found != magic)
-      throw LogError(fmt::format("{} is left as it is: it was written by a newer version (format "
-                                 "{}, this one knows {})",
+      throw LogError(fmt::format("{} was written by a newer version (format {}, supported: {}) and "
+                                 "is not changed",
                                  path, found.back(), magic.back()),
                      0);
     scan.records_before = u32_at(all, 12);

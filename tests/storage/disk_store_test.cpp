@@ -154,8 +154,8 @@ TEST(DiskStore, ASecondProcessGoesWithoutAndSaysWhy) {
   ASSERT_TRUE(first.await<StoreOpened>());
   StoreUser second(directory.path());
   ASSERT_TRUE(second.await<StoreAbsent>());
-  EXPECT_NE(second.notices().find("another process has it open, perhaps a second "
-                                  "slam-gatewayd: end one of the two. Robots get "),
+  EXPECT_NE(second.notices().find("another process uses it, perhaps a second "
+                                  "slam-gatewayd: stop one of them. Robots get "),
             std::string::npos)
       << second.notices();
   EXPECT_TRUE(first.keep(1, 1)) << "and the first is not disturbed";
@@ -180,7 +180,7 @@ TEST(DiskStore, LeavesTheLogOfANewerVersionAlone) {
   write_file(path, octets, 0600);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreAbsent>());
-  EXPECT_NE(user.notices().find("newer version (format 2, this one knows 1)"), std::string::npos)
+  EXPECT_NE(user.notices().find("newer version (format 2, supported: 1)"), std::string::npos)
       << user.notices();
   EXPECT_EQ(read_file(path), octets);
 }

@@ -362,7 +362,7 @@ TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenIsWrittenAgain) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
   std::filesystem::remove_all(directory.path());
-  EXPECT_TRUE(user.says("is there again"));
+  EXPECT_TRUE(user.says("its contents are restored"));
   ASSERT_TRUE(user.keep(51, 1, 100));
   user.store().stop();
   StoreUser next(directory.path());
