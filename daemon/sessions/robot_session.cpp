@@ -23,8 +23,8 @@ void RobotSession::set_contested(bool is_contested) {
   actions_.push(Notice{
       is_contested ? Severity::warning : Severity::notice,
       is_contested
-          ? fmt::format("{}: its session at the broker (client id {}) is taken again and again: "
-                        "are there two robots, or a foreign client, of that name?",
+          ? fmt::format("{}: another client keeps taking its session at the broker (client id {}): "
+                        "is there a second robot or a foreign client with this name?",
                         robot_, names_.client_id(robot_))
           : fmt::format("{}: no other client takes its session at the broker any more", robot_),
       robot_});

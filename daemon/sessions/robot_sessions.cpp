@@ -298,11 +298,12 @@ RobotSession* RobotSessions::find_or_make(const std::string& robot, TimePoint no
   if (RobotSession* session = find(robot)) return session;
   if (sessions_.size() >= max_sessions_) {
     if (const auto count = full_throttle_.on_event(now))
-      actions_.push(Notice{Severity::warning,
-                           fmt::format("{} has no session at the broker: {} robots have one "
-                                       "already; forget some of them ({} like it)",
-                                       robot, max_sessions_, *count),
-                           robot});
+      actions_.push(
+          Notice{Severity::warning,
+                 fmt::format("{} has no session at the broker: {} robots have one "
+                             "already; forget some of them (count since the last line: {})",
+                             robot, max_sessions_, *count),
+                 robot});
     return nullptr;
   }
   const TimePoint unheld_since = last_alive_.value_or(now - 2 * RobotSession::stale_after);

@@ -120,7 +120,7 @@ TEST_F(ContestedSession, Rule5_IsSaidOnceAndOverAfterAQuietMinute) {
   Said first = said();
   EXPECT_EQ(first.contested, std::vector{true});
   ASSERT_EQ(first.notices.size(), 1U);
-  EXPECT_NE(first.notices[0].find("two robots, or a foreign client, of that name?"),
+  EXPECT_NE(first.notices[0].find("a second robot or a foreign client with this name?"),
             std::string::npos);
   EXPECT_TRUE(sessions.is_contested("r1"));
   sessions.on_attached("r1", true, now);

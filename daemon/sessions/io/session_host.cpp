@@ -98,8 +98,9 @@ void SessionHost::on_attached(const std::string& robot, bool is_present) {
 void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure& failure) {
   end_link(robot, RobotLink::Farewell::none);
   if (const auto count = failure_throttle_.on_event(read_clocks().mono))
-    report_(Notice{Severity::warning,
-                   fmt::format("{} ({} like it)", explain(robot, failure), *count), robot});
+    report_(Notice{
+        Severity::warning,
+        fmt::format("{} (count since the last line: {})", explain(robot, failure), *count), robot});
   if (failure.is_id_refused) refused_.insert(robot);
   driver_->on_attach_failed(robot, read_clocks());
 }
@@ -111,7 +112,7 @@ std::string SessionHost::explain(const std::string& robot, const AttachFailure& 
         "(LimitNOFILE= of the service; each robot needs 4)",
         robot);
   return fmt::format(
-      "{}: the broker does not give its session to this gateway: {}{}", robot, failure.why,
+      "{}: the broker refuses this gateway the robot's session: {}{}", robot, failure.why,
       failure.is_id_refused
           ? fmt::format("; it does not let this gateway use client ids {}", names_.client_id("*"))
           : "");
@@ -126,12 +127,13 @@ void SessionHost::on_subscribed(const std::string& robot, const std::string& fil
                                 bool is_granted) {
   if (!is_granted && filter == names_.mailbox_topic(robot)) {
     if (const auto count = mailbox_throttle_.on_event(read_clocks().mono))
-      report_(Notice{Severity::warning,
-                     fmt::format("{}: the broker does not let this gateway read {}, by which "
-                                 "robots' commands follow them between gateways; its access list "
-                                 "needs `topic readwrite <prefix>/fleet/robots/#` ({} like it)",
-                                 robot, filter, *count),
-                     robot});
+      report_(Notice{
+          Severity::warning,
+          fmt::format("{}: the broker denies this gateway access to {}, which carries robots' "
+                      "commands between gateways; its access list needs `topic readwrite "
+                      "<prefix>/fleet/robots/#` (count since the last line: {})",
+                      robot, filter, *count),
+          robot});
   }
   driver_->on_subscribed(robot, filter, is_granted, read_clocks());
 }
