@@ -22,7 +22,7 @@ constexpr std::array connect_words{
     Words{4, "refuses user name or password"},
     Words{5, "does not authorise this user"},
     Words{0x80, "refuses without a reason"},
-    Words{0x81, "calls the CONNECT malformed"},
+    Words{0x81, "reports a malformed CONNECT"},
     Words{0x82, "reports a protocol error"},
     Words{0x84, "does not speak this version of MQTT"},
     Words{0x85, "refuses the client id"},
@@ -34,13 +34,13 @@ constexpr std::array connect_words{
     Words{0x8b, "shuts down"},
     Words{0x8c, "refuses the authentication method"},
     Words{0x90, "refuses the last will's topic"},
-    Words{0x95, "calls the CONNECT too large"},
-    Words{0x97, "says that a quota is exceeded"},
+    Words{0x95, "reports that the CONNECT is too large"},
+    Words{0x97, "reports an exceeded quota"},
     Words{0x9a, "does not keep retained messages"},
     Words{0x9b, "does not support the last will's QoS"},
     Words{0x9c, "asks to use another server"},
     Words{0x9d, "has moved to another server"},
-    Words{0x9f, "says that connections come too fast"},
+    Words{0x9f, "limits the connection rate"},
 };
 
 constexpr std::array publish_words{

@@ -145,8 +145,8 @@ std::string explain_no_connection(const BrokerSettings& broker, int error) {
 }
 
 std::string explain_stranger(const BrokerSettings& broker) {
-  return broker.tls ? "TLS works, but the port does not answer as an MQTT broker does"
-                    : "the port answers, but not as an MQTT broker does";
+  return broker.tls ? "TLS works, but the port does not answer like an MQTT broker"
+                    : "the port answers, but not like an MQTT broker";
 }
 
 }  // namespace slamgw

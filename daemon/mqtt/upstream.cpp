@@ -274,7 +274,7 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
   if (is_for_a_message) backoff_.reset();
   if (rivals_.on_lost(is_taken_over, is_for_a_message || !unanswered_.empty(), now) &&
       !is_taken_over)
-    why += fmt::format(" soon after it came up, again and again; perhaps {}",
+    why += fmt::format(" shortly after connecting, repeatedly; perhaps {}",
                        explain_rival(broker().client_id));
   go_on(why, rivals_.pause());
 }
@@ -311,9 +311,10 @@ void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
     const TimePoint now = std::chrono::steady_clock::now();
     const bool was_silent = stall_watch_.on_answer(now);
     if (has_forgotten_a_message(now))
-      return on_lost(fmt::format("the broker has not answered a message for {} s, but others",
-                                 traits_.longest_answer.count()),
-                     false);
+      return on_lost(
+          fmt::format("the broker has not answered one message for {} s, but has answered others",
+                      traits_.longest_answer.count()),
+          false);
     watch_for_stall();  // the deadline may be earlier now
     if (was_silent) listener_.on_silence(false);
     return;
@@ -372,7 +373,7 @@ bool Upstream::fits_packet(std::uint64_t sequence, const BrokerMessage& message)
   if (bytes <= *limits_.max_packet_bytes) return true;
   constexpr int packet_too_large = 0x95;
   Refusal refusal{packet_too_large,
-                  fmt::format("the packet would have {} octets, and the broker takes {}", bytes,
+                  fmt::format("the packet of {} octets exceeds the broker's limit of {}", bytes,
                               *limits_.max_packet_bytes)};
   boost::asio::post(io_, [this, sequence, refusal, link = std::weak_ptr(link_)] {
     if (!link.expired() && link.lock() == link_) listener_.on_publish_refused(sequence, refusal);

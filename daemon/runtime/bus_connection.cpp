@@ -66,7 +66,7 @@ void BusConnection::close() {
 
 void BusConnection::fail(int error) {
   reopen();
-  handlers_.on_service(std::string("the system bus is not there: ") + std::strerror(-error));
+  handlers_.on_service(std::string("the system bus is not available: ") + std::strerror(-error));
 }
 
 void BusConnection::reopen() {

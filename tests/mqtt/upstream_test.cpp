@@ -230,7 +230,7 @@ TEST_P(Upstreams, DoesNotWaitForEverForTheAnswerToOneMessage) {
       return !link.listener.reasons.empty();
     }));
     EXPECT_EQ(link.listener.reasons[0],
-              "the broker has not answered a message for 2 s, but others");
+              "the broker has not answered one message for 2 s, but has answered others");
     EXPECT_FALSE(link.listener.published.contains(1));
     EXPECT_EQ(link.listener.published.empty(), is_alone);
   }

@@ -150,7 +150,7 @@ TEST_F(MeshdAdapterTest, WaitsForABus) {
   bus.reset();
   start();
   ASSERT_TRUE(eventually([&] { return !listener.all<LinkChange>().empty(); }));
-  EXPECT_NE(listener.all<LinkChange>()[0].detail.find("the system bus is not there"),
+  EXPECT_NE(listener.all<LinkChange>()[0].detail.find("the system bus is not available"),
             std::string::npos);
   bus.emplace(directory / "bus");
   fake.come();

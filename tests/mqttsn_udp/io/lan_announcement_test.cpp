@@ -195,11 +195,11 @@ TEST_F(LanAnnouncementTest, WaitsForAvahiAndFollowsItsRestarts) {
 TEST_F(LanAnnouncementTest, TellsOnceThatThereIsNoBusAndTriesAgain) {
   bus.reset();
   announcement->announce({"pi", 47193});
-  EXPECT_EQ(lines("the system bus is not there"), 1);
+  EXPECT_EQ(lines("the system bus is not available"), 1);
   bus.emplace(directory / "bus");
   avahi.come();
   EXPECT_TRUE(announces("pi _mqttsn._udp 47193 -1 -1"));
-  EXPECT_EQ(lines("the system bus is not there"), 1);
+  EXPECT_EQ(lines("the system bus is not available"), 1);
 }
 
 TEST_F(LanAnnouncementTest, TakesAnotherNameWhereOthersHaveIt) {
