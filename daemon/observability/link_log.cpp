@@ -23,14 +23,14 @@ std::optional<Notice> LinkLog::on_down(const std::string& why, TimePoint now) {
   if (!attempts) return std::nullopt;
   const std::string again = is_news ? "" : fmt::format(" ({} attempts)", *attempts);
   return Notice{Severity::warning,
-                fmt::format("broker {} is not reached: {}; trying again{}", uri_, why, again),
+                fmt::format("cannot reach broker {}: {}; retrying{}", uri_, why, again),
                 {},
                 Occasion::broker_link};
 }
 
 Notice LinkLog::on_left(const std::string& why) const {
   return {
-      Severity::info, fmt::format("leaves broker {}: {}", uri_, why), {}, Occasion::broker_link};
+      Severity::info, fmt::format("leaving broker {}: {}", uri_, why), {}, Occasion::broker_link};
 }
 
 }  // namespace slamgw

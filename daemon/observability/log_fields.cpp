@@ -51,7 +51,7 @@ std::string traffic_text(const TrafficEvent& event, const TrafficLine& line) {
                                  mesh_name(event), event.robot, event.type, content(event));
   if (line.of_stream > 1) text += fmt::format(" ({} messages)", line.of_stream);
   if (line.of_others > 0)
-    text += fmt::format(" (and {} of any robot: too many for lines of their own)", line.of_others);
+    text += fmt::format(" (and {} more of any robot: too many to log)", line.of_others);
   return text;
 }
 

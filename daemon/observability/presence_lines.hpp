@@ -29,7 +29,7 @@ class BoundedLines {
     const std::uint64_t count = std::exchange(left_out_, 0);
     if (count == 0) return std::nullopt;
     return Notice{Severity::warning,
-                  fmt::format("{} {} without a line of their own: too many at once", count, words),
+                  fmt::format("{} more {}: too many to log one by one", count, words),
                   {},
                   occasion};
   }

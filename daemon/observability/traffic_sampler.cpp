@@ -14,9 +14,9 @@ std::optional<Notice> UnprovenLines::summary() {
   if (count == 0) return std::nullopt;
   return Notice{
       Severity::warning,
-      fmt::format("{} lines about clients that have not shown that they receive were left "
-                  "out: too many at once, the last one about '{}'; slam-gatewayctl "
-                  "status names the address that has most of these clients",
+      fmt::format("left out {} lines about clients that have not shown that they receive, "
+                  "the last one about '{}': too many at once; slam-gatewayctl status "
+                  "names the address that has most of these clients",
                   count, last_),
       {},
       Occasion::robot_presence};

@@ -194,7 +194,7 @@ TEST(OperatorWords, AMissingThreadInterfaceSaysWhoMakesIt) {
 
 TEST(OperatorWords, AFullDiskIsNamedAndShownInTheStatus) {
   GatewayProcess gateway(json{{"broker", no_broker}});
-  ASSERT_TRUE(eventually([&] { return gateway.logs("is not reached"); })) << gateway.log();
+  ASSERT_TRUE(eventually([&] { return gateway.logs("cannot reach broker"); })) << gateway.log();
   gateway.process().send_signal(SIGTERM);
   ASSERT_EQ(gateway.process().wait(), 0);
   const std::string store = gateway / "store";

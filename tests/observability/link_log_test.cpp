@@ -14,15 +14,15 @@ TEST(LinkLog, WarnsOfANewReasonAtOnceAndSumsUpARepeatedOne) {
   const auto first = log.on_down("no route", start);
   ASSERT_TRUE(first);
   EXPECT_EQ(first->severity, Severity::warning);
-  EXPECT_EQ(first->text, "broker mqtt://a is not reached: no route; trying again");
+  EXPECT_EQ(first->text, "cannot reach broker mqtt://a: no route; retrying");
   EXPECT_FALSE(log.on_down("no route", start + 30s));
   const auto other = log.on_down("refused", start + 31s);
   ASSERT_TRUE(other);
-  EXPECT_EQ(other->text, "broker mqtt://a is not reached: refused; trying again");
+  EXPECT_EQ(other->text, "cannot reach broker mqtt://a: refused; retrying");
   EXPECT_FALSE(log.on_down("refused", start + 61s));
   const auto summary = log.on_down("refused", start + 92s);
   ASSERT_TRUE(summary);
-  EXPECT_EQ(summary->text, "broker mqtt://a is not reached: refused; trying again (2 attempts)");
+  EXPECT_EQ(summary->text, "cannot reach broker mqtt://a: refused; retrying (2 attempts)");
 }
 
 TEST(LinkLog, DoesNotWarnOfABrokerThatIsLeftOnPurpose) {
@@ -31,7 +31,7 @@ TEST(LinkLog, DoesNotWarnOfABrokerThatIsLeftOnPurpose) {
   const Notice left = log.on_left("the first broker of the list takes connections again");
   EXPECT_EQ(left.severity, Severity::info);
   EXPECT_EQ(left.text,
-            "leaves broker mqtt://b: the first broker of the list takes connections again");
+            "leaving broker mqtt://b: the first broker of the list takes connections again");
   EXPECT_EQ(left.occasion, Occasion::broker_link);
 }
 

@@ -35,7 +35,7 @@ def connections(log):
     begun, found = None, []
     for line in log.read_text().splitlines():
         is_up = " connected (MQTT" in line
-        if not is_up and not any(word in line for word in (" is not reached: ", "leaves broker ", " starts as gateway ")):
+        if not is_up and not any(word in line for word in ("cannot reach broker ", "leaving broker ", " starts as gateway ")):
             continue
         at = datetime.datetime.fromisoformat(line.split()[0]).timestamp() + to_monotonic
         if begun:
