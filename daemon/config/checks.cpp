@@ -113,9 +113,10 @@ void check_relay(const Located& located) {
                     "has no effect on this link, which has no way to robots; only \"protocol\": "
                     "\"nordic-serial\" is allowed beside it");
   if (located.config.update_mode == UpdateMode::json)
-    located.problem("ble_mesh.relay",
-                    "would carry JSON, which robots do not say; \"positions\" or \"raw\" for "
-                    "payload.update is allowed beside it");
+    located.problem(
+        "ble_mesh.relay",
+        "would carry JSON, which robots do not understand; \"positions\" or \"raw\" for "
+        "payload.update is allowed beside it");
   if (ble.relay.size() > 1 && std::ranges::find(ble.relay, "robot/+/update") != ble.relay.end())
     located.problem("ble_mesh.relay",
                     "names robots beside \"robot/+/update\", which has all of them: each update "
@@ -229,11 +230,12 @@ void warn_of_relations(const Located& located, Problems& warnings) {
   const Place place = located.place_of(key);
   warnings.push_back(
       {place.file, place.line, key,
-       fmt::format("is no longer than the {} s between two health messages of a BLE robot: one "
-                   "that says nothing else goes offline and online again each time; more than {} "
-                   "is needed, the default is {}",
-                   ble::health_interval.count(), ble::health_interval.count(),
-                   ble::Settings{}.offline_after.count())});
+       fmt::format(
+           "is no longer than the {} s between two health messages of a BLE robot: a "
+           "robot that sends nothing else goes offline and online again each time; more than {} "
+           "is needed, the default is {}",
+           ble::health_interval.count(), ble::health_interval.count(),
+           ble::Settings{}.offline_after.count())});
 }
 
 void check_tls_files(const Located& located, const Files& files) {

@@ -33,7 +33,8 @@ constexpr std::array rows = {
     Row{"number overflow", "", "a number is too large; allowed are numbers below 1e308"},
     Row{"invalid literal", "object key", "a key without quotes; write it in double quotes"},
     Row{"invalid literal", "",
-        "this is no JSON value; allowed are \"text\", numbers, true, false, null, [...] and {...}"},
+        "this is not a JSON value; allowed are \"text\", numbers, true, false, null, [...] and "
+        "{...}"},
     Row{"invalid BOM", "", "the file starts with a broken byte order mark; save the file as UTF-8"},
     Row{"unexpected end of input", "while parsing value",
         "the file ends where a value should stand; an empty configuration is {}"},

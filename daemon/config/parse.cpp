@@ -75,9 +75,10 @@ class Reader {
   }
 
   void add_notice(const JsonNode& node, const std::string& path) {
-    result_.notices.push_back({node.place.file, node.place.line, path,
-                               "has no meaning any more: gateways on one broker need nothing but "
-                               "a gateway.id of their own"});
+    result_.notices.push_back(
+        {node.place.file, node.place.line, path,
+         "has no meaning any more: gateways on one broker need only different "
+         "values of gateway.id"});
   }
 
   void report_unknown(const JsonNode& node, const std::string& path, const std::string& row) {

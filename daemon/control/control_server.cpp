@@ -38,7 +38,7 @@ void make_directory(const std::string& path) {
 void remove_stale(asio::io_context& io, const std::string& path) {
   struct stat status {};
   if (lstat(path.c_str(), &status) != 0) return;
-  if (!S_ISSOCK(status.st_mode)) fail(path, "something that is no socket is in its place");
+  if (!S_ISSOCK(status.st_mode)) fail(path, "a file that is not a socket is in its place");
   stream_protocol::socket probe(io);
   error_code error;
   probe.open();

@@ -190,7 +190,7 @@ TEST(ParseConfig, ReadsFleetKeysWhateverTheySayAndNamesEachOnce) {
   ASSERT_EQ(parsed.notices.size(), 2U);
   EXPECT_EQ(to_string(parsed.notices[0]),
             "/etc/slam-gateway/gateway.json:1: fleet.enabled: has no meaning any more: gateways on "
-            "one broker need nothing but a gateway.id of their own");
+            "one broker need only different values of gateway.id");
   EXPECT_EQ(parsed.notices[1].key, "fleet.lease_s");
   EXPECT_EQ(parsed.notices[1].line, 2);
   for (const char* const text :

@@ -81,7 +81,8 @@ void warn_of_ignored_files(ParseResult& result, const std::string& configuration
   std::sort(ignored.begin(), ignored.end());
   for (const std::string& path : ignored)
     result.warnings.push_back(
-        {path, 1, "file", "is not read, for its name does not end in .json; rename or remove it"});
+        {path, 1, "file",
+         "is not read because its name does not end in .json; rename or remove it"});
   if (configuration == service_configuration) warn_of_misplaced_files(result);
 }
 
