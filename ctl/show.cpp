@@ -910,7 +910,7 @@ std::string done(const json& done) {
   if (done.contains("in_force")) {
     const std::string restart = text_at(done, "needs_restart");
     const std::string in_force = text_at(done, "in_force");
-    return (in_force.empty() ? "nothing new is in force\n" : "in force: " + in_force + "\n") +
+    return (in_force.empty() ? "no changes applied\n" : "applied: " + in_force + "\n") +
            (restart.empty() ? "" : "only a restart changes: " + restart + "\n");
   }
   return "done\n";

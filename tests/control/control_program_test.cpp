@@ -487,7 +487,7 @@ TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {
   handler.reload_answer = {R"({"in_force": "log, robots", "needs_restart": "store.*"})", {}};
   Ended result = run({"reload"});
   EXPECT_EQ(result.status, 0) << result.err;
-  EXPECT_EQ(result.out, "in force: log, robots\nonly a restart changes: store.*\n");
+  EXPECT_EQ(result.out, "applied: log, robots\nonly a restart changes: store.*\n");
   handler.reload_answer = {{}, "g.json:2: log.level: \"loud\" is not allowed"};
   result = run({"reload"});
   EXPECT_EQ(result.status, 1);
