@@ -82,7 +82,7 @@ class Gateway:
         return sum(tallies.values(), Tally()), [one for one in complaints if not (" out of order:" in one and one.split(":")[0] in blamed)], blamed
 
     def blamed(self):
-        """Robots of whose message the daemon says that the connection is lost when messages of its topic are sent. Cuts that hit the same message twice look like
+        """Robots of whose topics the daemon says that the broker refuses them. Cuts that hit the same message twice look like
         that; later messages may then overtake it (docs/topics.md, promise 3)."""
         return set(re.findall(r"refuses messages on \S+/robot/([^/]+)/", self.daemon.log.read_text(encoding="utf-8")))
 
