@@ -92,7 +92,9 @@ enum slam_sn_event_kind {
   SLAM_SN_NOTHING,
   SLAM_SN_MESSAGE,    // a message came, described by the members below
   SLAM_SN_PUBLISHED,  // the message of QoS 1 or 2 has ended; `code` says how
-  SLAM_SN_REFUSED     // `topic`, or the robot (SLAM_SN_NO_TOPIC), is refused; `code` says why
+  // `topic`, or the robot (SLAM_SN_NO_TOPIC), is refused; `code` says why. After SLAM_SN_CONGESTION
+  // the client asks again after SLAM_SN_CONGESTION_MS.
+  SLAM_SN_REFUSED
 };
 
 struct slam_sn_event {
@@ -119,20 +121,23 @@ struct slam_sn_heard_topic {
 struct slam_sn_client {
   const struct slam_sn_settings* settings;
   enum slam_sn_state state;
-  uint16_t next_id;       // the message id of the next request, never 0
-  uint16_t delivered_id;  // of the gateway's last message, to recognise its repeat
-  uint32_t answered_at;   // when the gateway last answered a request
-  uint32_t heard_at;      // when the gateway last sent anything
+  uint16_t next_id;          // the message id of the next request, never 0
+  uint16_t delivered_id;     // of the gateway's last message, to recognise its repeat
+  bool is_delivered_before;  // on an earlier connection: then only DUP marks a repeat
+  uint32_t answered_at;      // when the gateway last answered a request
+  uint32_t heard_at;         // when the gateway last sent anything
 
   uint8_t asking;  // type of the open request about the connection; 0: none
   uint8_t asked_topic;
   uint8_t tries;
-  uint8_t connacks;  // CONNACKs that may still come, one for each CONNECT that was sent
-  bool resumes;      // the next CONNECT continues the session
+  uint8_t connacks;   // CONNACKs that may still come, one for each CONNECT that was sent
+  bool resumes;       // the next CONNECT continues the session
+  bool is_congested;  // the gateway has refused a topic with return code 1
   uint16_t asked_id;
   uint16_t sleep_s;
-  uint32_t ask_at;   // when to send the request, or send it again
-  uint32_t wake_at;  // when a sleeping client wakes
+  uint32_t ask_at;     // when to send the request, or send it again
+  uint32_t wake_at;    // when a sleeping client wakes
+  uint32_t topics_at;  // when to ask for topics again, while is_congested
 
   uint16_t ids[SLAM_SN_MAX_TOPICS];
   uint8_t topic_states[SLAM_SN_MAX_TOPICS];
@@ -284,9 +289,9 @@ static inline void slam_sn_unsettle_all_(struct slam_sn_client* client) {
   for (i = 0; i < SLAM_SN_MAX_HEARD; ++i) client->heard[i].id = 0;
 }
 
-// Returns the first topic that the gateway has not been asked about; topic_count: none.
+// Returns the first topic to ask the gateway about now; topic_count: none.
 static inline size_t slam_sn_unsettled_(const struct slam_sn_client* client) {
-  size_t i = 0;
+  size_t i = client->is_congested ? client->settings->topic_count : 0;
   while (i < client->settings->topic_count && client->topic_states[i] != SLAM_SN_UNSETTLED) ++i;
   return i;
 }
@@ -373,7 +378,9 @@ static inline void slam_sn_begin_connecting_(struct slam_sn_client* client, bool
                                              uint32_t at) {
   client->state = SLAM_SN_CONNECTING;
   client->resumes = resumes;
-  client->delivered_id = 0;
+  if (client->settings->clean_session && !resumes) client->delivered_id = 0;
+  client->is_delivered_before = true;
+  client->is_congested = false;
   client->publish_tries = 0;
   slam_sn_unsettle_all_(client);
   slam_sn_ask_(client, SLAM_SN_CONNECT_, at);
@@ -498,6 +505,7 @@ static inline uint32_t slam_sn_ping_at_(const struct slam_sn_client* client) {
 
 // Opens the request that is due next, if none is open.
 static inline void slam_sn_choose_(struct slam_sn_client* client, uint32_t now) {
+  if (client->is_congested && slam_sn_is_due_(client->topics_at, now)) client->is_congested = false;
   const size_t topic = slam_sn_unsettled_(client);
   if (client->asking != 0) return;
   if (client->state == SLAM_SN_ASLEEP) {
@@ -622,6 +630,12 @@ static inline bool slam_sn_on_settled_(struct slam_sn_client* client, unsigned r
     client->topic_states[topic] = SLAM_SN_SETTLED;
     return true;
   }
+  if (code == SLAM_SN_CONGESTION) {
+    client->is_congested = true;
+    client->topics_at = now + SLAM_SN_CONGESTION_MS;
+    slam_sn_refuse_(topic, code, event);
+    return true;
+  }
   client->topic_states[topic] = SLAM_SN_TURNED_DOWN;
   if (client->publishing == SLAM_SN_PUBLISH_ && client->publish_topic == topic)
     client->publishing = 0;
@@ -661,12 +675,14 @@ static inline bool slam_sn_on_publish_(struct slam_sn_client* client, const uint
     slam_sn_write_(slam_sn_begin_(client, SLAM_SN_PUBREC_, 2), id);
   }
   if (qos != SLAM_SN_QOS0) {
-    const bool may_repeat = qos == SLAM_SN_QOS2 || (body[0] & SLAM_SN_DUP_) != 0;
+    const bool is_second = (body[0] & SLAM_SN_DUP_) != 0;
+    const bool may_repeat = is_second || (qos == SLAM_SN_QOS2 && !client->is_delivered_before);
     if (may_repeat && id != 0 && id == client->delivered_id) {
       ++client->repeats;
       return true;
     }
     client->delivered_id = id;
+    client->is_delivered_before = false;
   }
   event->kind = SLAM_SN_MESSAGE;
   event->flags = body[0] & (SLAM_SN_QOS_ | SLAM_SN_RETAIN);
@@ -861,7 +877,7 @@ static inline bool slam_sn_is_dozing(const struct slam_sn_client* client) {
 // `flags`: QoS and SLAM_SN_RETAIN. Returns false when the message can't be taken now (try again
 // later) or never (the topic was refused, `data` is too long). QoS 0 needs a registered topic, and
 // may be lost. One message of QoS 1 or 2 is taken at any time, also while the gateway is lost.
-// SLAM_SN_PUBLISHED ends it, or SLAM_SN_REFUSED of its topic.
+// SLAM_SN_PUBLISHED ends it, or SLAM_SN_REFUSED of its topic with another code than congestion.
 static inline bool slam_sn_publish(struct slam_sn_client* client, uint32_t now, uint8_t topic,
                                    uint8_t flags, const void* data, size_t size) {
   const unsigned qos = flags & SLAM_SN_QOS_;
@@ -967,6 +983,8 @@ static inline uint32_t slam_sn_wait_ms(const struct slam_sn_client* client, uint
     wait = 0;
   } else {
     wait = slam_sn_until_(slam_sn_ping_at_(client), now);
+    if (client->is_congested && slam_sn_until_(client->topics_at, now) < wait)
+      wait = slam_sn_until_(client->topics_at, now);
   }
   if (slam_sn_may_send_open_(client)) {
     const uint32_t until = slam_sn_until_(client->publish_at, now);

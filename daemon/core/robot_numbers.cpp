@@ -82,8 +82,9 @@ void RobotNumbers::on_down(std::size_t bytes) {
 }
 
 void RobotNumbers::note_interval(Duration interval) {
-  constexpr int share = 16;  // of one interval in the average
-  if (up_ == 1) usual_interval_ = interval;
+  constexpr int share = 16;        // of one interval in the average
+  if (interval < at_once) return;  // the messages were read together
+  if (usual_interval_ == Duration::zero()) usual_interval_ = interval;
   const Duration longest = gap_factor * usual_interval_;
   if (up_ >= messages_to_know && interval > longest) ++gaps_;
   usual_interval_ += (std::min(interval, longest) - usual_interval_) / share;

@@ -79,6 +79,8 @@ class RobotNumbers {
  public:
   /// A pause of more than this many usual intervals between a robot's messages is a gap.
   static constexpr int gap_factor = 3;
+  /// Messages with shorter intervals were read together.
+  static constexpr std::chrono::milliseconds at_once{5};
   /// A robot's usual interval is known after this many messages.
   static constexpr std::uint64_t messages_to_know = 8;
 

@@ -62,6 +62,16 @@ TEST(RobotNumbers, CallsAnUnusualPauseAGap) {
   EXPECT_EQ(numbers.bytes_up(), 41u * 9);
 }
 
+TEST(RobotNumbers, LearnsNothingFromMessagesThatAreReadTogether) {
+  RobotNumbers numbers;
+  TimePoint now{1h};
+  for (int i = 0; i < 5; ++i) numbers.on_up(9, now += 50us);
+  for (int i = 0; i < 50; ++i) numbers.on_up(9, now += 200ms);
+  EXPECT_EQ(numbers.gaps(), 0u);
+  numbers.on_up(9, now += 2s);
+  EXPECT_EQ(numbers.gaps(), 1u);
+}
+
 class GatewayNumbers : public testing::Test {
  protected:
   void say(MeshEvent event) { gateway.on_mesh_event(std::move(event), now); }

@@ -391,6 +391,54 @@ TEST(SnClient, WakesIntoItsSession) {
   EXPECT_EQ(robot.sent().size(), 1U);
 }
 
+/// The gateway repeats a message on the next connection when its answer was lost.
+TEST(SnClient, KnowsTheRepeatOfAMessageFromBeforeItsSleep) {
+  for (const std::string qos : {"2", "4"}) {
+    SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
+    robot.get_ready();
+    EXPECT_EQ(robot.hear("09 0c " + qos + "0 00 05 00 07 68 69").kind, SLAM_SN_MESSAGE);
+    robot.sent();
+    robot.sleep_and_wake();
+    const std::string dup = qos == "2" ? "a" : "c";
+    EXPECT_EQ(robot.hear("09 0c " + dup + "0 00 05 00 07 68 69").kind, SLAM_SN_NOTHING);
+    EXPECT_EQ(robot.sent().size(), 1U) << "it is answered";
+    EXPECT_EQ(robot.client.repeats, 1U);
+  }
+}
+
+TEST(SnClient, TakesANewMessageWithTheIdOfOneFromBeforeItsSleep) {
+  SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
+  robot.get_ready();
+  EXPECT_EQ(robot.hear("09 0c 40 00 05 00 01 68 69").kind, SLAM_SN_MESSAGE);
+  robot.sent();
+  robot.sleep_and_wake();
+  EXPECT_EQ(robot.hear("09 0c 40 00 05 00 01 68 69").kind, SLAM_SN_MESSAGE)
+      << "of a gateway that has lost the session";
+}
+
+TEST(SnClient, AsksAgainForATopicThatAGatewayHasNoRoomFor) {
+  SnRobot robot;
+  robot.start();
+  robot.sent();
+  robot.hear("03 05 00");
+  EXPECT_TRUE(robot.publish(SLAM_SN_QOS1));
+  const auto asked = robot.sent();
+  ASSERT_EQ(asked.size(), 1U);
+  const std::string message_id = asked[0].substr(8, 4);
+  EXPECT_EQ(robot.hear("070b0000" + message_id + "01").kind, SLAM_SN_REFUSED);
+  std::vector<std::string> later;
+  for (std::uint32_t s = 1; s < SLAM_SN_CONGESTION_MS / 1000; ++s) {
+    for (const auto& each : robot.pass(1000)) later.push_back(each.octets);
+    if (!later.empty()) robot.hear("02 17");
+  }
+  EXPECT_EQ(std::ranges::count(later, "0216"), std::ssize(later)) << "it only pings";
+  EXPECT_GE(later.size(), 4U);
+  const auto again = robot.pass(1000);
+  ASSERT_EQ(again.size(), 1U);
+  EXPECT_EQ(again[0].octets.substr(2, 2), "0a");
+  EXPECT_TRUE(slam_sn_is_publishing(&robot.client));
+}
+
 TEST(SnClient, PublishesWhileItSleeps) {
   SnRobot robot;
   robot.get_ready();

@@ -77,6 +77,16 @@ class SnRobot {
     now = begin + ms;
     return out;
   }
+  /// Falls asleep, wakes, and is connected again; its one topic has the id 5.
+  void sleep_and_wake() {
+    EXPECT_TRUE(slam_sn_sleep(&client, now, 10));
+    sent();
+    hear("02 18");
+    slam_sn_wake(&client, now);
+    sent();
+    hear("03 05 00");
+    answer_setup(5);
+  }
   bool publish(std::uint8_t flags, std::string_view data = "hi", std::uint8_t topic = 0) {
     return slam_sn_publish(&client, now, topic, flags, data.data(), data.size());
   }
