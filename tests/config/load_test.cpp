@@ -220,8 +220,8 @@ TEST_F(LoadConfig, WarnsOfFilesThatItDoesNotRead) {
     warnings +=
         std::filesystem::path(warning.file).filename().string() + ": " + warning.text + "\n";
   EXPECT_EQ(warnings,
-            "broker.jsn: is not read, for its name does not end in .json; rename or remove it\n"
-            "robots: is not read, for its name does not end in .json; rename or remove it\n");
+            "broker.jsn: is not read because its name does not end in .json; rename or remove it\n"
+            "robots: is not read because its name does not end in .json; rename or remove it\n");
 }
 
 TEST_F(LoadConfig, NamesTheFileAndLineOfEachProblem) {
