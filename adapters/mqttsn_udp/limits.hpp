@@ -53,7 +53,8 @@ constexpr std::chrono::seconds longest_set_aside{3600};
 constexpr std::size_t max_set_aside = 128;
 /// QoS 1 and 2 messages of one client that are not yet safe; Nordic's client has four.
 constexpr std::size_t max_open_receipts = 64;
-/// QoS 2 exchanges of one client between PUBLISH and PUBREL.
+/// QoS 2 exchanges of one client between PUBLISH and PUBREL. A further one ends the oldest whose
+/// message is safe, as its PUBREL may never come.
 constexpr std::size_t max_inbound_qos2 = 64;
 /// Remembered QoS 1 messages of one client: 30 a second for `repeat_window`, with room.
 constexpr std::size_t max_repeats = 1024;

@@ -50,7 +50,8 @@ struct Subscription {
 /// A QoS 2 message from a client, between PUBLISH and PUBREL (R75).
 struct InboundQos2 {
   std::uint64_t fingerprint = 0;
-  std::uint64_t receipt_id = 0;  ///< 0: safe, PUBREC was sent
+  std::uint64_t receipt_id = 0;  ///< grows with each message; 0: from before a restart
+  bool is_safe = false;          ///< PUBREC was sent
 };
 
 /// An answer that keeps its place while an earlier SUBSCRIBE waits for the broker (R64).

@@ -85,7 +85,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   add_messages(session.delivery, out.messages, now);
   for (const Attempt& open : session.delivery.releasing) out.released.push_back(open.msg_id);
   for (const auto& [msg_id, inbound] : session.inbound_qos2) {
-    if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
+    if (inbound.is_safe) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
   }
   for (const RepeatFilter::Entry& entry : session.repeats.entries()) {
     const auto age = std::chrono::duration_cast<milliseconds>(now - entry.since);
@@ -131,7 +131,8 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   for (const RepeatSnapshot& repeat : snapshot.repeats)
     session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
   if (snapshot.counts_ids) session.repeats.set_counts_ids();
-  for (const auto& [msg_id, mark] : snapshot.inbound_qos2) session.inbound_qos2[msg_id] = {mark, 0};
+  for (const auto& [msg_id, mark] : snapshot.inbound_qos2)
+    session.inbound_qos2[msg_id] = {mark, 0, /*is_safe=*/true};
   restore_messages(snapshot, session, now);
 }
 

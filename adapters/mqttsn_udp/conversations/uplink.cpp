@@ -52,9 +52,8 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
 /// MsgIds (R137).
 void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now) {
   const auto found = session.inbound_qos2.find(pubrel.msg_id);
-  if (found != session.inbound_qos2.end() && found->second.receipt_id == 0) {
-    session.repeats.add({found->second.fingerprint, now, 0, 0, pubrel.msg_id});
-    session.inbound_qos2.erase(found);
+  if (found != session.inbound_qos2.end() && found->second.is_safe) {
+    complete(session, found, now);
     output_.mark_changed(session);
   }
   output_.send(session, Pubcomp{pubrel.msg_id});
@@ -182,19 +181,39 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
   if (is_open || session.repeats.find(publish, mark, now)) {
     report_repeat(session, publish, std::move(topic));
-    const bool is_safe = !is_open || known->second.receipt_id == 0;
+    const bool is_safe = !is_open || known->second.is_safe;
     if (is_safe) output_.send(session, Pubrec{publish.msg_id});
     return;
   }
-  const bool is_full = session.open_receipts >= limits::max_open_receipts ||
-                       (known == session.inbound_qos2.end() &&
-                        session.inbound_qos2.size() >= limits::max_inbound_qos2);
-  if (is_full) return refuse(session, publish, ReturnCode::congestion);
+  if (session.open_receipts >= limits::max_open_receipts)
+    return refuse(session, publish, ReturnCode::congestion);
   // If the MsgId is known, its message differs: the client has given up the former message.
+  if (known == session.inbound_qos2.end()) make_room(session, now);
   const Receipt receipt = open_receipt(session, publish);
   session.inbound_qos2[publish.msg_id] = {mark, receipt.id};
   output_.mark_changed(session);
   report(session, std::move(publish), std::move(topic), receipt);
+}
+
+/// Completes the oldest safe exchange if there are too many: its PUBREL may never come. There is a
+/// safe one, because each other exchange has an open receipt, and there are fewer of these.
+void Uplink::make_room(ClientSession& session, TimePoint now) {
+  static_assert(limits::max_open_receipts <= limits::max_inbound_qos2);
+  auto& exchanges = session.inbound_qos2;
+  if (exchanges.size() < limits::max_inbound_qos2) return;
+  complete(
+      session,
+      std::ranges::min_element(
+          exchanges, {},
+          [](const auto& each) { return std::pair(!each.second.is_safe, each.second.receipt_id); }),
+      now);
+}
+
+/// Forgets the exchange, but recognises a late copy of its message for a while.
+void Uplink::complete(ClientSession& session, InboundExchange exchange, TimePoint now) {
+  const auto& [msg_id, inbound] = *exchange;
+  session.repeats.add({inbound.fingerprint, now, 0, 0, msg_id});
+  session.inbound_qos2.erase(exchange);
 }
 
 Receipt Uplink::open_receipt(ClientSession& session, const Publish& publish) {
@@ -238,7 +257,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
   } else {
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
-    if (is_known) found->second.receipt_id = 0;
+    if (is_known) found->second.is_safe = true;
     if (is_known) output_.mark_changed(session);
   }
   if (!is_known || !session.is_connected()) return;
@@ -274,6 +293,7 @@ void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const 
 }
 
 void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode code) {
+  if (code == ReturnCode::congestion) output_.count(Count::receipts_refused);
   if (output_.is_traced) {
     output_.emit(MeshStep{.kind = MeshStep::Kind::refused,
                           .mesh = Mesh::thread,

@@ -34,6 +34,7 @@ class Uplink : Conversation {
   void forget(ClientSession& session);
 
  private:
+  using InboundExchange = std::map<std::uint16_t, InboundQos2>::iterator;
   struct Open {
     std::weak_ptr<ClientSession> session;
     Qos qos;
@@ -47,6 +48,8 @@ class Uplink : Conversation {
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
   void publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
                             TimePoint now);
+  void make_room(ClientSession& session, TimePoint now);
+  void complete(ClientSession& session, InboundExchange exchange, TimePoint now);
   Receipt open_receipt(ClientSession& session, const Publish& publish);
   void report(const ClientSession& session, Publish publish, std::string topic, Receipt receipt);
   void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open, TimePoint now);

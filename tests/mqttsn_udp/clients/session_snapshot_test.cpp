@@ -349,6 +349,25 @@ TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
   EXPECT_EQ(after.last_to(1), "PUBREC msg=7");
 }
 
+TEST(SnGateway, R75_GoesOnOverARestartWithAClientThatSendsNoPubrel) {
+  ConnectedRig before(false);
+  const auto topic = before.register_topic(1, own_topic);
+  const auto publish = [&](SnRig& rig, std::uint16_t msg_id) {
+    rig.publish(1, topic, 2, msg_id);
+    ASSERT_FALSE(rig.reports.empty());
+    rig.receipt(rig.reports.back().receipt.id);
+    EXPECT_EQ(rig.last_to(1), "PUBREC msg=" + std::to_string(msg_id));
+  };
+  constexpr std::uint16_t many = limits::max_inbound_qos2;
+  for (std::uint16_t msg_id = 1; msg_id <= many; ++msg_id) publish(before, msg_id);
+  SnRig after;
+  restart(before, after);
+  for (std::uint16_t msg_id = many + 1; msg_id <= 2 * many; ++msg_id) publish(after, msg_id);
+  EXPECT_EQ(after.reports.size(), many);
+  after.publish(1, topic, 2, many + 1);
+  EXPECT_EQ(after.reports.size(), many) << "those from before the restart have gone first";
+}
+
 TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
   ConnectedRig before;
   const auto id = before.register_topic(1, own_topic);

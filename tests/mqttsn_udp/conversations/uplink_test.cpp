@@ -151,6 +151,27 @@ TEST(SnGateway, R75_ForwardsQos2ExactlyOnce) {
   EXPECT_EQ(rig.last_to(1), "PUBCOMP msg=77");
 }
 
+/// The client takes PUBREC for the end of each exchange.
+TEST(SnGateway, R75_GoesOnWithAClientThatSendsNoPubrel) {
+  UplinkRig rig;
+  constexpr std::uint16_t last = limits::max_inbound_qos2 + 2;
+  for (std::uint16_t id = 1; id <= last; ++id) {
+    rig.publish(1, 1, 2, id);
+    ASSERT_EQ(rig.reports.size(), id);
+    rig.receipt(rig.reports.back().receipt.id);
+    EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=" + std::to_string(id)});
+    if (id == limits::max_inbound_qos2) rig.connect(1, "r1", false);
+    rig.sent_to(1);
+  }
+  for (const std::uint16_t id : {std::uint16_t{3}, last}) {
+    rig.publish(1, 1, 2, id);
+    EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=" + std::to_string(id)}) << "still a repeat";
+  }
+  EXPECT_EQ(rig.reports.size(), last);
+  rig.send(1, Pubrel{1});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBCOMP msg=1"}) << "after all";
+}
+
 TEST(SnGateway, R76_ForwardsARepeatedQos1MessageOnce) {
   UplinkRig rig;
   rig.publish(1, 1, 1, 5);
