@@ -354,6 +354,8 @@ std::size_t SnGateway::queued_for(const std::string& robot) const {
 void SnGateway::on_stop(TimePoint now) {
   downlink_.on_stop();
   for (const auto& [id, session] : clients_.all()) downlink_.refuse_unkept(*session, now);
+  for (const RobotMessage& unsent : roaming_.on_stop(now))
+    commands_.refuse(unsent.message, unsent.command, Downlink::stopped);
 }
 
 void SnGateway::set_dirty(const std::string& client_id) {

@@ -438,7 +438,7 @@ void Downlink::drop_volatile(ClientSession& session, const std::string& why, Tim
 /// No REGACK comes any more, so messages that wait for a REGACK are refused, too.
 void Downlink::refuse_unkept(ClientSession& session, TimePoint now) {
   rest(session);
-  drop_if(session, "the gateway stopped before the robot could take it", now,
+  drop_if(session, stopped, now,
           [](const Outgoing& waiting) { return waiting.qos == Qos::at_most_once; });
 }
 

@@ -93,6 +93,8 @@ class Downlink : Conversation {
 
   /// Call when the daemon stops. From now on refuse_unkept() follows each pump().
   void on_stop() { is_stopping_ = true; }
+  /// Why commands are refused when the daemon stops.
+  static constexpr const char* stopped = "the gateway stopped before the robot could take it";
   /// Stops sending, and refuses unsent messages that no snapshot keeps (QoS 0).
   void refuse_unkept(ClientSession& session, TimePoint now);
 

@@ -2,6 +2,7 @@
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -32,10 +33,19 @@ bool Roaming::takes(const Arrival& arrival, const Connect& connect) {
 
 bool Roaming::keep(const RobotMessage& message, TimePoint now) {
   const auto found = std::ranges::find(waiting_, message.robot, &WaitingConnect::robot);
-  if (found == waiting_.end() || found->messages.size() >= limits::max_queued_messages)
+  if (is_stopping_ || found == waiting_.end() ||
+      found->messages.size() >= limits::max_queued_messages)
     return false;
   found->messages.emplace_back(now, message);
   return true;
+}
+
+std::vector<RobotMessage> Roaming::on_stop(TimePoint now) {
+  is_stopping_ = true;
+  std::vector<RobotMessage> unsent;
+  for (WaitingConnect& waited : waiting_)
+    std::ranges::move(waited.take_messages(now), std::back_inserter(unsent));
+  return unsent;
 }
 
 bool Roaming::is_waiting(const std::string& robot) const {

@@ -40,6 +40,8 @@ class Roaming : Conversation {
   bool takes(const Arrival& arrival, const Connect& connect);
   /// Returns true if the message waits with its robot's CONNECT.
   bool keep(const RobotMessage& message, TimePoint now);
+  /// Call when the daemon stops: no message waits any longer. Removes and returns those that did.
+  std::vector<RobotMessage> on_stop(TimePoint now);
   bool is_waiting(const std::string& robot) const;
   /// Removes and returns the robot's CONNECT, if one waits.
   std::optional<WaitingConnect> take(const std::string& robot);
@@ -49,6 +51,7 @@ class Roaming : Conversation {
 
  private:
   ServedElsewhere served_elsewhere_ = [](const std::string&) { return false; };
+  bool is_stopping_ = false;
   std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
 };
 

@@ -243,6 +243,23 @@ TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
   EXPECT_TRUE(rig.give_up("r1").empty());
 }
 
+TEST(Roaming, WhatWaitsWithAConnectIsRefusedWhenTheGatewayStops) {
+  Next rig;
+  rig.robot_comes();
+  rig.robot_message({"r1", {cmd, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
+  rig.pass_s(1);
+  rig.stop();
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{5});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(rig.outcomes[0].after, seconds(1));
+  rig.robot_message({"r1", {cmd, to_bytes("late"), Qos::at_least_once}, CommandId{6}});
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  EXPECT_EQ(rig.outcomes[1].id, CommandId{6});
+  rig.note("r1", note_of_r1());
+  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"}) << "and not what was refused";
+}
+
 /// What a sleeper's gateway has for it follows it.
 TEST(Roaming, ACommandForASleeperFollowsIt) {
   ConnectedRig rig(false);
