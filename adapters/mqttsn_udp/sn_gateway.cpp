@@ -401,7 +401,7 @@ void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) 
 /// Continues a CONNECT that has waited. Without a note the session starts empty, and is kept.
 void SnGateway::go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now) {
   const std::string& client_id = waited.connect.client_id;
-  if (!clients_.find(client_id)) {
+  if (!clients_.find(client_id) && lifecycle_.make_room(waited.arrival.peer, now)) {
     SessionSnapshot fresh;
     fresh.client_id = client_id;
     fresh.robot = waited.robot;

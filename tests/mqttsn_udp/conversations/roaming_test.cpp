@@ -16,7 +16,7 @@ const std::string cmd = "ntnu-slam/server/r1/cmd";
 
 /// A gateway that knows that another one serves r1.
 struct Next : SnRig {
-  Next() {
+  explicit Next(Settings settings = {}) : SnRig(std::move(settings)) {
     gateway.ask_where_served([](const std::string& robot) { return robot == "r1"; });
   }
   void robot_comes() { send(1, Connect{false, false, protocol_id, 60, "r1"}); }
@@ -61,6 +61,25 @@ TEST(Roaming, ARobotGoesOnByTheNoteOfItsFormerGateway) {
   EXPECT_EQ(rig.reports[0].topic, own_topic) << "its topic ids keep their meaning";
   rig.pass_s(100);
   EXPECT_TRUE(rig.reports.back().is_will);
+}
+
+TEST(Roaming, ARobotThatTakesTheLastPlaceGoesOnByItsNote) {
+  for (const bool is_lost : {true, false}) {
+    Settings settings;
+    settings.max_clients = 1;
+    Next rig(settings);
+    rig.connect(9, "r9");
+    rig.subscribe(9, "a/x");
+    if (is_lost) rig.pass_s(100);
+    rig.robot_comes();
+    rig.note("r1", note_of_r1());
+    EXPECT_EQ(rig.sent_to(1), is_lost ? Lines{"CONNACK code=0"} : Lines{});
+    rig.publish(1, 1, 0, 0);
+    EXPECT_EQ(rig.reports.size(), is_lost ? 1U : 0U);
+    rig.pass_s(3);
+    for (const NoteChanged& note : rig.notes)
+      EXPECT_TRUE(read(note.note).will) << "the broker still has it";
+  }
 }
 
 TEST(Roaming, ARobotWithoutANoteIsTakenAfterTwoSeconds) {
