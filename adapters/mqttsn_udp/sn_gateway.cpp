@@ -227,14 +227,13 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
   if (!session) return on_stranger(arrival, true);
   lifecycle_.on_heard(*session, arrival.now);
   if (!pingreq.client_id.empty()) Downlink::on_named_ping(*session);
+  lifecycle_.revive(*session, arrival.now);
   switch (session->state()) {
-    case ClientState::lost:
-      if (!lifecycle_.revive(*session, arrival.now)) return on_stranger(arrival, true);
-      [[fallthrough]];
     case ClientState::active: output_.send(*session, Pingresp{}); break;
     case ClientState::asleep:
     case ClientState::awake: sleep_.wake(*session, arrival.now); break;
-    case ClientState::disconnected: return on_stranger(arrival, true);
+    case ClientState::disconnected:
+    case ClientState::lost: return on_stranger(arrival, true);
   }
   supervision_.advance(*session, arrival.now);
 }

@@ -74,7 +74,7 @@ class ClientSession {
   bool has_answered = false;
   bool uses_client_id = false;  ///< the client is renamed, and its topics contain its client id
   std::chrono::seconds keep_alive{0};
-  std::chrono::seconds sleep_duration{0};
+  std::chrono::seconds sleep_duration{0};  ///< 0 if the client was active since it last slept
   TimePoint last_heard{};
   TimePoint sign_of_life_reported{};      ///< when a sign of life was last reported
   std::uint64_t connect_fingerprint = 0;  ///< of the last CONNECT; 0 once something else came (R35)

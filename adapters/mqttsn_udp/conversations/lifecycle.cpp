@@ -28,12 +28,12 @@ void Lifecycle::on_connect_again(ClientSession& session, TimePoint now) {
 void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) {
   session.state_ = state;
   switch (state) {
-    case ClientState::active:
+    case ClientState::active: session.sleep_duration = {}; [[fallthrough]];
+    case ClientState::asleep:
       session.last_heard = now;
       clients_.set_needed(session);
-      return report_presence(session, Presence::online, now);
-    case ClientState::asleep: session.last_heard = now; [[fallthrough]];
-    case ClientState::awake: return report_presence(session, Presence::asleep, now);
+      [[fallthrough]];
+    case ClientState::awake: return report_presence(session, presence_of(state), now);
     case ClientState::disconnected:
     case ClientState::lost: break;
   }
@@ -46,7 +46,8 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
 bool Lifecycle::revive(ClientSession& session, TimePoint now) {
   if (session.state() != ClientState::lost || !settings_.revive_lost) return false;
   output_.count(Count::clients_revived);
-  enter(session, ClientState::active, now);
+  const bool was_asleep = session.sleep_duration.count() > 0;
+  enter(session, was_asleep ? ClientState::asleep : ClientState::active, now);
   output_.mark_changed(session);
   return true;
 }

@@ -26,8 +26,8 @@ class Lifecycle : Conversation {
   void on_connect_again(ClientSession& session, TimePoint now);
   /// Sets the state, which nothing else does, and reports the presence that follows from it.
   void enter(ClientSession& session, ClientState state, TimePoint now);
-  /// Brings back a lost client that is heard again (R113). Returns false if it is not lost, or may
-  /// not come back.
+  /// Brings back a lost client that is heard again (R113). It is asleep again if it was when it was
+  /// lost. Returns false if it is not lost, or may not come back.
   bool revive(ClientSession& session, TimePoint now);
   /// These two may end the session: it must not be used afterwards.
   void disconnect(ClientSession& session, TimePoint now);

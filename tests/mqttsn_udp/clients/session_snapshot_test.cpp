@@ -420,6 +420,18 @@ TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
   EXPECT_EQ(after.sent_to(1).size(), 1U);
 }
 
+TEST(SnGateway, R113_LetsALostSleeperSleepOnAfterARestart) {
+  ConnectedRig before(false);
+  before.sleep(1, 100);
+  before.pass_s(151);
+  SnRig after;
+  restart(before, after);
+  EXPECT_EQ(after.gateway.presence_of("r1"), Presence::offline);
+  after.send(1, Pingreq{"r1"});
+  EXPECT_EQ(after.sent_to(1), Lines{"PINGRESP"});
+  EXPECT_EQ(after.gateway.presence_of("r1"), Presence::asleep);
+}
+
 TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
   ConnectedRig rig;
   rig.connect(2, "r2");

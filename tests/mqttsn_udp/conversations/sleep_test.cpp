@@ -236,6 +236,25 @@ TEST(SnGateway, R127_LosesASleeperThatDoesNotWake) {
   EXPECT_EQ(rig.presence.back().presence, Presence::offline);
 }
 
+/// It has missed one wake-up. It sends no other DISCONNECT, and its radio is off after PINGRESP.
+TEST(SnGateway, R113_LetsALostSleeperSleepOn) {
+  SleepRig rig(false);
+  rig.pass_s(151);
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
+  EXPECT_EQ(rig.wake(), Lines{"PINGRESP"});
+  EXPECT_TRUE(rig.is_asleep());
+  rig.broker("a/x", "1", 1);
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.pass_s(120);
+  EXPECT_TRUE(rig.is_asleep()) << "its keep-alive of 60 s is off";
+  EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "1")});
+  EXPECT_EQ(rig.ack(1), Lines{"PINGRESP"});
+  rig.connect(1, "r1", false);
+  rig.pass_s(100);
+  rig.send(1, Pingreq{});
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online) << "it was active when it was lost";
+}
+
 TEST(SnGateway, R128_DoesNotMoveAnActiveClientByAPing) {
   ConnectedRig rig;
   rig.send(2, Pingreq{"r1"});
