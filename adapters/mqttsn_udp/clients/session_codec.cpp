@@ -162,6 +162,7 @@ SessionSnapshot to_session(const Json& json) {
   for (const Json& s : json.at("subscriptions")) out.subscriptions.push_back(to_subscription(s));
   for (const Json& message : json.at("messages")) out.messages.push_back(to_message(message));
   out.released = json.at("released").get<decltype(out.released)>();
+  out.abandoned = json.value("abandoned", out.abandoned);
   for (const Json& inbound : json.at("inbound_qos2"))
     out.inbound_qos2.emplace_back(inbound.at(0), inbound.at(1));
   for (const Json& repeat : json.at("repeats")) {
@@ -345,6 +346,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
   write_all(out, "subscriptions", snapshot.subscriptions);
   write_all(out, "messages", snapshot.messages);
   write_all(out, "released", snapshot.released);
+  write_all(out, "abandoned", snapshot.abandoned);
   write_all(out, "inbound_qos2", snapshot.inbound_qos2);
   write_all(out, "repeats", snapshot.repeats);
   out.write("counts_ids", snapshot.counts_ids);

@@ -35,6 +35,7 @@ void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messag
 void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
+  delivery.abandoned = snapshot.abandoned;
   for (const std::uint16_t msg_id : snapshot.released)
     delivery.releasing.push_back({msg_id, TimePoint::min()});
   for (const MessageSnapshot& message : snapshot.messages) {
@@ -84,6 +85,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
     out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
   add_messages(session.delivery, out.messages, now);
   for (const Attempt& open : session.delivery.releasing) out.released.push_back(open.msg_id);
+  out.abandoned = session.delivery.abandoned;
   for (const auto& [msg_id, inbound] : session.inbound_qos2) {
     if (inbound.is_safe) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
   }

@@ -58,7 +58,8 @@ struct SessionSnapshot {
   std::vector<TopicTable::Topic> topics;
   std::vector<SubscriptionSnapshot> subscriptions;
   std::vector<MessageSnapshot> messages;
-  std::vector<std::uint16_t> released;  ///< MsgIds of QoS 2: PUBREC came, PUBREL is due
+  std::vector<std::uint16_t> released;   ///< MsgIds of QoS 2: PUBREC came, PUBREL is due
+  std::vector<std::uint16_t> abandoned;  ///< MsgIds of failed QoS 2 commands: no PUBREL is due
   std::vector<std::pair<std::uint16_t, std::uint64_t>> inbound_qos2;  ///< MsgId, fingerprint
   std::vector<RepeatSnapshot> repeats;                                ///< oldest first
   bool counts_ids = false;                                            ///< see RepeatFilter

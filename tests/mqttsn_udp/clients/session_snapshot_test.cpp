@@ -268,6 +268,20 @@ TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
   EXPECT_TRUE(after.outcomes.empty());
 }
 
+TEST(SnGateway, ReleasesNoCommandAfterARestartThatHasTimedOut) {
+  SnRig before;
+  before.connect(1, "r1", false, 6000);
+  before.subscribe(1, cmd_topic, 2);
+  before.broker(cmd_topic, "1", 2);
+  before.pass_s(30);
+  ASSERT_EQ(before.outcomes.size(), 1U);
+  EXPECT_EQ(before.outcomes[0].result, CommandResult::timeout);
+  SnRig after;
+  restart(before, after);
+  after.send(1, Pubrec{1});
+  EXPECT_TRUE(after.is_silent(1)) << "no PUBREL";
+}
+
 TEST(SnGateway, TellsNoRefusalAgainAfterARestart) {
   SnRig before, after;
   before.connect(1, "r1", false, 6000);
