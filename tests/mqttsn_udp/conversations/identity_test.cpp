@@ -54,7 +54,7 @@ TEST(Identity, SpeaksAsNobodyElse) {
   }
   EXPECT_EQ(rig.counter("connects_refused"), 3U);
   EXPECT_EQ(rig.notices.size(), 1U) << "once in a burst";
-  EXPECT_TRUE(rig.has_notice("over DTLS may not connect as 'r2' (CONNACK 0x03): its key is"));
+  EXPECT_TRUE(rig.has_notice("over DTLS may not connect as 'r2' (CONNACK 0x03): its key belongs"));
   EXPECT_FALSE(rig.gateway.presence_of("r2"));
 
   rig.connect(2, "r2", false);
