@@ -200,11 +200,13 @@ bool Admission::was_silent(const Node& node, TimePoint now) const {
 }
 
 bool Admission::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
-  const bool has_room = nodes_.find(candidate.uuid) != nullptr || make_room();
-  const auto address =
-      has_room ? nodes_.address_for(candidate.uuid, candidate.elements, name) : std::nullopt;
+  const Node* known = nodes_.find(candidate.uuid);
+  const bool has_room = known != nullptr || make_room();
+  const std::uint8_t elements =
+      known ? std::max(candidate.elements, known->elements) : candidate.elements;
+  const auto address = has_room ? nodes_.address_for(candidate.uuid, elements, name) : std::nullopt;
   if (address) {
-    keep(candidate, *address, name);
+    keep(candidate.uuid, *address, elements, name);
     return true;
   }
   const Uuid uuid = candidate.uuid;
@@ -218,30 +220,32 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
 }
 
 /// The address is the device's from now on. The device joins as soon as this is on disk.
-void Admission::keep(const Candidate& candidate, std::uint16_t address, const std::string& name) {
+void Admission::keep(const Uuid& uuid, std::uint16_t address, std::uint8_t elements,
+                     const std::string& name) {
   NodeDatabase& database = nodes_.change();
-  Node* node = database.find(candidate.uuid);
+  Node* node = database.find(uuid);
   if (node == nullptr) {
     node = &database.nodes.emplace_back();
-    node->uuid = candidate.uuid;
-    node->elements = candidate.elements;
+    node->uuid = uuid;
   }
   if (node->state == NodeState::reserved) {
     node->address = address;
+    node->elements = elements;
   } else {  // the node stays as it was until it has joined: the beacon may be spoofed
     node->name = nodes_.id_of(node->address);
     node->new_address = address;
+    node->new_elements = elements;
   }
   if (!name.empty()) {
     for (Node& other : database.nodes)  // a device that did not join
       if (other.state == NodeState::reserved && other.name == name) other.name.clear();
     node->name = name;
-    database.forget_removed(candidate.uuid);
+    database.forget_removed(uuid);
   }
   const bool is_next_free = name.empty() && nodes_.configured_name(address) == nullptr;
   if (is_next_free && address >= database.next_address)
-    database.next_address = static_cast<std::uint16_t>(address + candidate.elements);
-  chosen_ = candidate.uuid;
+    database.next_address = static_cast<std::uint16_t>(address + elements);
+  chosen_ = uuid;
 }
 
 bool Admission::make_room() {
@@ -291,12 +295,12 @@ void Admission::keep_addresses(TimePoint now) {
         fmt::format("its {} elements need as many addresses in a row, which 0x{:04x} does not "
                     "have; it gets others at the next attempt",
                     elements, address));
-  if (node->elements != elements) {
+  if (const std::uint32_t reserved = node->joining_elements(); reserved != elements) {
     NodeDatabase& database = nodes_.change();
-    database.find(*joining_)->elements = elements;
-    const std::uint32_t end = address + elements;
-    const bool is_next_free = address + 1U == database.next_address;
-    if (is_next_free) database.next_address = static_cast<std::uint16_t>(end);
+    Node& changed = *database.find(*joining_);
+    (changed.new_address != 0 ? changed.new_elements : changed.elements) = elements;
+    const bool is_next_free = address + reserved == database.next_address;
+    if (is_next_free) database.next_address = static_cast<std::uint16_t>(address + elements);
   }
   if (nodes_.is_saved()) answer({});
 }
@@ -308,6 +312,7 @@ void Admission::on_joined(const std::optional<Key>& device_key, TimePoint now) {
   if (node.new_address != 0) {
     database.retire(node.address, node.elements, Uuid{});
     node.address = std::exchange(node.new_address, std::uint16_t{0});
+    node.elements = std::exchange(node.new_elements, std::uint8_t{0});
   }
   node.device_key = device_key;
   node.state = NodeState::provisioned;

@@ -151,7 +151,8 @@ class Admission : private ProvisionerPart {
   bool is_wanted(const Candidate& candidate, const IsBusy& is_busy, TimePoint now) const;
   bool was_silent(const Node& node, TimePoint now) const;
   bool reserve(const Candidate& candidate, const std::string& name, TimePoint now);
-  void keep(const Candidate& candidate, std::uint16_t address, const std::string& name);
+  void keep(const Uuid& uuid, std::uint16_t address, std::uint8_t elements,
+            const std::string& name);
   bool make_room();
   void begin_joining(TimePoint now);
   void keep_addresses(TimePoint now);

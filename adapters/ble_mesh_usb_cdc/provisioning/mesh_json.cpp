@@ -129,7 +129,10 @@ OrderedJson node_json(const Node& node) {
   json["state"] = to_string(node.state);
   if (node.state != NodeState::reserved)
     json["device_key"] = node.device_key ? OrderedJson(to_hex(*node.device_key)) : nullptr;
-  if (node.new_address != 0) json["new_address"] = address_text(node.new_address);
+  if (node.new_address != 0) {
+    json["new_address"] = address_text(node.new_address);
+    json["new_elements"] = node.new_elements;
+  }
   if (node.refreshed != RefreshStep::none) json["refreshed"] = to_string(node.refreshed);
   if (node.ttl) json["ttl"] = *node.ttl;
   if (node.wishes != NodeWishes{}) json["wanted"] = wishes_json(node.wishes);
@@ -248,6 +251,10 @@ std::optional<Node> read_node(const Json& json) {
             .elements = static_cast<std::uint8_t>(*elements),
             .state = *state};
   node.new_address = new_address.value_or(0);
+  if (new_address) {  // an older file has one count for both addresses
+    const auto count = read_count(json, "new_elements", max_elements).value_or(*elements);
+    node.new_elements = static_cast<std::uint8_t>(std::max(count, 1U));
+  }
   node.refreshed = read_step(json, "refreshed");
   node.name = read_text(json, "name").value_or("");
   if (!is_valid_level(node.name)) node.name.clear();  // the node gets its default name
@@ -265,7 +272,8 @@ bool read_nodes(const Json& json, NodeDatabase& database) {
     const auto node = read_node(member);
     if (!node || database.find(node->uuid) ||
         !is_address_free(database, node->address, node->elements, {}, node->uuid) ||
-        !is_address_free(database, node->joining_address(), node->elements, {}, node->uuid))
+        !is_address_free(database, node->joining_address(), node->joining_elements(), {},
+                         node->uuid))
       return false;
     database.nodes.push_back(*node);
   }

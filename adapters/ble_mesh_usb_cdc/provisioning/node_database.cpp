@@ -79,7 +79,7 @@ bool NodeDatabase::was_removed(const Uuid& uuid) const {
 void NodeDatabase::remove(Uuid uuid) {
   const Node* node = find(uuid);
   if (node == nullptr) return;
-  if (node->new_address != 0) retire(node->new_address, node->elements, Uuid{});
+  if (node->new_address != 0) retire(node->new_address, node->new_elements, Uuid{});
   retire(node->address, node->elements, uuid);
   std::erase_if(nodes, [&](const Node& other) { return other.uuid == uuid; });
 }
@@ -114,8 +114,9 @@ bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::u
   const auto next_taken = taken.lower_bound(address);
   if (next_taken != taken.end() && *next_taken < wanted.end) return false;
   return std::ranges::none_of(database.nodes, [&](const Node& node) {
-    return node.uuid != own && (Range(node.address, node.elements).overlaps(wanted) ||
-                                Range(node.joining_address(), node.elements).overlaps(wanted));
+    return node.uuid != own &&
+           (Range(node.address, node.elements).overlaps(wanted) ||
+            Range(node.joining_address(), node.joining_elements()).overlaps(wanted));
   });
 }
 

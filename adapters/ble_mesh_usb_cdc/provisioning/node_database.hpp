@@ -88,12 +88,15 @@ struct Node {
   /// The address at which the node joins again after a reset by hand; 0: none. The node has both
   /// addresses until it has joined.
   std::uint16_t new_address = 0;
+  std::uint8_t new_elements = 0;  ///< the number of its addresses from `new_address` up
   NodeWishes wishes = {};
   /// The last step that the node has taken in the key refresh under way.
   RefreshStep refreshed = RefreshStep::none;
 
   /// Returns the address that the device gets when it joins.
   std::uint16_t joining_address() const { return new_address != 0 ? new_address : address; }
+  /// Returns how many addresses it gets from there up.
+  std::uint8_t joining_elements() const { return new_address != 0 ? new_elements : elements; }
   /// Returns the TTL that the node publishes with; nothing if unknown.
   std::optional<std::uint8_t> sent_ttl() const {
     return applied && applied->is_changing ? std::nullopt : ttl;

@@ -437,6 +437,54 @@ TEST(Provisioning, ABeaconWithTheUuidOfANodeCostsTheNodeNothing) {
   EXPECT_EQ(to_hex(*node.device_key), to_hex(key));
 }
 
+/// The first of two joined nodes joins again with more elements than before, and the join fails.
+void expect_neighbour_keeps_its_address(std::uint8_t elements, std::uint16_t first,
+                                        const RobotNames& names) {
+  ProvisioningRig rig({}, test_database(), names);
+  rig.add(1);
+  rig.add(2);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(30s));
+  const auto second = static_cast<std::uint16_t>(first + 1);
+  ASSERT_EQ(rig.board.devices.devices[1].address, second);
+  FakeDevice& device = rig.board.devices.devices[0];
+  device.address = 0;
+  device.elements = elements;
+  rig.board.devices.fails_at = {0xc5, 4};
+  while (rig.board.devices.fails_at) rig.pass(1s);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).elements, 1) << "it still has its old address";
+  rig.hear(second, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().robot, names.of_ble(second));
+  rig.pass(60s);
+  EXPECT_TRUE(device.address != 0 && device.address != first);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).address, device.address);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).elements, elements);
+  EXPECT_EQ(rig.on_disk().removed.at(0).elements, 1);
+  for (const NodeDatabase& database : rig.stored)
+    EXPECT_TRUE(decode_node_database(encode_node_database(database)).has_value());
+}
+
+TEST(Provisioning, ANodeThatJoinsAgainWithMoreElementsLeavesItsNeighbourAlone) {
+  expect_neighbour_keeps_its_address(2, 0x0100, RobotNames());
+  expect_neighbour_keeps_its_address(255, 0x0100, RobotNames());
+  const RobotNames names({{"one", 0x0200, {}}, {"two", 0x0201, {}}});
+  expect_neighbour_keeps_its_address(2, 0x0200, names);
+}
+
+TEST(Provisioning, ANodeThatJoinsAgainGetsAddressesForAllItsElements) {
+  ProvisioningRig rig;
+  rig.add(1).elements = 3;
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  rig.board.devices.devices[0].address = 0;
+  rig.board.devices.fails_at = {0xc1, 1};  // before it says how many it has
+  while (rig.board.devices.fails_at) rig.pass(1s);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).joining_elements(), 3);
+  EXPECT_EQ(rig.on_disk().next_address, 0x0106);
+  rig.pass(30s);
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0103);
+}
+
 TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWasUsed) {
   NodeDatabase database = test_database();
   for (int i = 0; i < 50; ++i)  // of robots that were reset: a list of 40 is full
