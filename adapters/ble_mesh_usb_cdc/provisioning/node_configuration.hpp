@@ -108,7 +108,8 @@ class NodeConfiguration {
   /// Returns `running` until the radio has removed the device key.
   State state() const { return stage_ == Stage::ended ? result_ : State::running; }
   Purpose purpose() const { return purpose_; }
-  RefreshStep refresh_step() const { return settings_.refresh.step; }
+  /// Returns the settings that the node was sent; newer ones may be wanted since.
+  const ConfigurationSettings& settings() const { return settings_; }
   std::uint16_t address() const { return address_; }
   /// Returns why the conversation failed, or which requests the node refused; else empty.
   const std::string& problem() const { return problem_; }

@@ -215,7 +215,8 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
     case NodeConfiguration::Purpose::configure:
     case NodeConfiguration::Purpose::move: break;
   }
-  if (is_done && conversation.problem().empty()) return on_configured(*node);
+  if (is_done && conversation.problem().empty())
+    return on_configured(*node, conversation.settings());
   on_not_configured(*node, conversation.problem(), now);
 }
 
@@ -240,7 +241,7 @@ bool NodeConversations::hears(std::uint16_t address) const {
 void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& conversation,
                                      TimePoint now) {
   if (conversation.state() == NodeConfiguration::State::succeeded)
-    return refresh_.on_taken(node.uuid, conversation.refresh_step());
+    return refresh_.on_taken(node.uuid, conversation.settings().refresh.step);
   const std::string id = nodes_.id_of(node.address);
   notify(
       Severity::warning,
@@ -263,37 +264,38 @@ void NodeConversations::drop(std::uint16_t address) {
   if (conversations_.erase(address) == 1) radio_.forget_device_key(address);
 }
 
-void NodeConversations::on_configured(const Node& known) {
+void NodeConversations::on_configured(const Node& known, const ConfigurationSettings& sent) {
   Node& node = *nodes_.change().find(known.uuid);
   const Node before = node;
   node.state = NodeState::configured;
-  node.ttl = ttl_of(node);
-  node.applied = AppliedSettings{destination(), groups_of(node), false, settings_.relayed_to()};
+  node.ttl = sent.ttl;
+  // Wishes that came during the conversation are sent in the next one.
+  node.applied =
+      AppliedSettings{sent.destination, sent.groups, node.wishes != sent.wishes, sent.relay_group};
   nodes_.history(node.uuid).forget_failures();
   nodes_.announce_change();
   const std::string id = nodes_.id_of(node.address);
   if (is_outdated(before))
-    return notify(Severity::notice, fmt::format("{} is reconfigured: {}", id, changes_from(before)),
-                  id);
+    return notify(Severity::notice,
+                  fmt::format("{} is reconfigured: {}", id, changes_from(before, sent)), id);
   admission_.permit().on_configured(node.uuid, id);
   notify(Severity::notice, fmt::format("{} is configured", id), id);
   if (order_.is(OpenOrder::Kind::provision, node.uuid)) order_.answer(nodes_.json(node));
 }
 
-std::string NodeConversations::changes_from(const Node& before) const {
+std::string NodeConversations::changes_from(const Node& before, const ConfigurationSettings& sent) {
   std::vector<std::string> changes;
-  if (before.applied->destination != destination())
-    changes.push_back(fmt::format("it publishes to 0x{:04x}", destination()));
-  if (before.ttl != ttl_of(before)) changes.push_back(fmt::format("its TTL is {}", ttl_of(before)));
-  const std::vector<std::uint16_t> groups = groups_of(before);
-  if (!std::ranges::is_permutation(before.applied->groups, groups))
-    changes.push_back(groups.empty()
+  if (before.applied->destination != sent.destination)
+    changes.push_back(fmt::format("it publishes to 0x{:04x}", sent.destination));
+  if (before.ttl != sent.ttl) changes.push_back(fmt::format("its TTL is {}", sent.ttl));
+  if (!std::ranges::is_permutation(before.applied->groups, sent.groups))
+    changes.push_back(sent.groups.empty()
                           ? "it has no groups"
-                          : fmt::format("its groups are 0x{:04x}", fmt::join(groups, ", 0x")));
-  if (before.applied->relay_group != settings_.relayed_to())
-    changes.push_back(settings_.relayed_to() ? fmt::format("it hears relayed updates in 0x{:04x}",
-                                                           *settings_.relayed_to())
-                                             : "it hears no relayed updates");
+                          : fmt::format("its groups are 0x{:04x}", fmt::join(sent.groups, ", 0x")));
+  if (before.applied->relay_group != sent.relay_group)
+    changes.push_back(sent.relay_group
+                          ? fmt::format("it hears relayed updates in 0x{:04x}", *sent.relay_group)
+                          : "it hears no relayed updates");
   if (changes.empty()) return "as it was before";
   return fmt::format("{}", fmt::join(changes, "; "));
 }

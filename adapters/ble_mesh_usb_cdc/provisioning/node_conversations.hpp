@@ -74,10 +74,10 @@ class NodeConversations : private ProvisionerPart {
   void end(const NodeConfiguration& conversation, TimePoint now);
   void on_asked(const Node& node, const NodeConfiguration& conversation);
   void on_refreshed(const Node& node, const NodeConfiguration& conversation, TimePoint now);
-  void on_configured(const Node& known);
+  void on_configured(const Node& known, const ConfigurationSettings& sent);
   std::string put_off(const Node& node, const std::string& problem, TimePoint now);
   void on_not_configured(const Node& node, const std::string& problem, TimePoint now);
-  std::string changes_from(const Node& before) const;
+  static std::string changes_from(const Node& before, const ConfigurationSettings& sent);
 
   Admission& admission_;
   KeyRefresh& refresh_;

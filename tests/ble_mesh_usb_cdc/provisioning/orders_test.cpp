@@ -240,6 +240,29 @@ TEST(Orders, ConfigKeepsWhatIsWantedAndGivesItToTheNode) {
   EXPECT_EQ(rig.stored.back().nodes[0].wishes.relay, false);
 }
 
+TEST(Orders, ConfigDuringAConfigurationIsSentAfterIt) {
+  JoinedRig rig;
+  NodeConfigOrder order{"ble-0100"};
+  order.ttl.emplace(7);
+  order.relay.emplace(false);
+  rig.device().deaf_to = {"03"};  // until the order is refused
+  rig.order(order);
+  for (int i = 0; i < 60 && rig.answer().is_null(); ++i) rig.pass(1s);
+  ASSERT_NE(text_of(rig.answer()).find("tried again"), std::string::npos);
+  for (int i = 0; i < 60 && rig.board.devices.device_keys.empty(); ++i) rig.pass(500ms);
+  rig.pass(1s);
+  order.ttl.emplace(3);
+  order.relay.emplace(true);
+  rig.order(order);
+  rig.device().deaf_to.clear();
+  rig.pass(60s);
+  EXPECT_EQ(rig.device().default_ttl, hex("03"));
+  EXPECT_EQ(rig.device().relay[0], 1);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).ttl, 3);
+  EXPECT_FALSE(rig.on_disk().nodes.at(0).applied->is_changing);
+  EXPECT_EQ(rig.answer()["ttl"], 3) << rig.answer();
+}
+
 TEST(Orders, ConfigGivesARobotGroupsOfItsOwn) {
   JoinedRig rig;
   const auto hears = [&](std::uint16_t group) {
