@@ -80,9 +80,8 @@ std::vector<Candidate> Candidates::all(TimePoint now) const {
 
 void JoinPermit::open(std::chrono::seconds time, std::string robot, TimePoint now) {
   until_ = now + std::min<std::chrono::seconds>(time, PermitJoinOrder::longest);
+  if (robot != robot_) named_.reset();
   robot_ = std::move(robot);
-  named_.reset();
-  under_way_.clear();
 }
 
 bool JoinPermit::on_time(TimePoint now) {
@@ -104,7 +103,9 @@ void JoinPermit::on_chosen(const Uuid& uuid) {
 void JoinPermit::on_joined(const Uuid& uuid, const std::string& robot) {
   if (!under_way_.contains(uuid)) return;
   note("joined", uuid, robot, {});
-  if (named_ == uuid) close();  // the name is given
+  if (named_ != uuid) return;
+  named_.reset();
+  close();  // the name is given
 }
 
 void JoinPermit::on_configured(const Uuid& uuid, const std::string& robot) {
@@ -201,6 +202,11 @@ bool Admission::was_silent(const Node& node, TimePoint now) const {
 
 bool Admission::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
   const Node* known = nodes_.find(candidate.uuid);
+  if (!name.empty() && nodes_.is_elsewhere(name, known ? known->address : 0)) {
+    if (permit_.robot() == name) permit_.close();
+    refuse(candidate.uuid, name + " is another robot already", now);
+    return false;
+  }
   const bool has_room = known != nullptr || make_room();
   const std::uint8_t elements =
       known ? std::max(candidate.elements, known->elements) : candidate.elements;
@@ -209,14 +215,17 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
     keep(candidate.uuid, *address, elements, name);
     return true;
   }
-  const Uuid uuid = candidate.uuid;
-  const std::string why =
-      has_room ? "no unicast address is left for it"
-               : fmt::format("the mesh has {} nodes already", NodeDatabase::max_nodes);
+  refuse(candidate.uuid,
+         has_room ? "no unicast address is left for it"
+                  : fmt::format("the mesh has {} nodes already", NodeDatabase::max_nodes),
+         now);
+  return false;
+}
+
+void Admission::refuse(const Uuid& uuid, const std::string& why, TimePoint now) {
   candidates_.on_failure(uuid, now);
   notify(Severity::warning, fmt::format("the device {} did not join: {}", to_hex(uuid), why));
   if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(why);
-  return false;
 }
 
 /// The address is the device's from now on. The device joins as soon as this is on disk.
@@ -269,6 +278,7 @@ void Admission::begin_joining(TimePoint now) {
   const Uuid uuid = *std::exchange(chosen_, std::nullopt);
   const Node* node = nodes_.find(uuid);
   if (node == nullptr) {
+    permit_.on_failed(uuid, "it can't join now");
     candidates_.on_failure(uuid, now);
     if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse("it can't join now");
     return;

@@ -70,7 +70,8 @@ class JoinPermit {
   /// Maximum of events that are kept. A new one replaces the oldest.
   static constexpr std::size_t max_events = 256;
 
-  /// `robot` is the name for the only robot that may join; empty: all may. Replaces an open permit.
+  /// `robot` is the name for the only robot that may join; empty: all may. Replaces an open permit;
+  /// devices that are under way stay so.
   void open(std::chrono::seconds time, std::string robot, TimePoint now);
   void close() { until_.reset(); }
   bool is_open() const { return until_.has_value(); }
@@ -109,7 +110,7 @@ class JoinPermit {
 
   std::optional<TimePoint> until_;
   std::string robot_;
-  std::optional<Uuid> named_;  ///< the device that gets the name
+  std::optional<Uuid> named_;  ///< the device that joins to get the name
   std::set<Uuid> under_way_;
   std::deque<Event> events_;
   std::uint64_t last_number_ = 0;
@@ -153,6 +154,7 @@ class Admission : private ProvisionerPart {
   bool reserve(const Candidate& candidate, const std::string& name, TimePoint now);
   void keep(const Uuid& uuid, std::uint16_t address, std::uint8_t elements,
             const std::string& name);
+  void refuse(const Uuid& uuid, const std::string& why, TimePoint now);
   bool make_room();
   void begin_joining(TimePoint now);
   void keep_addresses(TimePoint now);

@@ -391,6 +391,7 @@ void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
     const std::string id = nodes_.id_of(address);
     conversations_.drop(address);
     admission_.candidates().erase(uuid);
+    admission_.permit().on_failed(uuid, "it was removed");
     nodes_.remove(uuid);
     notify(Severity::notice,
            id + " keeps the mesh's old keys and is removed from this mesh" +

@@ -26,6 +26,13 @@ struct PermitRig : ProvisioningRig {
     order(PermitJoinOrder{time, std::move(robot)});
     return answer();
   }
+  /// The first device joins, but has not joined yet.
+  void pass_until_joining() {
+    for (int i = 0; i < 1000 && board.count(0x63) == 0; ++i) {
+      run_for(1ms);
+      if (const Bytes beacons = board.devices.beacons(); !beacons.empty()) say(beacons);
+    }
+  }
   json news(std::uint64_t after = 0) {
     order(JoinEventsOrder{after});
     return answer();
@@ -84,6 +91,43 @@ TEST(PermitJoin, ANameGoesOnToTheNextWhenTheFirstFails) {
   ASSERT_GE(story.size(), 4u);
   EXPECT_EQ(story[1], "failed ");
   EXPECT_EQ(story.back(), "configured lego-1");
+  EXPECT_EQ(std::ranges::count(rig.on_disk().nodes, "lego-1", &Node::name), 1);
+}
+
+TEST(PermitJoin, OpenedAgainWhileItsRobotJoinsEndsWithThatRobot) {
+  Uuid uuid{};
+  uuid[0] = 1;
+  Uuid other{};
+  JoinPermit permit;
+  permit.open(5min, "lego-1", TimePoint{});
+  permit.on_chosen(uuid);
+  permit.open(5min, "lego-1", TimePoint{});
+  EXPECT_FALSE(permit.admits(other));
+  permit.on_joined(uuid, "lego-1");
+  EXPECT_FALSE(permit.is_open());
+  EXPECT_EQ(json::parse(permit.json(0, TimePoint{}))["events"].back()["event"], "joined");
+  permit.open(5min, "lego-1", TimePoint{});  // the robot was removed since
+  EXPECT_TRUE(permit.admits(other));
+}
+
+TEST(PermitJoin, GivesANameOnceThoughItIsAskedForTwice) {
+  PermitRig rig(2);
+  rig.permit(5min, "lego-1");
+  rig.pass_until_joining();
+  rig.permit(5min, "lego-1");
+  rig.pass(3min);
+  EXPECT_EQ(rig.configured(), 1u);
+  EXPECT_EQ(std::ranges::count(rig.on_disk().nodes, "lego-1", &Node::name), 1);
+}
+
+TEST(PermitJoin, GivesNoNameThatAnotherRobotGotSince) {
+  PermitRig rig(2);
+  rig.permit(5min, "lego-1");
+  rig.pass_until_joining();
+  rig.order(ProvisionOrder{to_hex(rig.board.devices.devices[1].uuid), "lego-1"});
+  rig.pass(10s);
+  EXPECT_EQ(rig.answer(), "lego-1 is another robot already");
+  EXPECT_EQ(rig.configured(), 1u);
   EXPECT_EQ(std::ranges::count(rig.on_disk().nodes, "lego-1", &Node::name), 1);
 }
 
