@@ -58,7 +58,10 @@ void BleMesh::settle(TimePoint now) {
 void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
   std::visit(
       overloaded{
-          [&](GenerateKeys& generate) { actions_.push(generate); },
+          [&](GenerateKeys& generate) {
+            provisioner_.on_keys_wanted();
+            actions_.push(generate);
+          },
           [&](LinkIsUp& up) { on_link_up(up, now); },
           [&](LinkIsDown& down) { on_link_down(down, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },

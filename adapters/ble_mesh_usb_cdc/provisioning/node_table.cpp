@@ -31,6 +31,7 @@ void NodeTable::replace(NodeDatabase database) {
 void NodeTable::begin(std::optional<NodeDatabase> database) {
   database_ = std::move(database);
   is_changed_ = false;
+  awaits_keys_ = false;
   store_retry_at_.reset();
 }
 

@@ -53,6 +53,10 @@ class NodeTable {
   void replace(NodeDatabase database);
 
   bool is_saved() const { return !is_changed_ && !is_writing_; }
+  /// Keys for a new mesh are being made and stored; ended by begin() or on_no_keys().
+  void on_keys_wanted() { awaits_keys_ = true; }
+  bool awaits_keys() const { return awaits_keys_; }
+  void on_no_keys() { awaits_keys_ = false; }
   /// Returns the database to write now, or null; answered by on_stored.
   const NodeDatabase* take_write(TimePoint now);
   void on_stored(bool is_done, TimePoint now);
@@ -115,6 +119,7 @@ class NodeTable {
   std::optional<NodeDatabase> database_;
   bool is_changed_ = false;
   bool is_writing_ = false;
+  bool awaits_keys_ = false;
   std::optional<TimePoint> store_retry_at_;
   bool is_change_announced_ = false;
   std::map<Uuid, NodeHistory> histories_;

@@ -271,6 +271,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   if (!merged.has_value())
     return order_.refuse("the file can't be imported: " + merged.error().why);
   if (!nodes_.is_saved()) return order_.refuse("the mesh is being changed right now; try again");
+  if (nodes_.awaits_keys()) return order_.refuse("the mesh's keys are being made; try again");
   order_.set(Kind::import_mesh, now + Admission::order_time_limit);
   order_->before = std::move(own);
   nodes_.replace(std::move(*merged));

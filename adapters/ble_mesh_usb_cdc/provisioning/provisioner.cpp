@@ -83,7 +83,10 @@ bool Provisioner::on_keys(const MeshKeys& keys, TimePoint now) {
 }
 
 bool Provisioner::on_keys_failed(const std::string& why, TimePoint now) {
-  if (!refresh_.on_keys_failed()) return false;
+  if (!refresh_.on_keys_failed()) {
+    nodes_.on_no_keys();
+    return false;
+  }
   orders_.on_no_keys(why);
   advance(now);
   return true;

@@ -34,6 +34,8 @@ class Provisioner {
   /// A message came from this unicast address.
   void on_heard(std::uint16_t address, TimePoint now) { nodes_.on_heard(address, now); }
   void on_iv_index(std::uint32_t iv_index, TimePoint now);
+  /// The radio has asked for the keys of a new mesh.
+  void on_keys_wanted() { nodes_.on_keys_wanted(); }
   /// Takes new keys. Returns true if they are for a key refresh; else they belong to a new mesh and
   /// are on disk.
   bool on_keys(const MeshKeys& keys, TimePoint now);

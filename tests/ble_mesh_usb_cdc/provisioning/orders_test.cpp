@@ -455,6 +455,42 @@ TEST(Orders, ImportBringsAMeshInAndStartsTheBoardWithItsKeys) {
   EXPECT_EQ(rig.all<Report>().back().robot, "old");
 }
 
+TEST(Orders, ImportWaitsForTheFirstKeys) {
+  NodeDatabase foreign = test_database();
+  foreign.keys.net_key.fill(0x77);
+  for (const bool is_disk_full : {false, true}) {
+    ProvisioningRig rig({}, std::nullopt);
+    rig.answers_key_requests = false;
+    rig.start();
+    ASSERT_EQ(rig.key_requests, 1);
+    rig.order(ImportOrder{encode_node_database(foreign)});
+    EXPECT_EQ(rig.answer(), "the mesh's keys are being made; try again");
+    is_disk_full ? rig.mesh.on_keys_failed("no space", rig.now)
+                 : rig.mesh.on_keys(test_keys(), rig.now);
+    rig.run_for(1s);
+    rig.order(ImportOrder{encode_node_database(foreign)});
+    rig.run_for(1s);
+    EXPECT_EQ(text_of(rig.answer()).find("another mesh already") == std::string::npos, is_disk_full)
+        << rig.answer();
+    EXPECT_EQ(rig.on_disk().keys == foreign.keys, is_disk_full);
+  }
+}
+
+TEST(Orders, ImportEndsThoughTheBoardAsksForKeysMeanwhile) {
+  ProvisioningRig rig({}, std::nullopt);
+  rig.answers_key_requests = false;
+  rig.answers_stores = false;
+  rig.order(ImportOrder{encode_node_database(test_database())});
+  rig.start();
+  ASSERT_EQ(rig.key_requests, 1);
+  rig.answers_stores = true;
+  rig.mesh.on_stored("", rig.now);
+  rig.mesh.on_keys_failed("mesh.json exists", rig.now);
+  rig.run_for(2s);
+  EXPECT_EQ(rig.answer()["nodes"], 0) << rig.answer();
+  EXPECT_TRUE(rig.is_up());
+}
+
 TEST(Orders, ImportRefusesAnotherMeshAndWhatCannotBeStored) {
   JoinedRig rig;
   NodeDatabase foreign = test_database();

@@ -42,9 +42,8 @@ TEST(SecondGateway, JoinsTheMeshUnderAnAddressOfItsOwn) {
   EXPECT_EQ(exported["address"], "0x0021");
   EXPECT_EQ(first.on_disk().gateways, std::vector<std::uint16_t>{0x21});
   ProvisioningRig second(at(0x21), std::nullopt);
-  second.answers_key_requests = false;
+  second.order(ImportOrder{exported["mesh"]});  // before the board is plugged in
   second.start();
-  second.order(ImportOrder{exported["mesh"]});
   second.run_for(2s);
   EXPECT_EQ(second.answer()["nodes"], 1) << error_of(second);
   EXPECT_TRUE(second.is_up());
@@ -63,10 +62,9 @@ TEST(SecondGateway, NeitherTakesRobotsInNorChangesThem) {
   settings.groups = {0xc005};
   settings.ttl = 7;
   ProvisioningRig second(settings, std::nullopt);
-  second.answers_key_requests = false;
   second.add(9);
-  second.start();
   second.order(ImportOrder{exported["mesh"]});
+  second.start();
   second.run_for(2s);
   second.hear(0x0100, "cb 59 00 0a 00 ec ff", 0xc005);
   second.pass(60s);
@@ -122,9 +120,8 @@ TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
   FirstRig first;
   const json exported = first.export_mesh();
   ProvisioningRig second(at(0x21), std::nullopt);
-  second.answers_key_requests = false;
+  second.order(ImportOrder{exported["mesh"]});  // before the board is plugged in
   second.start();
-  second.order(ImportOrder{exported["mesh"]});
   second.run_for(2s);
   first.add(2);
   ASSERT_TRUE(first.all_configured(30s));
