@@ -169,8 +169,7 @@ void CommandQueue::on_send_refused(const std::string& why) {
 
 EndedCommands CommandQueue::on_deadline(TimePoint now) {
   EndedCommands ended;
-  const auto is_over = [&](const Entry& entry) { return now >= entry.arrived + time_limit; };
-  if (outstanding_ && is_over(outstanding_->entry)) {
+  if (outstanding_ && outstanding_->entry.is_overdue(now)) {
     answer_time_.on_repeated();
     expect_late_answers(now);
     const std::string refusal = outstanding_->refusal;
@@ -178,9 +177,8 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
                                     refusal.empty() ? "the robot did not answer" : refusal, now));
   }
   std::erase_if(waiting_, [&](const Entry& entry) {
-    if (!is_over(entry)) return false;
-    ended.push_back(entry.end(now, CommandResult::timeout,
-                              "not sent: the robot did not answer an earlier command"));
+    if (!entry.is_overdue(now)) return false;
+    ended.push_back(entry.end(now, CommandResult::timeout, "not sent: it waited too long"));
     return true;
   });
   return ended;
@@ -210,6 +208,7 @@ std::vector<WaitingMessage> CommandQueue::take_waiting(TimePoint now) {
 
 std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
   if (outstanding_) {
+    if (outstanding_->entry.is_overdue(now)) return std::nullopt;
     if (now < outstanding_->first_sent + outstanding_->next_offset) return std::nullopt;
     // Doubles several times after a long pause: missed repeats are not sent in a burst.
     while (now >= outstanding_->first_sent + outstanding_->next_offset)
@@ -217,7 +216,8 @@ std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
     ++outstanding_->copies;
     return outstanding_->entry.command.access;
   }
-  if (waiting_.empty() || now < earliest_start()) return std::nullopt;
+  if (waiting_.empty() || waiting_.front().is_overdue(now) || now < earliest_start())
+    return std::nullopt;
   const Duration offset = first_repeat(waiting_.front().command);
   outstanding_ = Outstanding{std::move(waiting_.front()), now, offset, 1, {}};
   waiting_.pop_front();

@@ -130,7 +130,7 @@ class CommandQueue {
   /// Removes and returns the commands that were not sent, the oldest first.
   std::vector<WaitingMessage> take_waiting(TimePoint now);
 
-  /// Returns the access message to send now, if any.
+  /// Returns the access message to send now, if any. Overdue commands are for on_deadline().
   std::optional<Bytes> next_transmission(TimePoint now);
   /// The command that next_transmission() returned last, and how often.
   struct UnderWay {
@@ -149,6 +149,7 @@ class CommandQueue {
     Command command;
     TimePoint arrived{};  ///< at the gateway
 
+    bool is_overdue(TimePoint now) const { return now >= arrived + time_limit; }
     EndedCommand end(TimePoint now, CommandResult result, std::string why) const;
   };
   struct Outstanding {

@@ -160,6 +160,37 @@ TEST(CommandQueue, ACommandOfAnotherKindNeedNotWaitForLateAnswers) {
   EXPECT_EQ(robot.sent.size(), 4u);
 }
 
+TEST(CommandQueue, DoesNotSendACommandThatCameTooLate) {
+  Conversation robot;
+  Command late = position();
+  late.message.waited = 29s;
+  robot.end(robot.queue.add(late, robot.now));
+  robot.send();
+  EXPECT_TRUE(robot.sent.empty());
+  ASSERT_LE(*robot.queue.deadline(), robot.now);
+  robot.end(robot.queue.on_deadline(robot.now));
+  ASSERT_EQ(robot.outcomes.size(), 1u);
+  EXPECT_EQ(robot.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(robot.outcomes[0].why, "not sent: it waited too long");
+}
+
+TEST(CommandQueue, SendsAndRepeatsNothingThatIsOverdue) {
+  Conversation robot;
+  robot.queue.add(position("first"), robot.now);
+  robot.queue.add(position("second"), robot.now);
+  robot.send();
+  robot.now += 30s;
+  robot.send();
+  EXPECT_EQ(robot.sent.size(), 1u);
+  robot.end(robot.queue.on_status(position_status, robot.now));
+  robot.send();
+  EXPECT_EQ(robot.sent.size(), 1u);
+  robot.end(robot.queue.on_deadline(robot.now));
+  ASSERT_EQ(robot.outcomes.size(), 2u);
+  EXPECT_EQ(robot.outcomes[0].result, CommandResult::delivered);
+  EXPECT_EQ(robot.outcomes[1].result, CommandResult::timeout);
+}
+
 /// A fifth of all messages lost each way; the robot answers in 30 to 60 ms.
 TEST(CommandQueue, ALossyRadioDelaysCommandsLittle) {
   std::mt19937_64 random(5);
