@@ -262,8 +262,10 @@ bool Admission::make_room() {
   if (nodes.size() < NodeDatabase::max_nodes) return true;
   const auto unfinished = std::ranges::find(nodes, NodeState::reserved, &Node::state);
   if (unfinished == nodes.end()) return false;
-  candidates_.erase(unfinished->uuid);
-  nodes_.remove(unfinished->uuid);
+  const Uuid uuid = unfinished->uuid;
+  candidates_.erase(uuid);
+  nodes_.remove(uuid);
+  nodes_.change().forget_removed(uuid);  // no operator has removed it
   return true;
 }
 

@@ -521,6 +521,29 @@ TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {
   EXPECT_TRUE(rig.has_notice("ble-0100 may not be heard"));
 }
 
+TEST(Provisioning, ADeviceThatGaveItsPlaceToAnotherMayStillJoin) {
+  NodeDatabase database = test_database();
+  for (std::uint16_t i = 0; i < NodeDatabase::max_nodes; ++i) {
+    Node node;
+    node.uuid.fill(static_cast<std::uint8_t>(i));
+    node.address = static_cast<std::uint16_t>(0x0200 + i);
+    node.state = NodeState::configured;
+    database.nodes.push_back(node);
+  }
+  database.nodes[0].uuid = *parse_uuid("736c616d010101010101010101010101");
+  database.nodes[0].state = NodeState::reserved;
+  ProvisioningRig full({}, database);
+  full.add(2);
+  full.start();
+  full.pass(10s);
+  EXPECT_NE(full.board.devices.devices[0].address, 0);
+  full.order(RemoveOrder{"ble-0210", true});
+  full.pass(60s);
+  full.add(1);
+  full.pass(20s);
+  EXPECT_NE(full.board.devices.devices[1].address, 0);
+}
+
 TEST(Provisioning, GivesNewRobotsTheIvIndexOfTheMesh) {
   ProvisioningRig rig;
   rig.start();
