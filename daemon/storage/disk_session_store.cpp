@@ -158,10 +158,11 @@ bool DiskSessionStore::write(const Changes& changes) {
                   encode(id, *content));
       } else if (known != keys_.end()) {
         log_->erase(known->second);
-        keys_.erase(known);
       }
     }
     log_->commit(false);
+    for (const auto& [id, content] : changes)
+      if (!content) keys_.erase(id);  // not before the commit, which may fail and be repeated
   } catch (const LogError& error) {
     why_closed_ = error.what();
     report_failure();

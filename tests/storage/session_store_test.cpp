@@ -122,6 +122,27 @@ TEST(DiskSessionStore, WaitsForADiskThatFailsForAMoment) {
   EXPECT_EQ(process.notices, "");
 }
 
+TEST(DiskSessionStore, ErasesASessionThatEndedWhileTheDiskCouldNotBeWritten) {
+  const FaultyDisk disk;
+  for (const bool comes_back : {false, true}) {
+    const TempDir directory;
+    {
+      Process process(directory.path());
+      process.save("r1", to_bytes("old"));
+      EXPECT_TRUE(process.is_written());
+      FaultyDisk::fails_writes = true;
+      process.store.save({{"r1", std::nullopt}, {"r2", to_bytes("x")}});
+      EXPECT_TRUE(process.says("not kept"));
+      if (comes_back) process.save("r1", to_bytes("new"));
+      FaultyDisk::fails_writes = false;
+      EXPECT_TRUE(process.is_written());
+    }
+    Process next(directory.path());
+    ASSERT_EQ(next.names(), comes_back ? "r1 r2 " : "r2 ");
+    EXPECT_EQ(next.loaded[0].content, to_bytes(comes_back ? "new" : "x"));
+  }
+}
+
 TEST(DiskSessionStore, SavesWhatIsLeftOfADamagedFile) {
   const TempDir directory;
   {
