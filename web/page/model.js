@@ -7,6 +7,7 @@ export const MAX_ROBOTS = 1000;
 const MAX_LEFT_OUT = 20000; // robots without a place, of which only name, presence and life are kept
 const MAX_ID = 64; // docs/topics.md
 const QUIET_MS = 10000; // a new robot replaces only one that was silent this long: else 1001 robots would replace each other
+const CLOCK_STEP_MS = 5000; // messages are seldom as late
 const LOOK_MS = 1000; // between two searches for quiet robots
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
@@ -252,7 +253,7 @@ export class Model {
     this.newest = 0; // when the newest message came to the program
     this.liveFrom = Infinity; // from this time on, this connection has got every message
     this.lost = 0; // events that the page did not get, because it was too slow
-    this.skew = 0; // the program's clock minus the browser's, ms
+    this.skew = null; // the program's clock minus the browser's, ms; null before the first message
     this.onRay = () => {};
     this.onMessage = () => {};
     this.onOutcome = () => {};
@@ -261,7 +262,14 @@ export class Model {
   }
 
   now() {
-    return Date.now() + this.skew;
+    return Date.now() + (this.skew ?? 0);
+  }
+
+  // `ahead`: a message's time minus the browser's, ms. Of late messages, the least late one shows the difference. A larger
+  // step is a clock that was set.
+  compareClocks(ahead) {
+    const isSet = this.skew === null || ahead < this.skew - CLOCK_STEP_MS;
+    this.skew = isSet ? ahead : Math.max(ahead, this.skew - 0.05);
   }
 
   // `heard`: when the robot was heard, ms. Returns null for a robot that there is no room for.
@@ -331,7 +339,7 @@ export class Model {
     this.revision++;
     if (message.topic.startsWith('$web/')) return this.takeOwn(message.topic.slice(5), message.payload);
     if (message.at && !message.retain) this.newest = Math.max(this.newest, message.at);
-    if (message.at && !message.retain) this.skew = Math.max(message.at - Date.now(), this.skew - 0.05);
+    if (message.at && !message.retain) this.compareClocks(message.at - Date.now());
     const rest = message.topic.slice(this.prefix.length + 1).split('/');
     const branch = rest.shift();
     if (!message.retain && (branch !== 'gateway' || rest[1] === 'commands')) this.liveFrom = Math.min(this.liveFrom, message.at);
