@@ -679,6 +679,19 @@ bool RecordLog::is_in_place() const {
           is_same_file(path_of(segments_.rbegin()->first), segments_.rbegin()->second.file.get()));
 }
 
+/// Completes the segment's list of erased records, which may be gone, from the index. Does so
+/// before the segment is back: without its list, a new process would find erased records again.
+void RecordLog::restore_erased(std::uint32_t number, Segment& segment) {
+  const Scan found = scan(number, false);
+  for (const auto& [entry, index] : found.intact) {
+    if (index >= segment.records) break;  // the record's commit failed
+    const Entry* const known = find(entry.key);
+    const bool is_live = known && known->segment == number && known->offset == entry.offset;
+    if (!is_live && !found.erased.contains(entry.offset)) segment.unsaved.push_back(entry.offset);
+  }
+  if (!segment.unsaved.empty()) save_erased(number, segment, true);
+}
+
 std::vector<std::string> RecordLog::put_back_in_place() {
   std::vector<std::string> written;
   make_directory();
@@ -691,6 +704,7 @@ std::vector<std::string> RecordLog::put_back_in_place() {
     OwnedFile file = open_file(copy, O_RDWR | O_CREAT | O_TRUNC);
     if (file.get() < 0 || !write_at(file.get(), *octets, 0) || fdatasync(file.get()) != 0)
       fail(copy);
+    restore_erased(number, segment);
     std::ignore = ::rename(path.c_str(), (path + ".replaced").c_str());
     if (::rename(copy.c_str(), path.c_str()) != 0) fail(path);
     segment.file = std::move(file);

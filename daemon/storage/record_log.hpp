@@ -96,8 +96,8 @@ class RecordLog {
   /// Returns at least the highest key that was ever written.
   std::uint64_t last_key() const { return last_key_; }
 
-  /// Restores segments and tally that were moved, removed or replaced while they were open. Returns
-  /// the paths of the restored segments. Throws LogError.
+  /// Restores segments, their lists and the tally that were moved, removed or replaced while they
+  /// were open. Returns the paths of the restored segments. Throws LogError.
   std::vector<std::string> put_back_in_place();
   /// Returns true when the tally and the newest segment are in their places.
   bool is_in_place() const;
@@ -153,6 +153,7 @@ class RecordLog {
   void move_records_of(std::uint32_t segment, bool is_durable);
   void save_all_erased(bool is_durable);
   void save_erased(std::uint32_t number, Segment& segment, bool is_durable);
+  void restore_erased(std::uint32_t number, Segment& segment);
   void remove_dead_segments();
   bool write_tally();
   std::optional<Tally> read_tally();

@@ -370,6 +370,19 @@ TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenIsWrittenAgain) {
   EXPECT_EQ(next.notices(), "");
 }
 
+TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenComesBackWithItsErasures) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 50, 100));
+  ASSERT_TRUE(user.forget(1, 49));
+  std::filesystem::remove_all(directory.path());
+  EXPECT_TRUE(user.says("its contents are restored"));
+  user.store().stop();
+  StoreUser next(directory.path());
+  EXPECT_EQ(next.await<StoreOpened>()->count, 1u);
+  EXPECT_EQ(rows_of(*next.load(0)), std::vector<std::uint64_t>{50});
+  EXPECT_EQ(next.notices(), "");
+}
+
 TEST_F(StoreDamage, ASegmentThatIsReplacedWhileItIsOpenIsPutAside) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
