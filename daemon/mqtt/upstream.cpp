@@ -134,7 +134,9 @@ void Upstream::connect_in(Duration wait) {
   is_waiting_ = true;
   reconnect_timer_.expires_after(wait);
   reconnect_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) connect();
+    // The end of a former wait may be queued already, and then it cannot be cancelled.
+    const bool is_over = std::chrono::steady_clock::now() >= reconnect_timer_.expiry();
+    if (!error && is_waiting_ && is_over) connect();
   });
 }
 

@@ -446,5 +446,38 @@ TEST_P(UpstreamOf, AnOrderlyStopPublishesNoWillAndLosesNothing) {
   EXPECT_EQ(subscriber.lines(), (std::vector<std::string>{"last", "after"}));
 }
 
+/// Does nothing: the test decides whether it connects.
+struct FakeLink final : MqttLink {
+  void connect() override {}
+  void publish(std::uint64_t, const BrokerMessage&) override {}
+  void subscribe(std::string) override {}
+  void unsubscribe(std::string) override {}
+  void abandon(bool) override {}
+  std::uint64_t inbound_dropped() const override { return 0; }
+};
+
+TEST(Upstream, ConnectsOnceWhenTheNetworkChangesAsTheWaitEnds) {
+  boost::asio::io_context io;
+  RecordingListener listener;
+  int links = 0;
+  MqttLinkListener* upstream_side = nullptr;
+  const auto make_link = [&](auto&, auto&, const LinkOptions&, MqttLinkListener& side) {
+    ++links;
+    upstream_side = &side;
+    return std::make_shared<FakeLink>();
+  };
+  Upstream upstream(io, settings_for(1), {make_link}, listener);
+  upstream.start();
+  upstream_side->on_connect_failed({});
+  ASSERT_EQ(links, 1);
+  boost::asio::steady_timer network(io, std::chrono::milliseconds(0));
+  network.async_wait([&](boost::system::error_code) { upstream.retry_now(); });
+  const auto wait_is_over = std::chrono::steady_clock::now() + std::chrono::milliseconds(600);
+  ASSERT_TRUE(eventually([&] { return std::chrono::steady_clock::now() > wait_is_over; }));
+  EXPECT_TRUE(eventually(io, [&] { return links == 2; }));
+  io.run();  // until no wait is left
+  EXPECT_EQ(links, 2);
+}
+
 }  // namespace
 }  // namespace slamgw
