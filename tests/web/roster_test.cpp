@@ -188,6 +188,25 @@ TEST_F(WebRoster, ForgetsWhatIsTakenBack) {
   EXPECT_TRUE(roster.texts().empty());
 }
 
+TEST_F(WebRoster, IsBoundedWhateverNamesGatewaysHave) {
+  constexpr int names = 100'000;
+  const auto publish = [&](const std::string& rest, const char* payload) {
+    for (int i = 0; i < names; ++i) {
+      const std::string gateway = "g" + std::to_string(i);
+      roster.on_document({gateway, rest}, payload, now, false);
+      if (rest == "thread") roster.on_document({gateway, rest}, "", now, false);
+    }
+  };
+  publish("thread", "{}");
+  EXPECT_TRUE(roster.texts().empty());
+  start("pi", "r");
+  publish("state", "{}");
+  publish("numbers", R"({"robots":{"r":{"last_heard":"2026-11-21T14:00:00Z"}}})");
+  publish("robots/r", R"({"state":"online"})");
+  EXPECT_EQ(roster.texts().size(), Roster::max_gateways + 1) << "and one robot";
+  EXPECT_EQ(roster.gateway("pi").state, "online");
+}
+
 TEST_F(WebRoster, TakesNonsenseForNothing) {
   for (const char* payload : {"x", "[]", "1", R"({"robots":[1]})", R"({"robots":{"r":5}})",
                               R"({"state":5,"since":[],"uptime_s":"x"})",

@@ -71,6 +71,7 @@ std::optional<std::int64_t> unix_ms(std::string_view iso8601) {
 void Roster::on_document(const Topics::GatewayTopic& topic, std::string_view payload,
                          std::int64_t at_ms, bool is_retained) {
   if (payload.empty()) return forget(topic.gateway, topic.rest);
+  if (gateways_.size() >= max_gateways && !gateways_.contains(topic.gateway)) return;
   json document = json::parse(payload, nullptr, false);
   if (!document.is_object()) document = json::object();
   Gateway& gateway = gateways_[std::string(topic.gateway)];
@@ -137,9 +138,9 @@ void Roster::on_robot_message(std::string_view robot, std::string_view gateway,
 }
 
 void Roster::forget(std::string_view gateway, std::string_view rest) {
-  if (rest == "state") {
-    const auto known = gateways_.find(gateway);
-    if (known != gateways_.end()) gateways_.erase(known);
+  const auto known = gateways_.find(gateway);
+  if (known != gateways_.end() && (rest == "state" || !known->second.state)) {
+    gateways_.erase(known);
     for (const auto& [id, robot] : robots_)
       if (robot.presence.contains(gateway)) touched_.insert(id);
   }

@@ -50,8 +50,11 @@ class Roster {
   static constexpr std::int64_t silent_after_ms = 35'000;
   static constexpr std::int64_t clock_tolerance_ms = 60'000;
 
-  /// Call for the topics that LastKnown keeps, which bounds the roster. An empty payload withdraws
-  /// a document.
+  /// LastKnown keeps at most this many topics. Documents of further gateways are ignored.
+  static constexpr std::size_t max_gateways = 25'000;
+
+  /// Call for the topics that LastKnown keeps. An empty payload withdraws a document. A gateway
+  /// without a `state` is forgotten with any of its documents.
   void on_document(const Topics::GatewayTopic& topic, std::string_view payload, std::int64_t at_ms,
                    bool is_retained);
   /// `received_at`: by the gateway's clock. Without MQTT 5, `gateway` and `received_at` are empty,
