@@ -102,6 +102,25 @@ TEST_F(WebHistory, IsADayLong) {
   EXPECT_EQ(told["online"].front(), nullptr) << "what was three days ago is forgotten";
 }
 
+TEST_F(WebHistory, BeginsAgainWhenTheClockIsSetBack) {
+  constexpr std::int64_t year = 365 * 24 * 60 * minute;
+  say("state", {{"state", "online"}});
+  for (const char* const robot : {"robots/r", "robots/leaves"})
+    say(robot, {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
+  pass(minute);
+  now += year;
+  pass(minute);
+  ASSERT_EQ(history.size(), 2u);
+  roster.on_document({"g", "robots/leaves"}, "", now, false);
+  now -= year;
+  const std::int64_t set_back = now / History::slot_ms * History::slot_ms;
+  pass(60 * minute);
+  const json told = this->told();
+  EXPECT_EQ(told["from"], set_back);
+  EXPECT_EQ(told["online"], (json{100, 100, 100, 100, 100, 100, 100})) << told;
+  EXPECT_EQ(history.size(), 1u) << "a robot that left is not kept for a year";
+}
+
 TEST_F(WebHistory, IsBoundedAndForgetsRobotsThatAreGone) {
   say("state", {{"state", "online"}});
   for (std::size_t i = 0; i < History::max_robots + 10; ++i)

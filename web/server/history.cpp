@@ -39,6 +39,11 @@ void count(std::uint16_t& in_slot, std::optional<std::uint64_t>& before,
   before = total;
 }
 
+/// Returns whether the slot can only be from before the clock was set back.
+bool is_ahead(std::int64_t number, std::int64_t now_ms) {
+  return number > now_ms / History::slot_ms + 1;
+}
+
 /// The slot's place in the ring. `number`: the slot's, counted from 1970.
 std::size_t place_of(std::int64_t number) {
   return static_cast<std::size_t>(number) % History::slots;
@@ -57,6 +62,11 @@ History::Day* History::day_of(std::string_view robot, std::int64_t now_ms) {
 }
 
 History::Slot& History::slot_at(Day& day, std::int64_t now_ms) {
+  if (is_ahead(day.newest, now_ms)) {
+    day.ring = {};
+    day.newest = day.oldest = now_ms / slot_ms;
+    day.alive_ms = std::min(day.alive_ms, now_ms);
+  }
   const std::int64_t number = std::max(day.newest, now_ms / slot_ms);
   const std::int64_t first =
       std::max(day.newest + 1, number - static_cast<std::int64_t>(slots) + 1);
@@ -105,8 +115,9 @@ void History::update(const Roster& roster, std::int64_t now_ms) {
     }
   });
   std::erase_if(days_, [&](const auto& entry) {
-    return entry.second.oldest < (now_ms - day_ms) / slot_ms + 1 &&
-           now_ms - entry.second.alive_ms > day_ms;
+    const Day& day = entry.second;
+    return is_ahead(day.oldest, now_ms) ||
+           (day.oldest < (now_ms - day_ms) / slot_ms + 1 && now_ms - day.alive_ms > day_ms);
   });
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The last 24 hours of each robot, as this program has seen them: its time online, signal, latency,
 // repeats and interruptions, in slots of ten minutes. Pure, bounded, in memory only: the history
-// begins when the program starts.
+// begins when the program starts, and again when the clock is set back.
 #pragma once
 
 #include <array>
