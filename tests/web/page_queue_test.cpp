@@ -58,6 +58,14 @@ TEST(WebQueue, WhatWaitedBeforeAllComesAnewIsDropped) {
   EXPECT_EQ(queue.pop(), nullptr);
 }
 
+TEST(WebQueue, ThePastIsNotDroppedBecauseItDoesNotComeAgain) {
+  PageQueue queue;
+  queue.push_state("ghost", text("old"));
+  for (const char* topic : {"$web/past", "$web/past/r"}) queue.push_state(topic, text(topic));
+  queue.reset("hello", text("hello"));
+  EXPECT_EQ(queue.take(), "$web/past\n$web/past/r\nhello");
+}
+
 /// Topics that are made and taken back, each a state of its own, must not fill the memory.
 TEST(WebQueue, APageThatTakesNoStatesIsGivenUp) {
   PageQueue queue;

@@ -6,6 +6,9 @@
 namespace slamgw::web {
 namespace {
 
+/// Unlike a state, this does not come again: it is sent once for each connection.
+constexpr std::string_view past = "$web/past";
+
 /// The bytes of one entry, with the containers' share.
 std::size_t cost_of(std::string_view topic, const std::string& text) {
   constexpr std::size_t entry_bytes = 200;
@@ -30,9 +33,13 @@ bool PageQueue::push_state(std::string_view topic, SharedText text) {
 }
 
 void PageQueue::reset(std::string_view topic, SharedText text) {
-  order_.clear();
-  states_.clear();
-  state_bytes_ = 0;
+  std::erase_if(order_, [this](const std::string& waiting) {
+    if (waiting.starts_with(past)) return false;
+    const auto state = states_.find(waiting);
+    state_bytes_ -= cost_of(waiting, *state->second);
+    states_.erase(state);
+    return true;
+  });
   push_state(topic, std::move(text));
 }
 

@@ -25,7 +25,7 @@ class PageQueue {
   /// Queues the text, or replaces the waiting one of `topic`. False when there is no room: give up
   /// the page then, because it would show wrong states for ever.
   bool push_state(std::string_view topic, SharedText text);
-  /// Drops the waiting states. After `text`, all states are pushed again.
+  /// Drops the waiting states, but not the past. After `text`, all states are pushed again.
   void reset(std::string_view topic, SharedText text);
   void push_event(SharedText text);
   /// take() stops at this size; the next write takes the remaining messages.
