@@ -253,13 +253,14 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
 
 void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& disconnect) {
   ClientSession* session = clients_.find(arrival.peer);
+  const std::uint16_t duration_s = disconnect.duration_s.value_or(0);
+  if (session && duration_s > 0) lifecycle_.revive(*session, arrival.now);
   if (!session || !session->is_connected()) {
     if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
     return output_.send(arrival.peer, arrival.local, Disconnect{});  // R40, R131
   }
   lifecycle_.on_heard(*session, arrival.now);
   output_.send(*session, Disconnect{});
-  const std::uint16_t duration_s = disconnect.duration_s.value_or(0);
   if (duration_s == 0) return lifecycle_.disconnect(*session, arrival.now);  // R115
   sleep_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
   supervision_.advance(*session, arrival.now);

@@ -84,6 +84,7 @@ void FleetMember::on_broker_link(bool is_up) {
   if (!is_up) {
     up_since_.reset();
     held_before_.clear();
+    has_kept_orphans_ = false;
     return host_.on_broker_down();
   }
   up_since_ = read_clocks().mono;
@@ -166,7 +167,7 @@ bool FleetMember::on_presence(const std::string& gateway, const std::string& rob
     return false;
   }
   neighbours_.on_presence(gateway, robot, message.payload);
-  if (lost_.contains(robot) && neighbours_.is_served_elsewhere(robot)) give_up(robot);
+  if (lost_.contains(robot) && has_moved(robot)) give_up(robot);
   return true;
 }
 
@@ -174,7 +175,20 @@ bool FleetMember::on_presence(const std::string& gateway, const std::string& rob
 /// its state.
 void FleetMember::give_up_lost() {
   for (const std::string& robot : std::set<std::string>(lost_))
-    if (neighbours_.is_served_elsewhere(robot)) give_up(robot);
+    if (has_moved(robot)) give_up(robot);
+}
+
+/// Returns false for a robot that is here while the other gateway shows it as offline: that gateway
+/// only answers for it, as if this one had died.
+bool FleetMember::has_moved(const std::string& robot) const {
+  return is_here(robot) ? neighbours_.is_heard_elsewhere(robot)
+                        : neighbours_.is_served_elsewhere(robot);
+}
+
+bool FleetMember::is_here(const std::string& robot) const {
+  return std::ranges::any_of(all_meshes, [&](Mesh mesh) {
+    return meshes_.presence_of(mesh, robot).value_or(Presence::offline) != Presence::offline;
+  });
 }
 
 // --- Events of the meshes ------------------------------------------------------------------------
@@ -311,9 +325,18 @@ void FleetMember::withdraw_from(const std::string& gateway, const std::string& r
   submit_({scheme_.presence_topic_at(gateway, robot), {}, Qos::at_least_once, true});
 }
 
+/// Answers for robots of gateways that were gone before this one heard of them, once for each
+/// connection. Commands that wait for these robots are old.
+void FleetMember::keep_orphans() {
+  if (!is_settled() || std::exchange(has_kept_orphans_, true)) return;
+  const TimePoint long_ago = read_clocks().mono - 2 * sessions::RobotSession::stale_after;
+  for (const auto& orphan : neighbours_.orphans()) keep(orphan.robot, long_ago, orphan.after);
+}
+
 void FleetMember::on_tick() {
   has_kept_running();
   withdraw_from_still_gateways();
+  keep_orphans();
   if (!meshes_.is_shared(Mesh::ble) || !up_since_) return;
   gateway_driver_->subscribe_own(scheme_.hears_filter());
   const TimePoint now = read_clocks().mono;
@@ -370,10 +393,7 @@ std::string FleetMember::adopt(const std::string& robot) {
   const auto shown = neighbours_.robots().find(robot);
   if (shown == neighbours_.robots().end() || neighbours_.is_served_elsewhere(robot)) return {};
   const std::string dead_owner = shown->second.gateway;
-  const auto is_here = [&](Mesh mesh) {
-    return meshes_.presence_of(mesh, robot).value_or(Presence::offline) != Presence::offline;
-  };
-  if (!gateway_.registry().find(robot) && std::ranges::none_of(all_meshes, is_here)) {
+  if (!gateway_.registry().find(robot) && !is_here(robot)) {
     auto presence = Json::parse(shown->second.document, nullptr, false);
     presence["state"] = "offline";
     presence["since"] = to_iso8601(read_clocks().wall);
@@ -392,7 +412,7 @@ void FleetMember::on_lost(const sessions::SessionLost& lost) {
     case sessions::LossReason::let_go: return;
   }
   lost_.insert(lost.robot);
-  if (neighbours_.is_served_elsewhere(lost.robot)) give_up(lost.robot);
+  if (has_moved(lost.robot)) give_up(lost.robot);
 }
 
 // --- For operators -------------------------------------------------------------------------------

@@ -92,6 +92,9 @@ class FleetMember {
   bool on_presence(const std::string& gateway, const std::string& robot,
                    const BrokerMessage& message);
   bool has_kept_running();
+  bool has_moved(const std::string& robot) const;
+  bool is_here(const std::string& robot) const;
+  void keep_orphans();
   void withdraw_from_still_gateways();
   void withdraw_from(const std::string& gateway, const std::string& robot);
   void await_tick();
@@ -120,6 +123,7 @@ class FleetMember {
   boost::asio::steady_timer newcomer_timer_;
   LogThrottle newcomer_lines_;
   std::optional<TimePoint> up_since_;  ///< when the broker came online
+  bool has_kept_orphans_ = false;
   bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
   TimePoint last_running_ = read_clocks().mono;
   TimePoint distrusted_until_{};

@@ -39,10 +39,17 @@ std::vector<Neighbours::Orphan> Neighbours::on_state(const std::string& gateway,
                             text_of(*parsed, "since")};
   }
   if (!was_online || is_online(gateway)) return {};
+  std::vector<Orphan> of_gateway = orphans();
+  std::erase_if(of_gateway,
+                [&](const Orphan& orphan) { return robots_.at(orphan.robot).gateway != gateway; });
+  return of_gateway;
+}
+
+std::vector<Neighbours::Orphan> Neighbours::orphans() const {
   std::vector<Orphan> orphans;
   const Duration after = orphan_delay + rank() * rank_delay;
   for (const auto& [robot, shown] : robots_)
-    if (shown.gateway == gateway) orphans.push_back({robot, after});
+    if (!is_online(shown.gateway)) orphans.push_back({robot, after});
   return orphans;
 }
 
@@ -83,6 +90,10 @@ void Neighbours::on_withdrawn(const std::string& gateway, const std::string& rob
 bool Neighbours::is_served_elsewhere(const std::string& robot) const {
   const auto found = robots_.find(robot);
   return found != robots_.end() && is_online(found->second.gateway);
+}
+
+bool Neighbours::is_heard_elsewhere(const std::string& robot) const {
+  return is_served_elsewhere(robot) && robots_.at(robot).state != "offline";
 }
 
 bool Neighbours::is_online(const std::string& gateway) const {

@@ -51,8 +51,12 @@ class Neighbours {
   /// Takes the presence of a robot at a gateway; empty when it was withdrawn.
   void on_presence(const std::string& gateway, const std::string& robot, ByteView document);
 
+  /// Returns the robots of gateways that are not online.
+  std::vector<Orphan> orphans() const;
   /// Returns true when another living gateway shows the robot.
   bool is_served_elsewhere(const std::string& robot) const;
+  /// Returns true when another living gateway shows the robot as online or asleep.
+  bool is_heard_elsewhere(const std::string& robot) const;
   /// Returns true when this gateway is the first by name of the online gateways: it refuses
   /// commands for names that no robot has.
   bool is_first() const { return rank() == 0; }

@@ -52,6 +52,7 @@ void RobotSession::close(bool is_forgotten) {
 }
 
 void RobotSession::drop_unfenced() {
+  for (auto& [filter, fence] : given_up_) fence = 0;
   counts_.fenced_off += unfenced_.size();
   unfenced_.clear();
   asked_.clear();
@@ -80,8 +81,8 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   subscribe_to_commands();
   if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
-  for (const std::string& filter : std::exchange(given_up_, {}))
-    if (is_present) actions_.push(UnsubscribeSession{robot_, filter});
+  if (!is_present) given_up_.clear();
+  unsubscribe_given_up();
   for (auto& [filter, entry] : filters_) ask(filter, entry);
   if (!note_until_) return;
   if (!is_present) return end_note({});
@@ -227,14 +228,30 @@ void RobotSession::resume(const std::string& filter, Qos qos) {
 void RobotSession::unsubscribe(const std::string& filter) {
   filters_.erase(filter);
   std::erase(asked_, filter);
+  const bool is_remembered = given_up_.size() < max_given_up;
+  if (is_remembered) given_up_[filter] = 0;
   if (is_held()) {
-    actions_.push(UnsubscribeSession{robot_, filter});
+    if (is_remembered)
+      unsubscribe_given_up();
+    else
+      actions_.push(UnsubscribeSession{robot_, filter});
     subscribe_to_commands();
-  } else if (given_up_.size() < max_given_up) {
-    given_up_.insert(filter);
-  } else {
+  } else if (!is_remembered) {
     is_clean_due_ = true;
   }
+}
+
+/// The UNSUBSCRIBEs are answered when a fence after them is. If the connection is lost before, they
+/// are sent again.
+void RobotSession::unsubscribe_given_up() {
+  bool is_any = false;
+  for (auto& [filter, fence] : given_up_) {
+    if (fence != 0) continue;
+    actions_.push(UnsubscribeSession{robot_, filter});
+    fence = last_fence_ + 1;
+    is_any = true;
+  }
+  if (is_any) actions_.push(AskFence{robot_, ++last_fence_});
 }
 
 /// Filters that another gateway or an earlier process has subscribed are not known here. A session
@@ -421,6 +438,8 @@ void RobotSession::end_sorting() {
 }
 
 void RobotSession::on_fence(std::uint64_t number, TimePoint now) {
+  std::erase_if(given_up_,
+                [number](const auto& each) { return each.second != 0 && each.second <= number; });
   for (Unfenced& each : unfenced_) {
     if (each.is_answered || each.fence > number) continue;
     each.is_answered = !is_copy_to_come(each);

@@ -61,7 +61,8 @@ class RobotSession {
   static constexpr std::chrono::milliseconds note_patience{300};
   static constexpr std::chrono::seconds longest_note_wait{2};
   static constexpr std::size_t max_note_octets = 65536;
-  /// Limit of filters to unsubscribe at the next CONNECT; with more the session starts clean.
+  /// Limit of filters to unsubscribe at the next CONNECT; with more the session starts clean. Also
+  /// the limit of UNSUBSCRIBEs that are repeated when the connection is lost.
   static constexpr std::size_t max_given_up = 64;
 
   /// `sorting`: the robot starts a clean session, and its waiting messages are refused before the
@@ -177,6 +178,7 @@ class RobotSession {
   std::uint32_t make_id(const std::string& filter) const;
   void subscribe_own(const std::string& topic, bool wants_retained);
   void subscribe_to_commands();
+  void unsubscribe_given_up();
   void ask(const std::string& filter, Filter& entry);
   void refuse(const std::string& filter);
   void blame_unanswered();
@@ -210,9 +212,11 @@ class RobotSession {
   bool is_opened_clean_ = false;
   bool knows_all_ = false;  ///< the broker's session has no filters besides `filters_`
   std::map<std::string, Filter> filters_;
-  std::deque<std::string> asked_;   ///< SUBSCRIBEs without an answer, in their order
-  std::set<std::string> given_up_;  ///< unsubscribed while the session was not held
-  std::deque<Unfenced> unfenced_;   ///< in the order in which they came
+  std::deque<std::string> asked_;  ///< SUBSCRIBEs without an answer, in their order
+  /// Unsubscribed filters, each with the fence after its UNSUBSCRIBE; 0: to be unsubscribed at the
+  /// next CONNECT.
+  std::map<std::string, std::uint64_t> given_up_;
+  std::deque<Unfenced> unfenced_;  ///< in the order in which they came
   std::uint64_t last_fence_ = 0;
   std::optional<TimePoint> unheld_since_;
   std::string marker_;  ///< not empty: messages that come before it are stale

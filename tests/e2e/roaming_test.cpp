@@ -92,6 +92,29 @@ TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
   EXPECT_EQ(count("ntnu-slam/gateway/b/commands/r1 {\"type\":\"cmd\",\"outcome\":\"refused\""), 1U);
 }
 
+/// The other gateway has not heard the robot, so it is still this one's.
+TEST_F(TwoGateways, GatewayThatReturnsKeepsTheRobotsThatWereAnsweredForMeanwhile) {
+  Device robot{a.mqttsn_address()};
+  robot.connect_with_will("r1");
+  robot.subscribe("ntnu-slam/server/r1/cmd");
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
+  a.process().send_signal(SIGKILL);
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+  a.start();
+  const auto knows_other = [&] {
+    const json fleet = a.ctl({"fleet"});
+    return fleet.is_object() && std::ranges::any_of(fleet["robots"], [](const json& row) {
+             return row["robot"] == "r1" && row["gateway"] == "b";
+           });
+  };
+  ASSERT_TRUE(eventually(knows_other)) << a.log();
+  robot.insist(sim::sn::pingreq({}), sim::sn::Type::pingresp);
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
+  robot.expect(sim::sn::Type::publish);
+  EXPECT_EQ(count("ntnu-slam/robot/r1/gone"), 0U);
+}
+
 TEST_F(TwoGateways, CommandForANameThatNoRobotHasIsRefusedOnce) {
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/nobody/cmd", "-m", "1,2"});
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/probe/cmd", "-m", "1,2"});

@@ -52,6 +52,24 @@ TEST_F(NeighboursOfRoomB, Rule7_TheRobotsOfADeadGatewayAreOrphansOnce) {
   EXPECT_TRUE(state("room-c", offline).empty());
 }
 
+TEST_F(NeighboursOfRoomB, TheRobotsOfAGatewayThatWasGoneBeforeAreOrphansToo) {
+  shows("room-c", "r1");
+  EXPECT_TRUE(state("room-c", offline).empty());
+  ASSERT_EQ(neighbours.orphans().size(), 1U);
+  EXPECT_EQ(neighbours.orphans()[0].robot, "r1");
+  state("room-c", online);
+  EXPECT_TRUE(neighbours.orphans().empty());
+}
+
+TEST_F(NeighboursOfRoomB, OneThatOnlyAnswersForARobotHasNotHeardIt) {
+  state("room-a", online);
+  shows("room-a", "r1", offline);
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
+  EXPECT_FALSE(neighbours.is_heard_elsewhere("r1"));
+  shows("room-a", "r1", R"({"state":"asleep"})");
+  EXPECT_TRUE(neighbours.is_heard_elsewhere("r1"));
+}
+
 TEST_F(NeighboursOfRoomB, OneThatShowsARobotOnceMoreBeforeItWithdrawsItHidesNobody) {
   state("room-a", online);
   state("room-c", online);

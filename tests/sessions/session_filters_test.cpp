@@ -119,5 +119,32 @@ TEST_F(RobotSessionRulesUp, ARobotThatWasGivenUpBringsItsFiltersWithItsNote) {
   EXPECT_EQ(subscribed(), (std::vector<std::string>{mailbox, "ntnu-slam/server/r1/#"}));
 }
 
+TEST_F(RobotSessionRulesUp, UnsubscribesAgainUntilTheBrokerHasAnswered) {
+  const std::string updates = "ntnu-slam/robot/+/update";
+  resume(updates);
+  attach(true);
+  sessions.unsubscribe("r1", updates);
+  for (int loss = 0; loss < 2; ++loss) {
+    forget_actions();
+    sessions.on_detached("r1", now);
+    sessions.on_heard("r1", now);
+    pass(RobotSession::longest_flap_wait);
+    sessions.on_attached("r1", true, now);
+    std::vector<std::string> gone;
+    std::uint64_t fence = 0;
+    while (auto action = sessions.next_action()) {
+      if (const auto* it = std::get_if<UnsubscribeSession>(&*action)) gone.push_back(it->filter);
+      if (const auto* it = std::get_if<AskFence>(&*action)) fence = it->number;
+    }
+    EXPECT_EQ(gone, std::vector<std::string>{updates});
+    if (loss == 1) sessions.on_fence("r1", fence, now);
+  }
+  sessions.on_detached("r1", now);
+  sessions.on_heard("r1", now);
+  pass(RobotSession::longest_flap_wait);
+  sessions.on_attached("r1", true, now);
+  EXPECT_TRUE(drain<UnsubscribeSession>().empty());
+}
+
 }  // namespace
 }  // namespace slamgw::sessions

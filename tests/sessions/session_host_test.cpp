@@ -364,6 +364,7 @@ TEST_F(OneSessionHost, LeavesNoDescriptorOpenAcrossExecAndNoLargeBuffer) {
 }
 
 TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
+  moved_to = "127.0.0.2";
   test::Mosquitto broker;
   BrokerSettings settings;
   settings.host = moving_host;
@@ -375,6 +376,19 @@ TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
   a.host.on_broker_down();
   moved_to = "127.0.0.1";
   a.host.on_broker_up(settings, MqttVersion::v5);
+  EXPECT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));
+}
+
+TEST_F(OneSessionHost, LooksUpAgainANameThatANameServerDoesNotKnowForAMoment) {
+  test::Mosquitto broker;
+  moved_to = nullptr;
+  BrokerSettings settings;
+  settings.host = moving_host;
+  settings.port = broker.port();
+  a.host.on_broker_up(settings, MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); }));
+  moved_to = "127.0.0.1";
   EXPECT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));
 }
 
@@ -426,7 +440,7 @@ extern "C" int getaddrinfo(const char* node, const char* service, const addrinfo
   static const auto real =
       reinterpret_cast<decltype(&getaddrinfo)>(dlsym(RTLD_NEXT, "getaddrinfo"));
   const std::string_view name(node ? node : "");
-  if (name == moving_host) return real(moved_to, service, hints, result);
+  if (name == moving_host) return moved_to ? real(moved_to, service, hints, result) : EAI_AGAIN;
   if (name != silent_host) return real(node, service, hints, result);
   ++asking;
   is_answering.wait(false);

@@ -233,7 +233,11 @@ void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::u
 
 void Downlink::on_address(ClientSession& session) {
   session.delivery.is_half_proven = false;
-  if (random_ && !output_.is_validated(session)) restart_message_ids(session.delivery, random_());
+  // A session that began at another gateway must not repeat the MsgIds of that gateway: the robot
+  // would take a new message for a repeat.
+  const bool is_new = session.delivery.last_msg_id == 0;
+  if (random_ && (is_new || !output_.is_validated(session)))
+    restart_message_ids(session.delivery, random_());
 }
 
 /// Validates the client's address, if the answered MsgId was sent to this address only.

@@ -27,6 +27,7 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
                 std::visit([this](auto& what) { perform(what); }, action);
               }),
       tick_(io),
+      resolve_timer_(io),
       asker_(std::make_shared<Asker>()) {
   asker_->host = this;
   [[maybe_unused]] static const int once = mosquitto_lib_init();
@@ -63,9 +64,23 @@ void SessionHost::resolve(const BrokerSettings& broker, MqttVersion version) {
 void SessionHost::on_resolved(std::shared_ptr<RobotBroker> broker) {
   const bool is_same = broker_ && broker_->settings == broker->settings;
   if (is_same && broker->addresses.literals.empty()) broker->addresses = broker_->addresses;
+  if (broker->addresses.literals.empty()) return resolve_later(*broker);
   broker_ = std::move(broker);
   driver_->on_broker_up(version_ == MqttVersion::v5, std::exchange(is_other_, false),
                         read_clocks());
+}
+
+/// The gateway's own connection has found the broker, so the name server failed for a moment.
+void SessionHost::resolve_later(const RobotBroker& broker) {
+  if (failure_throttle_.on_event(read_clocks().mono))
+    report_(Notice{Severity::warning,
+                   "robots' sessions wait for the broker's address: " + broker.addresses.problem,
+                   {}});
+  resolve_timer_.expires_after(resolve_pause);
+  resolve_timer_.async_wait([this, settings = broker.settings, version = broker.version,
+                             number = resolving_](boost::system::error_code error) {
+    if (!error && number == resolving_ && !is_stopped_) resolve(settings, version);
+  });
 }
 
 void SessionHost::on_broker_down() {
@@ -83,6 +98,7 @@ void SessionHost::stop() {
 void SessionHost::close_all() {
   if (std::exchange(is_stopped_, true)) return;
   tick_.cancel();
+  resolve_timer_.cancel();
   end_links();
   const std::lock_guard lock(asker_->mutex);
   asker_->host = nullptr;

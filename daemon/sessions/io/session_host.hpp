@@ -21,6 +21,9 @@ namespace slamgw::sessions {
 
 class SessionHost {
  public:
+  /// Pause before a name that could not be resolved is looked up again.
+  static constexpr std::chrono::seconds resolve_pause{1};
+
   /// Actions for the application: the second group of session_action.hpp.
   using Report = std::variant<SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
                               RefuseStale, NoteRead, SessionContested, Notice>;
@@ -57,6 +60,7 @@ class SessionHost {
   struct Asker;
 
   void resolve(const BrokerSettings& broker, MqttVersion version);
+  void resolve_later(const RobotBroker& broker);
   void on_resolved(std::shared_ptr<RobotBroker> broker);
 
   // The links call these on the loop's thread, never from inside a call to a link.
@@ -89,6 +93,7 @@ class SessionHost {
   RobotSessions sessions_;
   MachineDriver<RobotSessions> driver_;
   boost::asio::steady_timer tick_;
+  boost::asio::steady_timer resolve_timer_;
   const std::shared_ptr<Asker> asker_;
   std::shared_ptr<const RobotBroker> broker_;  ///< null until its name is resolved
   std::uint64_t resolving_ = 0;                ///< number of the last resolve()

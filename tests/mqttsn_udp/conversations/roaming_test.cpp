@@ -16,7 +16,9 @@ const std::string cmd = "ntnu-slam/server/r1/cmd";
 
 /// A gateway that knows that another one serves r1.
 struct Next : SnRig {
-  explicit Next(Settings settings = {}) : SnRig(std::move(settings)) {
+  explicit Next(Settings settings = {}, RandomSource random = {})
+      : SnRig(std::move(settings), {}, {"w/#", "a/#", "ab"}, {"w/#", "a/#", "ab"},
+              std::move(random)) {
     gateway.ask_where_served([](const std::string& robot) { return robot == "r1"; });
   }
   void robot_comes() { send(1, Connect{false, false, protocol_id, 60, "r1"}); }
@@ -61,6 +63,15 @@ TEST(Roaming, ARobotGoesOnByTheNoteOfItsFormerGateway) {
   EXPECT_EQ(rig.reports[0].topic, own_topic) << "its topic ids keep their meaning";
   rig.pass_s(100);
   EXPECT_TRUE(rig.reports.back().is_will);
+}
+
+/// Else the robot could take a command for a repeat of one of its former gateway.
+TEST(Roaming, MessageIdsBeginAtARandomNumber) {
+  Next rig({}, [] { return std::uint16_t{0x4000}; });
+  rig.robot_comes();
+  rig.note("r1", note_of_r1());
+  rig.broker(cmd, "go", 1);
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 predefined id=7 msg=16385 data=676f");
 }
 
 TEST(Roaming, ARobotThatTakesTheLastPlaceGoesOnByItsNote) {

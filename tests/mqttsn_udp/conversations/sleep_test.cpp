@@ -255,6 +255,20 @@ TEST(SnGateway, R113_LetsALostSleeperSleepOn) {
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online) << "it was active when it was lost";
 }
 
+TEST(SnGateway, R113_LetsALostClientFallAsleep) {
+  SleepRig rig(false);
+  rig.connect(1, "r1", false);
+  rig.pass_s(100);
+  ASSERT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
+  rig.send(1, Disconnect{300});
+  EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
+  EXPECT_TRUE(rig.is_asleep());
+  rig.broker("a/x", "1", 1);
+  rig.pass_s(300);
+  EXPECT_TRUE(rig.is_asleep());
+  EXPECT_EQ(rig.wake(), Lines{"REGISTER id=1 msg=1 topic=a/x"}) << "only now";
+}
+
 TEST(SnGateway, R128_DoesNotMoveAnActiveClientByAPing) {
   ConnectedRig rig;
   rig.send(2, Pingreq{"r1"});
