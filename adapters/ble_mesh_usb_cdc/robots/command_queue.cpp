@@ -159,8 +159,8 @@ EndedCommand CommandQueue::end_outstanding(CommandResult result, std::string why
 
 void CommandQueue::expect_late_answers(TimePoint now) {
   const Command& command = outstanding_->entry.command;
-  late_answer_ = command.awaited_status;
-  late_answers_until_ = now + reliable_interval(ttl_, command.access.size());
+  late_answers_until_[command.awaited_status] =
+      now + reliable_interval(ttl_, command.access.size());
 }
 
 void CommandQueue::on_send_refused(const std::string& why) {
@@ -231,8 +231,8 @@ Duration CommandQueue::first_repeat(const Command& command) const {
 
 /// Returns when the first waiting command may start.
 TimePoint CommandQueue::earliest_start() const {
-  const bool may_be_confused = waiting_.front().command.awaited_status == late_answer_;
-  return may_be_confused ? late_answers_until_ : TimePoint::min();
+  const auto late = late_answers_until_.find(waiting_.front().command.awaited_status);
+  return late == late_answers_until_.end() ? TimePoint::min() : late->second;
 }
 
 void CommandQueue::list(const std::string& robot, OpenCommands& open) const {

@@ -14,6 +14,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -168,10 +169,9 @@ class CommandQueue {
   std::uint8_t ttl_;
   AnswerTime answer_time_;
   std::optional<Outstanding> outstanding_;
-  /// Until `late_answers_until_`, the robot may answer copies of an ended command with
-  /// `late_answer_`.
-  TimePoint late_answers_until_{};
-  Opcode late_answer_ = 0;
+  /// Until then, the robot may answer copies of an ended command with this STATUS. At most one
+  /// entry for each kind of command.
+  std::map<Opcode, TimePoint> late_answers_until_;
   std::deque<Entry> waiting_;
 };
 

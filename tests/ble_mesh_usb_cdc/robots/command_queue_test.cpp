@@ -148,6 +148,31 @@ TEST(CommandQueue, ALateAnswerDoesNotEndTheNextCommand) {
   EXPECT_EQ(robot.sent.size(), 4u) << "the second command is sent now";
 }
 
+TEST(CommandQueue, LateAnswersOfOneKindAreExpectedWhileAnotherKindIsRepeated) {
+  Conversation robot;
+  robot.exchange(20ms);
+  const TimePoint begin = robot.now;
+  robot.queue.add(position("first"), robot.now);
+  robot.queue.add({CommandId::none, "text", hex("c5 59 00 01"), text_status, false}, robot.now);
+  robot.queue.add(position("second"), robot.now);
+  robot.send();
+  robot.pass();  // a second copy of the first command
+  robot.now = begin + 150ms;
+  robot.end(robot.queue.on_status(position_status, robot.now));
+  robot.send();
+  robot.pass();  // a second copy of the text
+  EXPECT_EQ(robot.now, begin + 350ms);
+  robot.now = begin + 360ms;
+  robot.end(robot.queue.on_status(text_status, robot.now));
+  robot.send();
+  ASSERT_EQ(robot.sent.size(), 5u) << "the first command's second copy may still be answered";
+  EXPECT_EQ(robot.queue.deadline(), begin + 150ms + repeat_interval);
+  robot.end(robot.queue.on_status(position_status, robot.now));
+  EXPECT_EQ(robot.outcomes.size(), 3u) << "the second command is not delivered";
+  robot.pass();
+  EXPECT_EQ(robot.sent.size(), 6u);
+}
+
 TEST(CommandQueue, ACommandOfAnotherKindNeedNotWaitForLateAnswers) {
   Conversation robot;
   robot.exchange(20ms);
