@@ -30,6 +30,9 @@ class BleMesh {
   /// Call first. Subscribes to the commands for the robots that the configuration and the database
   /// name.
   void on_start();
+  /// Sets the TID that the first on/off Set follows. Call before the first command, with a random
+  /// number: robots drop a TID that they saw within 6 s, also from the daemon before a restart.
+  void begin_tids_after(std::uint8_t tid) { downlink_.begin_tids_after(tid); }
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
   /// Restarts the radio with an address that no robot has heard; the radio forgets everything.

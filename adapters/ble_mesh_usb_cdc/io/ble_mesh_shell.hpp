@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -28,6 +29,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
  public:
   void start() override {
     end_interrupted_commands();
+    this->driver()->begin_tids_after(static_cast<std::uint8_t>(std::random_device{}()));
     BleShell<Machine>::start();
   }
   void stop() override {

@@ -19,6 +19,8 @@ class Downlink : private MeshPart {
   static constexpr const char* gateway_ends = "the gateway is stopping";
 
   explicit Downlink(const MeshPart& shared) : MeshPart(shared) {}
+  /// See BleMesh.
+  void begin_tids_after(std::uint8_t tid) { last_tid_ = tid; }
 
   /// Queues a command of this type for `robot`, or ends it as refused. Drops a retained command
   /// that the robot does not wait for.
