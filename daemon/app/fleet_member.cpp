@@ -29,7 +29,7 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
       upstream_(upstream),
       submit_(std::move(submit)),
       started_(read_clocks().wall),
-      last_alive_(io, config.store.directory),
+      last_alive_(io, config.store.directory, config.broker.addresses().front().uri()),
       neighbours_(config.gateway_id),
       host_(
           io, names_,
@@ -65,7 +65,6 @@ RobotPlaces FleetMember::places() {
 }
 
 void FleetMember::start() {
-  last_alive_.start();
   gateway_driver_->subscribe_own(scheme_.state_filter());
   gateway_driver_->subscribe_own(scheme_.presence_filter());
   await_tick();
@@ -85,9 +84,11 @@ void FleetMember::on_broker_link(bool is_up) {
     up_since_.reset();
     held_before_.clear();
     has_kept_orphans_ = false;
+    last_alive_.on_broker_down();
     return host_.on_broker_down();
   }
   up_since_ = read_clocks().mono;
+  last_alive_.on_broker_up(upstream_.broker().addresses().front().uri());
   gateway_driver_->hear_all_commands(neighbours_.is_first());
   for (const auto& [robot, presence] : adopted_)
     submit_({scheme_.presence_topic(robot), to_bytes(presence), Qos::at_least_once, true});

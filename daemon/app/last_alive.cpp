@@ -2,46 +2,76 @@
 #include "daemon/app/last_alive.hpp"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
+#include <fstream>
 
 #include "daemon/runtime/machine_driver.hpp"
 
 namespace slamgw {
 
-LastAlive::LastAlive(boost::asio::io_context& io, const std::string& directory)
+LastAlive::LastAlive(boost::asio::io_context& io, const std::string& directory,
+                     const std::string& broker_uri)
     : path_(directory + "/alive"), timer_(io) {
-  struct stat file {};
-  if (::stat(path_.c_str(), &file) != 0) return;
-  const Now now = read_clocks();
-  const auto changed = std::chrono::system_clock::from_time_t(file.st_mtime);
-  const auto age = std::max<WallTime::duration>(now.wall - changed, {});
-  before_start_ = now.mono - std::chrono::duration_cast<Duration>(age);
+  read(broker_uri);
 }
 
-void LastAlive::start() {
-  touch();
+/// Takes the larger of the ages by two clocks: the steady clock begins again at a reboot, and the
+/// wall clock of a host without a battery may stand still while the power is off.
+void LastAlive::read(const std::string& broker_uri) {
+  struct stat file {};
+  std::int64_t seconds = 0;
+  std::string uri;
+  if (::stat(path_.c_str(), &file) != 0) return;
+  if (!(std::ifstream(path_) >> seconds >> uri) || uri != broker_uri) return;
+  const Now now = read_clocks();
+  const auto up = std::chrono::floor<std::chrono::seconds>(now.mono.time_since_epoch());
+  const auto changed = std::chrono::system_clock::from_time_t(file.st_mtime);
+  if (seconds < 0 || seconds > up.count() || changed > now.wall) return;
+  const Duration wall_age = std::chrono::duration_cast<Duration>(now.wall - changed);
+  before_start_ = now.mono - std::max<Duration>(up - std::chrono::seconds{seconds}, wall_age);
+}
+
+void LastAlive::on_broker_up(const std::string& uri) {
+  broker_uri_ = uri;
+  keep_writing();
+}
+
+void LastAlive::on_broker_down() {
+  broker_uri_.clear();
+  timer_.cancel();
+}
+
+void LastAlive::keep_writing() {
+  write();
   timer_.expires_after(interval);
   timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) start();
+    if (!error) keep_writing();
   });
 }
 
-void LastAlive::touch() {
-  boost::asio::post(disk_, [path = path_] {
+void LastAlive::write() {
+  if (broker_uri_.empty()) return;
+  const auto up = read_clocks().mono.time_since_epoch();
+  std::string text =
+      fmt::format("{} {}\n", std::chrono::floor<std::chrono::seconds>(up).count(), broker_uri_);
+  boost::asio::post(disk_, [path = path_, text = std::move(text)] {
     const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
     if (file < 0) return;
-    ::futimens(file, nullptr);
+    const auto size = static_cast<ssize_t>(text.size());
+    if (::pwrite(file, text.data(), text.size(), 0) != size || ::ftruncate(file, size) != 0)
+      ::unlink(path.c_str());
     ::close(file);
   });
 }
 
 void LastAlive::stop() {
   timer_.cancel();
-  touch();
+  write();
   disk_.join();
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps `<store.directory>/alive`: the file's modification time is when a gateway last ran here.
-// Commands that waited at the broker for longer than a restart takes are refused (docs/fleet.md).
+// Keeps `<store.directory>/alive`, which shows when a gateway on this host was last online at the
+// broker. Commands that waited at the broker for longer than a restart takes are refused
+// (docs/fleet.md).
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -17,21 +18,28 @@ class LastAlive {
  public:
   static constexpr std::chrono::seconds interval{5};
 
-  /// Reads the file; call before the loop runs.
-  LastAlive(boost::asio::io_context& io, const std::string& directory);
+  /// Reads the file; call before the loop runs. `broker_uri`: the broker of the configuration.
+  LastAlive(boost::asio::io_context& io, const std::string& directory,
+            const std::string& broker_uri);
 
-  /// Returns when the process before this one ended, within `interval`; nothing where none has run.
+  /// Returns when the process before this one was last online, within `interval`. Returns nothing
+  /// if that may be long ago: no such process, another broker, a reboot, or a clock set back.
   std::optional<TimePoint> before_start() const { return before_start_; }
-  /// Touches the file from now on, on a thread of its own.
-  void start();
-  /// Touches the file once more and waits until that is done.
+  /// Writes the file from now on, on a thread of its own.
+  void on_broker_up(const std::string& uri);
+  /// Leaves the file alone until the broker is back.
+  void on_broker_down();
+  /// Writes the file once more if the broker is online, and waits until that is done.
   void stop();
 
  private:
-  void touch();
+  void read(const std::string& broker_uri);
+  void keep_writing();
+  void write();
 
   const std::string path_;
   std::optional<TimePoint> before_start_;
+  std::string broker_uri_;  ///< empty while the broker is offline
   boost::asio::steady_timer timer_;
   boost::asio::thread_pool disk_{1};
 };

@@ -34,7 +34,8 @@ class RobotSessions {
   /// Returns true when another living gateway shows the robot as its own.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
 
-  /// `last_alive`: when the gateway's former process ended; nothing when there was none.
+  /// `last_alive`: when the gateway's former process was last online; nothing if that may be long
+  /// ago.
   RobotSessions(SessionNames names, ServedElsewhere is_served_elsewhere,
                 std::optional<TimePoint> last_alive = {},
                 std::size_t max_sessions = default_max_sessions);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// When a gateway last ran here, as the next process reads it.
+// When a gateway was last online, as the next process reads it.
 #include "daemon/app/last_alive.hpp"
 
 #include <fcntl.h>
@@ -8,6 +8,8 @@
 
 #include <array>
 #include <boost/asio/io_context.hpp>
+#include <optional>
+#include <string>
 
 #include "tests/support/eventually.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -20,72 +22,113 @@ using namespace std::chrono_literals;
 class LastAliveTest : public testing::Test {
  protected:
   std::string file() const { return directory / "alive"; }
-  /// As if a gateway had ended so long ago; negative: the clock was set back since.
-  void ended(std::chrono::seconds ago) const {
-    test::write_file(file(), "");
-    const auto then = std::chrono::system_clock::now() - ago;
+  static std::chrono::seconds up() {
+    return std::chrono::floor<std::chrono::seconds>(
+        std::chrono::steady_clock::now().time_since_epoch());
+  }
+  /// As if a gateway had ended at `steady`, so long ago by the wall clock (negative: set back).
+  void ended(std::chrono::seconds steady, std::chrono::seconds wall_ago,
+             const std::string& uri = broker) const {
+    test::write_file(file(), std::to_string(steady.count()) + " " + uri + "\n");
+    const auto then = std::chrono::system_clock::now() - wall_ago;
     const timespec time{std::chrono::system_clock::to_time_t(then), 0};
     ASSERT_EQ(::utimensat(AT_FDCWD, file().c_str(), std::array{time, time}.data(), 0), 0);
   }
-  WallTime changed() const {
-    struct stat status {};
-    if (::stat(file().c_str(), &status) != 0) return {};
-    return std::chrono::system_clock::from_time_t(status.st_mtime);
+  std::optional<Duration> age_found() {
+    const auto found = LastAlive(io, directory.path(), broker).before_start();
+    if (!found) return {};
+    return std::chrono::steady_clock::now() - *found;
   }
-  Duration age_found() {
-    const auto found = LastAlive(io, directory.path()).before_start();
-    return found ? std::chrono::steady_clock::now() - *found : Duration::max();
-  }
+  /// Returns whether the file is as `ended(0s, ...)` wrote it.
+  bool is_still_old() const { return test::read_file(file()).starts_with("0 "); }
 
+  static constexpr const char* broker = "mqtt://broker:1883";
   test::TempDir directory;
   boost::asio::io_context io;
 };
 
 TEST_F(LastAliveTest, KnowsWhenTheProcessBeforeThisOneEnded) {
-  ended(1h);
-  const Duration age = age_found();
-  EXPECT_GE(age, 1h);
-  EXPECT_LT(age, 2h);
+  ended(up(), 0s);
+  const auto age = age_found();
+  ASSERT_TRUE(age);
+  EXPECT_GE(*age, 0s);
+  EXPECT_LT(*age, 1h);
+}
+
+TEST_F(LastAliveTest, TakesTheLargerAgeOfTwoClocks) {
+  ended(up(), 1h);
+  ASSERT_TRUE(age_found());
+  EXPECT_GE(*age_found(), 1h);
+  ended(0s, 0s);
+  ASSERT_TRUE(age_found());
+  EXPECT_GE(*age_found(), up() - 1s) << "the wall clock stood still";
 }
 
 TEST_F(LastAliveTest, KnowsNothingWhereNoProcessHasRun) {
-  EXPECT_FALSE(LastAlive(io, directory.path()).before_start());
-  EXPECT_FALSE(LastAlive(io, directory / "missing").before_start());
+  EXPECT_FALSE(age_found());
+  EXPECT_FALSE(LastAlive(io, directory / "missing", broker).before_start());
 }
 
-TEST_F(LastAliveTest, TakesATimeThatIsStillToComeForNow) {
-  ended(-1h);
-  const Duration age = age_found();
-  EXPECT_GE(age, 0s);
-  EXPECT_LT(age, 1h);
+TEST_F(LastAliveTest, TakesARebootForLongAgo) {
+  ended(up() + 1h, 0s);
+  EXPECT_FALSE(age_found());
 }
 
-TEST_F(LastAliveTest, TouchesTheFileFromTheStartOn) {
-  ended(24h);
-  LastAlive alive(io, directory.path());
-  alive.start();
-  const WallTime today = std::chrono::system_clock::now() - 1h;
-  EXPECT_TRUE(test::eventually(io, [&] { return changed() > today; }));
+TEST_F(LastAliveTest, TakesATimeThatIsStillToComeForLongAgo) {
+  ended(up(), -1h);
+  EXPECT_FALSE(age_found());
+}
+
+TEST_F(LastAliveTest, TakesAnotherBrokerForLongAgo) {
+  ended(up(), 0s, "mqtt://elsewhere:1883");
+  EXPECT_FALSE(age_found());
+}
+
+TEST_F(LastAliveTest, TakesAnyOtherTextForLongAgo) {
+  for (const char* const text :
+       {"", "x", "-1 mqtt://broker:1883", "1", "9999999999999999999999 b"}) {
+    test::write_file(file(), text);
+    EXPECT_FALSE(age_found()) << text;
+  }
+}
+
+TEST_F(LastAliveTest, WritesTheFileWhileTheBrokerIsOnline) {
+  ended(0s, 24h);
+  LastAlive alive(io, directory.path(), broker);
+  alive.on_broker_up(broker);
+  EXPECT_TRUE(test::eventually(io, [&] { return !is_still_old(); }));
+  ended(0s, 24h);
   alive.stop();
+  EXPECT_FALSE(is_still_old());
+  ASSERT_TRUE(age_found());
+  EXPECT_LT(*age_found(), 1h);
   ASSERT_TRUE(alive.before_start());
   EXPECT_GE(std::chrono::steady_clock::now() - *alive.before_start(), 24h)
       << "what this process found";
 }
 
-TEST_F(LastAliveTest, TouchesTheFileWhenItStops) {
-  LastAlive alive(io, directory.path());
-  alive.start();
-  ASSERT_TRUE(test::eventually(io, [&] { return changed() != WallTime{}; }));
-  ended(24h);
+TEST_F(LastAliveTest, LeavesTheFileAloneBeforeTheBrokerIsOnline) {
+  ended(0s, 24h);
+  LastAlive(io, directory.path(), broker).stop();
+  EXPECT_TRUE(is_still_old());
+}
+
+TEST_F(LastAliveTest, LeavesTheFileAloneWhileTheBrokerIsOffline) {
+  ended(0s, 24h);
+  LastAlive alive(io, directory.path(), broker);
+  alive.on_broker_up(broker);
+  ASSERT_TRUE(test::eventually(io, [&] { return !is_still_old(); }));
+  alive.on_broker_down();
+  ended(0s, 24h);
   alive.stop();
-  EXPECT_GT(changed(), std::chrono::system_clock::now() - 1h);
+  EXPECT_TRUE(is_still_old());
 }
 
 TEST_F(LastAliveTest, LivesWithADirectoryThatCannotBeWritten) {
-  LastAlive alive(io, directory / "missing");
-  alive.start();
+  LastAlive alive(io, directory / "missing", broker);
+  alive.on_broker_up(broker);
   alive.stop();
-  EXPECT_FALSE(LastAlive(io, directory / "missing").before_start());
+  EXPECT_FALSE(LastAlive(io, directory / "missing", broker).before_start());
 }
 
 }  // namespace

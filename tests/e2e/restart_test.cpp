@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <chrono>
 #include <filesystem>
 #include <map>
 #include <tuple>
@@ -129,6 +130,21 @@ TEST_P(CommandsOverBle, HaveTheirOutcomeOverAKill) {
   }
   EXPECT_EQ(told, (std::map<std::string, std::string>{{"first", "timeout"}, {"second", "refused"}}))
       << gateway.log();
+}
+
+TEST(LastOnline, IsNotMovedByAGatewayWithoutABroker) {
+  namespace fs = std::filesystem;
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  const std::string file = gateway / "store/alive";
+  ASSERT_TRUE(eventually([&] { return fs::exists(file); })) << gateway.log();
+  broker.kill();
+  ASSERT_TRUE(eventually([&] { return gateway.logs("cannot reach broker"); })) << gateway.log();
+  const auto then = fs::file_time_type::clock::now() - std::chrono::hours{1};
+  fs::last_write_time(file, then);
+  gateway.process().send_signal(SIGTERM);
+  ASSERT_TRUE(eventually([&] { return !gateway.process().is_running(); }));
+  EXPECT_EQ(fs::last_write_time(file), then);
 }
 
 TEST(Reload, TakesABrokerTopicsAndRobotsWithoutDroppingSessions) {
