@@ -17,6 +17,8 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include "ctl/connection.hpp"
@@ -127,19 +129,45 @@ void make_directories(const fs::path& directory, fs::perms mode) {
   fs::permissions(directory, mode);
 }
 
+void rename_into(const fs::path& from, const fs::path& to, std::error_code& error) {
+  make_directories(to.parent_path(), fs::perms::owner_all);
+  fs::rename(from, to, error);
+}
+
+/// Removes directories that a failed restore leaves empty.
+void remove_empty(fs::path directory) {
+  std::error_code error;
+  while (fs::remove(directory, error)) directory = directory.parent_path();
+}
+
+/// The steps of a restore, for undoing them.
+struct Steps {
+  std::vector<std::pair<fs::path, fs::path>> moved;  ///< present files, and their places aside
+  std::vector<fs::path> put;                         ///< files of the archive
+};
+
 /// Moves files aside, but not directories, which systemd and the package own. Returns the files'
 /// new places in words.
-std::string move_aside(const std::vector<fs::path>& present, const Installation& installation) {
+std::string move_aside(const std::vector<fs::path>& present, const Installation& installation,
+                       Steps& steps) {
   const std::string suffix = time_suffix();
   std::set<std::string> places;
   for (const fs::path& file : present) {
     const fs::path root = installation.is_state(file) ? installation.state() : installation.etc();
     const fs::path place = file.lexically_relative(root);
     const bool is_elsewhere = place.empty() || *place.begin() == "..";
-    const fs::path top = (is_elsewhere ? file : root).string() + suffix;
-    const fs::path aside = is_elsewhere ? top : top / place;
-    make_directories(aside.parent_path(), fs::perms::owner_all);
-    fs::rename(file, aside);
+    fs::path top = (is_elsewhere ? file : root).string() + suffix;
+    fs::path aside = is_elsewhere ? top : top / place;
+    std::error_code error;
+    rename_into(file, aside, error);
+    if (error == std::errc::cross_device_link && !is_elsewhere) {  // the root is a mount point
+      remove_empty(aside.parent_path());
+      top = root / suffix;
+      aside = top / place;
+      rename_into(file, aside, error);
+    }
+    if (error) throw fs::filesystem_error("can't move aside", file, aside, error);
+    steps.moved.emplace_back(file, aside);
     places.insert(fmt::format("What was in {} is in {} now.\n",
                               (is_elsewhere ? file : root).string(), top.string()));
   }
@@ -176,6 +204,46 @@ void put_in_place(const fs::path& source, const fs::path& target,
   words.push_back(source.string());
   words.push_back(target.string());
   run_or_fail(words);
+}
+
+/// Brings the files back that were there before a restore failed. Returns the result in words.
+std::string undo(const Steps& steps) {
+  std::error_code error;
+  for (const fs::path& file : steps.put)
+    if (fs::is_regular_file(fs::symlink_status(file, error))) fs::remove(file, error);
+  std::string lost;
+  for (const auto& [file, aside] : steps.moved) {
+    fs::rename(aside, file, error);
+    if (error)
+      lost += fmt::format("\n  move {} to {}", aside.string(), file.string());
+    else
+      remove_empty(aside.parent_path());
+  }
+  if (lost.empty()) return "nothing was restored; your files are as before";
+  return "nothing was restored, and these files of yours are elsewhere:" + lost;
+}
+
+/// Replaces the present files by those of the archive, or throws Failure and changes none. Returns
+/// in words where the present files are.
+std::string replace_files(const fs::path& unpacked, const std::vector<fs::path>& targets,
+                          const Installation& installation) {
+  Steps steps;
+  try {
+    const std::string report = move_aside(installation.files(), installation, steps);
+    make_directories(installation.state(), fs::perms::owner_all);
+    make_directories(installation.site(), static_cast<fs::perms>(0755));
+    for (const fs::path& target : targets) {
+      steps.put.push_back(target);
+      put_in_place(unpacked / target.relative_path(), target, installation);
+    }
+    fs::permissions(installation.state(), fs::perms::owner_all);
+    if (installation.is_service())  // -h: changes a link, not the file that it names
+      run_or_fail({"chown", "-hR", fmt::format("{}:{}", service_user, service_user),
+                   installation.state().string()});
+    return report;
+  } catch (const std::exception& error) {
+    throw Failure(fmt::format("{}\n{}", error.what(), undo(steps)));
+  }
 }
 
 /// Warns when the gateway's name here differs from the backup's. Under a new name, the gateway uses
@@ -336,15 +404,7 @@ std::string restore(const Installation& installation, const std::string& file,
   std::string report;
   {
     const ServicePause pause(installation);
-    report = move_aside(installation.files(), installation);
-    make_directories(installation.state(), fs::perms::owner_all);
-    make_directories(installation.site(), static_cast<fs::perms>(0755));
-    for (const fs::path& target : targets)
-      put_in_place(unpacked.path() / target.relative_path(), target, installation);
-    fs::permissions(installation.state(), fs::perms::owner_all);
-    if (installation.is_service())  // -h: changes a link, not the file that it names
-      run_or_fail({"chown", "-hR", fmt::format("{}:{}", service_user, service_user),
-                   installation.state().string()});
+    report = replace_files(unpacked.path(), targets, installation);
   }
   if (installation.is_service()) run_program({"systemctl", "start", "--no-block", service_unit});
   return report + words_on_new_name(manifest) +

@@ -17,7 +17,8 @@ namespace slamgw::ctl {
 std::string backup(const Installation& installation, const std::string& file);
 
 /// Puts an archive's files where this host's configuration says, with owners and modes of our own.
-/// Keeps the present files beside them under a name with the time. An archive with any other file,
+/// Keeps the present files beside them under a name with the time. When a step fails, they come
+/// back. An archive with any other file,
 /// a link or a device is a Failure, and changes nothing. Calls `may_replace` with the names of
 /// present files that differ.
 std::string restore(const Installation& installation, const std::string& file,

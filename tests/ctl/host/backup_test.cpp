@@ -134,6 +134,38 @@ TEST_F(Backup, KeepsWhatARestoreReplaces) {
   EXPECT_EQ(test::read_file(aside + "/messages/2.log"), "newer messages, too");
 }
 
+TEST_F(Backup, BringsTheOldFilesBackWhenARestoreFails) {
+  backup(installation(), archive());
+  fs::remove(root() / "state/mesh.json");
+  fs::create_directory(root() / "state/mesh.json");  // which no file can replace
+  write("state/messages/1.log", "newer messages");
+  write("etc/credentials.json", R"({"username": "new", "password": "new"})");
+  const std::string told = refusal();
+  EXPECT_NE(told.find("nothing was restored; your files are as before"), told.npos) << told;
+  EXPECT_EQ(read("state/messages/1.log"), "newer messages");
+  EXPECT_EQ(read("etc/credentials.json"), R"({"username": "new", "password": "new"})");
+  EXPECT_TRUE(installation().parsed().problems.empty());
+  for (const auto& entry : fs::recursive_directory_iterator(root()))
+    EXPECT_EQ(entry.path().string().find(".before-restore-"), std::string::npos) << entry.path();
+}
+
+TEST_F(Backup, RestoresAStateDirectoryOnAnotherFilesystem) {
+  std::string other = "/dev/shm/slam-gateway-backup-XXXXXX";
+  if (mkdtemp(other.data()) == nullptr) GTEST_SKIP() << "no /dev/shm";
+  backup(installation(), archive());
+  fs::remove_all(root() / "state");
+  fs::create_symlink(other, root() / "state");
+  write("state/mesh.json", "newer keys");
+  const std::string told = restored();
+  EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
+  const auto at = told.find((root() / "state").string() + "/.before-restore-");
+  const std::string aside =
+      at == told.npos ? ""
+                      : test::read_file(told.substr(at, told.find(" now", at) - at) + "/mesh.json");
+  fs::remove_all(other);
+  EXPECT_EQ(aside, "newer keys") << told;
+}
+
 TEST_F(Backup, BelongsToWhoTypedSudo) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   constexpr unsigned nobody = 65534;
