@@ -176,12 +176,15 @@ std::string change_bans(const Installation& installation, const std::string& who
 
 ServicePause::ServicePause(const Installation& installation) {
   if (!installation.is_service()) return;
+  for (auto& [number, former] : former_) former = std::signal(number, SIG_IGN);
   was_active_ = run_program({"systemctl", "is-active", "--quiet", service_unit}).status == 0;
   if (was_active_) run_or_fail({"systemctl", "stop", service_unit});
 }
 
 ServicePause::~ServicePause() {
   if (was_active_) run_program({"systemctl", "start", "--no-block", service_unit});
+  for (const auto& [number, former] : former_)
+    if (former != SIG_ERR) std::signal(number, former);
 }
 
 ProgramResult run_program(const std::vector<std::string>& words) {

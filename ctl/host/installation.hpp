@@ -3,7 +3,9 @@
 // archives for the operator.
 #pragma once
 
+#include <csignal>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -48,8 +50,9 @@ class Installation {
   std::vector<std::filesystem::path> named_;  ///< files that the configuration names
 };
 
-/// Stops the service for the lifetime of this object, and starts it again if it ran. Does nothing
-/// for a configuration that is not the service's.
+/// Stops the service for the lifetime of this object, and starts it again if it ran. Ignores the
+/// signals of Ctrl-C, kill(1) and a closed terminal until then, also in programs that it runs. Does
+/// nothing for a configuration that is not the service's.
 class ServicePause {
  public:
   explicit ServicePause(const Installation& installation);
@@ -59,6 +62,9 @@ class ServicePause {
 
  private:
   bool was_active_ = false;
+  /// The handlers to restore; `SIG_ERR`: none.
+  std::map<int, void (*)(int)> former_{
+      {SIGINT, SIG_ERR}, {SIGTERM, SIG_ERR}, {SIGHUP, SIG_ERR}, {SIGPIPE, SIG_ERR}};
 };
 
 struct ProgramResult {

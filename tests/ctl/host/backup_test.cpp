@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
@@ -19,6 +20,24 @@ namespace slamgw::ctl {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// A program that stands before the host's in PATH.
+class FakeProgram {
+ public:
+  FakeProgram(const fs::path& directory, const char* name, const std::string& script)
+      : path_(std::getenv("PATH")) {
+    fs::create_directories(directory);
+    std::ofstream(directory / name) << "#!/bin/sh\n" << script << '\n';
+    fs::permissions(directory / name, fs::perms::owner_all);
+    setenv("PATH", (directory.string() + ":" + path_).c_str(), 1);
+  }
+  ~FakeProgram() { setenv("PATH", path_.c_str(), 1); }
+  FakeProgram(const FakeProgram&) = delete;
+  FakeProgram& operator=(const FakeProgram&) = delete;
+
+ private:
+  const std::string path_;
+};
 
 class Backup : public testing::Test {
  protected:
@@ -164,6 +183,20 @@ TEST_F(Backup, RestoresAStateDirectoryOnAnotherFilesystem) {
                       : test::read_file(told.substr(at, told.find(" now", at) - at) + "/mesh.json");
   fs::remove_all(other);
   EXPECT_EQ(aside, "newer keys") << told;
+}
+
+TEST_F(Backup, StartsTheServiceAgainAfterCtrlC) {
+  const FakeProgram systemctl(root() / "bin", "systemctl",
+                              "echo \"$1\" >> " + (root() / "calls").string());
+  {
+    const ServicePause pause(Installation{service_configuration});
+    for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) raise(number);
+    EXPECT_EQ(read("calls"), "is-active\nstop\n");
+  }
+  EXPECT_EQ(read("calls"), "is-active\nstop\nstart\n");
+  struct sigaction now {};
+  ASSERT_EQ(sigaction(SIGINT, nullptr, &now), 0);
+  EXPECT_EQ(now.sa_handler, SIG_DFL);
 }
 
 TEST_F(Backup, BelongsToWhoTypedSudo) {
