@@ -149,9 +149,16 @@ DirectoryLock::DirectoryLock(const fs::path& directory)
 
 DirectoryLock::~DirectoryLock() { close(directory_); }
 
+/// Returns the bans in force after a reload. Throws Failure when the configuration has a problem:
+/// then a reload changes nothing, and the bans may be missing here.
+std::vector<std::string> read_bans(const ParseResult& parsed) {
+  if (parsed.problems.empty()) return parsed.config.bans;
+  throw Failure(to_string(parsed.problems.front()) + "; fix it first, then try again");
+}
+
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned) {
   const DirectoryLock lock(installation.etc());
-  std::vector<std::string> bans = Installation(installation.configuration()).parsed().config.bans;
+  std::vector<std::string> bans = read_bans(load_config(installation.configuration()));
   const bool was_banned = std::erase(bans, who) > 0;
   if (!is_banned && !was_banned)
     throw Failure(fmt::format("{} is not banned; banned are: {}", who,
@@ -170,6 +177,12 @@ std::string change_bans(const Installation& installation, const std::string& who
   if (!is_written || error || !sync(installation.site()))
     throw Failure(fmt::format("{} can't be written; type: sudo slam-gatewayctl {} {}",
                               file.string(), is_banned ? "ban" : "unban", who));
+  const ParseResult now = load_config(installation.configuration());
+  if (read_bans(now) != bans)
+    throw Failure(
+        fmt::format("{} sets `bans` too and overrules {}; remove `bans` there, then type: "
+                    "sudo slam-gatewayctl reload",
+                    now.places.at("bans").file, file.string()));
   return fmt::format("{} is {} ({})\n", who, is_banned ? "banned" : "no longer banned",
                      file.string());
 }

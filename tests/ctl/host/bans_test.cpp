@@ -2,6 +2,8 @@
 // Bans are added and removed in the site's own file; no change is lost.
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -39,6 +41,37 @@ TEST_F(Bans, LoseNoneThatIsAddedAtTheSameTime) {
     writers.emplace_back([&, i] { change_bans(installation, "r" + std::to_string(i), true); });
   for (std::thread& writer : writers) writer.join();
   EXPECT_EQ(bans().size(), 8U);
+}
+
+/// Returns the message of the Failure.
+std::string failure_of(const Installation& installation) {
+  try {
+    change_bans(installation, "tank", true);
+    return "";
+  } catch (const Failure& failure) {
+    return failure.what();
+  }
+}
+
+TEST_F(Bans, StayWhenTheirFileHasAMistake) {
+  const Installation installation(configuration());
+  change_bans(installation, "mole", true);
+  const std::string file = directory_ / "gateway.d/bans.json";
+  test::write_file(file, R"({"bans": ["mole", "rat"})");
+  const std::string told = failure_of(installation);
+  EXPECT_NE(told.find("fix it first"), told.npos) << told;
+  EXPECT_EQ(test::read_file(file), R"({"bans": ["mole", "rat"})");
+}
+
+TEST_F(Bans, SayWhichFileOverrulesThem) {
+  const Installation installation(configuration());
+  change_bans(installation, "mole", true);
+  const std::string file = directory_ / "gateway.d/site.json";
+  test::write_file(file, R"({"bans": ["rat"]})");
+  const std::string told = failure_of(installation);
+  EXPECT_EQ(told.find(file + " sets `bans` too"), 0U) << told;
+  std::filesystem::remove(file);
+  EXPECT_EQ(bans(), (std::vector<std::string>{"rat", "tank"})) << "the bans in force, and the new";
 }
 
 }  // namespace
