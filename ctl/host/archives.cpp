@@ -282,8 +282,10 @@ const std::vector<Source>& sources() {
         "libmosquitto1", "systemd"}},
       {"service.txt", {"systemctl", "status", "--no-pager", "--full", "-n", "0", service_unit}},
       {"journal.txt",
-       {"journalctl", "-u", service_unit, "--since", "-1h", "-o", "short-iso-precise",
-        "--no-pager"}},
+       {"sh", "-c",
+        fmt::format("journalctl -u {} --since -1h -o short-iso-precise --no-pager 2>&1 | "
+                    "tail -c 4000000",  // the newest part; run_program() would keep the oldest
+                    service_unit)}},
       {"kernel.txt",
        {"sh", "-c",
         "dmesg --time-format iso 2>&1 | "

@@ -49,12 +49,14 @@ constexpr int exit_signal = 128;
 /// Also reads output that does not fit, and drops it: else the program would wait for ever.
 std::string read_all(int pipe) {
   std::string output;
+  bool is_cut = false;
   std::array<char, 4096> chunk{};
   while (true) {
     const ssize_t count = read(pipe, chunk.data(), chunk.size());
     if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) return output;
+    if (count <= 0) return is_cut ? output + "\n(cut)\n" : output;
     const std::size_t room = max_output_bytes - output.size();
+    is_cut = is_cut || static_cast<std::size_t>(count) > room;
     output.append(chunk.data(), std::min(room, static_cast<std::size_t>(count)));
   }
 }

@@ -69,7 +69,7 @@ class ServicePause {
 
 struct ProgramResult {
   int status = 0;      ///< exit status; 127 when it could not be started; 128 + n for signal n
-  std::string output;  ///< standard output and standard error, at most 4 MiB
+  std::string output;  ///< standard output and standard error: 4 MiB, then "(cut)"
 };
 
 /// Runs tar, systemctl, journalctl ... and waits. `words[0]` is looked up in PATH. No shell;

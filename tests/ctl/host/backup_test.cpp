@@ -199,6 +199,15 @@ TEST_F(Backup, StartsTheServiceAgainAfterCtrlC) {
   EXPECT_EQ(now.sa_handler, SIG_DFL);
 }
 
+TEST_F(Backup, ReportHasTheNewestPartOfALongJournal) {
+  const FakeProgram journalctl(
+      root() / "bin", "journalctl",
+      "head -c 6000000 /dev/zero | tr '\\0' x; echo; echo the newest line");
+  report(installation(), root() / "no.sock", root() / "report.tar.gz");
+  run_or_fail({"tar", "-xzf", root() / "report.tar.gz", "-C", root()});
+  EXPECT_TRUE(read("slam-gateway-report/journal.txt").ends_with("x\nthe newest line\n"));
+}
+
 TEST_F(Backup, BelongsToWhoTypedSudo) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   constexpr unsigned nobody = 65534;
@@ -382,6 +391,8 @@ TEST(Program, TellsWhatWentWrong) {
   EXPECT_EQ(run_program({"sh", "-c", "echo out; echo err >&2; exit 3"}).output, "out\nerr\n");
   EXPECT_EQ(run_program({"sh", "-c", "exit 3"}).status, 3);
   EXPECT_THROW(run_or_fail({"false"}), Failure);
+  const std::string much = run_program({"head", "-c", "6000000", "/dev/zero"}).output;
+  EXPECT_TRUE(much.ends_with("\n(cut)\n"));
 }
 
 }  // namespace
