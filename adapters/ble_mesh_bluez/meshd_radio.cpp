@@ -15,7 +15,7 @@ namespace {
 constexpr std::string_view not_found = "org.bluez.mesh.Error.NotFound";
 constexpr std::string_view already_exists = "org.bluez.mesh.Error.AlreadyExists";
 constexpr std::string_view access_denied = "org.freedesktop.DBus.Error.AccessDenied";
-constexpr std::string_view no_such_method = "org.freedesktop.DBus.Error.NotFound";
+constexpr std::string_view no_such_object = "org.freedesktop.DBus.Error.NotFound";
 
 constexpr std::int16_t rssi_not_available = 127;  // Core Specification, LE Advertising Report
 constexpr std::string_view node_prefix = "bluez ";
@@ -25,7 +25,7 @@ std::string reason(const MeshdAnswer& answer) {
   if (answer.error == access_denied)
     return "the system bus denies the gateway access to bluetooth-meshd: " + answer.why;
   // The bus name is there before the controller is.
-  if (answer.error == no_such_method)
+  if (answer.error == no_such_object)
     return "bluetooth-meshd waits for its Bluetooth controller; see slam-gatewayctl doctor";
   return fmt::format("a call to bluetooth-meshd failed: {} {}", answer.error, answer.why);
 }
@@ -317,10 +317,10 @@ void MeshdRadio::end_step(TimePoint now) {
 void MeshdRadio::come_up(TimePoint now) {
   stage_ = Stage::up;
   down_reason_.clear();
-  const bool has_kept = !std::exchange(own_device_key_, std::nullopt);
+  const bool has_kept_address = !std::exchange(own_device_key_, std::nullopt);
   air_free_at_ = now;
   ask_iv_at_ = now;
-  actions_.push(LinkIsUp{"bluetooth-meshd", encode_node(*node_), source_, has_kept});
+  actions_.push(LinkIsUp{"bluetooth-meshd", encode_node(*node_), source_, has_kept_address});
 }
 
 void MeshdRadio::ask_iv_index() {

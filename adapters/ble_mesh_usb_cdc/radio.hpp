@@ -128,9 +128,9 @@ struct DeviceKeyUsed {
 
 struct LinkIsUp {
   std::string detail;
-  std::string radio;         ///< identifies the radio; empty if unknown
-  std::uint16_t source = 0;  ///< the address that the radio sends from
-  bool has_kept = false;     ///< the radio restarted and still had its address
+  std::string radio;              ///< identifies the radio; empty if unknown
+  std::uint16_t source = 0;       ///< the address that the radio sends from
+  bool has_kept_address = false;  ///< the radio restarted and still had its address
 };
 /// The link is down. Also sent when the reason changes while the link is down.
 struct LinkIsDown {

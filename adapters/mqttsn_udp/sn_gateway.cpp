@@ -311,7 +311,7 @@ void SnGateway::on_subscribe_result(const std::string& robot, const std::string&
 void SnGateway::on_deadline(TimePoint now) {
   discovery_.on_deadline(now);
   connecting_.on_deadline(now);
-  while (auto waited = roaming_.take_overdue(now)) go_on(std::move(*waited), {}, now);
+  while (auto waited = roaming_.take_overdue(now)) resume_connect(std::move(*waited), {}, now);
   supervision_.on_deadline(now);
   notes_.on_deadline(now);
   pings_.on_deadline(now);
@@ -358,7 +358,7 @@ void SnGateway::on_stop(TimePoint now) {
     commands_.refuse(unsent.message, unsent.command, Downlink::stopped);
 }
 
-void SnGateway::set_dirty(const std::string& client_id) {
+void SnGateway::set_changed(const std::string& client_id) {
   if (const ClientSession* session = clients_.find(client_id)) output_.mark_changed(*session);
 }
 
@@ -395,11 +395,11 @@ void SnGateway::forget(const std::string& robot, TimePoint now) {
 }
 
 void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) {
-  if (auto waited = roaming_.take(robot)) go_on(std::move(*waited), note, now);
+  if (auto waited = roaming_.take(robot)) resume_connect(std::move(*waited), note, now);
 }
 
 /// Continues a CONNECT that has waited. Without a note the session starts empty, and is kept.
-void SnGateway::go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now) {
+void SnGateway::resume_connect(Roaming::WaitingConnect waited, ByteView note, TimePoint now) {
   const std::string& client_id = waited.connect.client_id;
   if (!clients_.find(client_id) && lifecycle_.make_room(waited.arrival.peer, now)) {
     SessionSnapshot fresh;

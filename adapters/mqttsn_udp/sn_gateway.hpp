@@ -81,13 +81,13 @@ class SnGateway {
   /// are saved.
   void answer_when_saved() { output_.answer_when_saved(); }
   bool has_unsaved_answers() const { return output_.has_unsaved_answers(); }
-  /// Call when the sessions of the last take_dirty() are saved, or when the store fails or hangs.
+  /// Call when the sessions of the last take_changed() are saved, or when the store fails or hangs.
   void on_saved(bool is_saved, TimePoint now) { output_.on_saved(is_saved, now); }
   void send_unsaved() { output_.send_unsaved(); }
   /// Returns about `max` client ids of sessions that have changed or ended and were not taken yet.
-  std::vector<std::string> take_dirty(std::size_t max) { return output_.take_changed(max); }
-  bool has_dirty() const { return output_.has_changed(); }
-  void set_dirty(const std::string& client_id);
+  std::vector<std::string> take_changed(std::size_t max) { return output_.take_changed(max); }
+  bool has_changed() const { return output_.has_changed(); }
+  void set_changed(const std::string& client_id);
   /// Marks all sessions, to save also what changes too often to be marked each time (the window of
   /// R76).
   void set_all_dirty();
@@ -106,7 +106,7 @@ class SnGateway {
   }
 
  private:
-  void go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now);
+  void resume_connect(Roaming::WaitingConnect waited, ByteView note, TimePoint now);
   std::optional<SessionSnapshot> read_note(const Roaming::WaitingConnect& waited,
                                            ByteView note) const;
   void receive(const Arrival& arrival, Packet packet);

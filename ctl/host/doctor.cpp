@@ -552,7 +552,7 @@ constexpr std::array<std::uint8_t, 3> searchgw{0x03, 0x01, 0x00};  // MQTT-SN 1.
 constexpr std::uint8_t gwinfo_type = 0x02;
 
 /// Returns the output of `ip -j WORD`.
-json ip_says(const char* word) {
+json ip_output(const char* word) {
   const ProgramResult shown = run_program({"ip", "-j", word});
   const auto list = json::parse(shown.output, nullptr, false);
   return shown.status == 0 && list.is_array() ? list : json::array();
@@ -560,14 +560,14 @@ json ip_says(const char* word) {
 
 std::vector<InterfaceFacts> read_interfaces() {
   std::map<std::string, InterfaceFacts> interfaces;
-  for (const json& row : ip_says("address")) {
+  for (const json& row : ip_output("address")) {
     InterfaceFacts& facts = interfaces[text_at(row, "ifname")];
     facts.name = text_at(row, "ifname");
     for (const json& flag : list_at(row, "flags")) facts.is_up |= flag == "UP";
     for (const json& address : list_at(row, "addr_info"))
       facts.addresses.push_back(text_at(address, "local"));
   }
-  for (const json& row : ip_says("maddress"))
+  for (const json& row : ip_output("maddress"))
     for (const json& group : list_at(row, "maddr"))
       interfaces[text_at(row, "ifname")].multicast_groups.push_back(text_at(group, "address"));
   std::vector<InterfaceFacts> result;

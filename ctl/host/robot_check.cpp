@@ -175,14 +175,14 @@ class Judge {
     if (unanswered_ == 0)
       return add("commands", Health::well, fmt::format("{}, all with an answer", commands_));
     const bool is_untold = std::ranges::any_of(
-        unanswered_topics_, [&](const std::string& topic) { return is_untold_topic(topic); });
+        unanswered_topics_, [&](const std::string& topic) { return is_unregistered_topic(topic); });
     add("commands", Health::problem,
         fmt::format("{} of {} were not acknowledged", unanswered_, commands_),
         is_untold ? "it never answers REGISTER: answer each with REGACK, which has its topic id"
                   : "answer each PUBLISH with PUBACK (Thread), each SET with STATUS (BLE)");
   }
 
-  bool is_untold_topic(const std::string& name) const {
+  bool is_unregistered_topic(const std::string& name) const {
     return std::ranges::any_of(list_at(robot_.client, "topics"), [&](const json& topic) {
       return text_at(topic, "name") == name && !is_true(topic, "told");
     });

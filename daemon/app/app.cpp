@@ -248,9 +248,9 @@ void App::report_configured_robots() {
 /// the last will. The outbox never uses the sequence number 0.
 void App::publish_offline_at(const BrokerSettings& left) {
   if (!broker_link_.is_up || broker_uri(left) == broker_uri(config_.broker)) return;
-  constexpr std::uint64_t nobody_waits = 0;
-  upstream_.publish(nobody_waits, {scheme_.state_topic(), to_bytes(R"({"state":"offline"})"),
-                                   Qos::at_least_once, true});
+  constexpr std::uint64_t no_sequence = 0;
+  upstream_.publish(no_sequence, {scheme_.state_topic(), to_bytes(R"({"state":"offline"})"),
+                                  Qos::at_least_once, true});
 }
 
 void App::apply(const Reload& reload) {

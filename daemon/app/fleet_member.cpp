@@ -38,13 +38,13 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
           [this](sessions::SessionHost::Report report) { perform(report); }),
       tick_(io),
       newcomer_timer_(io) {
-  gateway_.ask_where_robots_are(places());
+  gateway_.set_places(places());
   meshes_.ask_where_served([this](const std::string& robot) {
     return is_held(robot) || neighbours_.robots().contains(robot);
   });
   meshes_.share_ble(
       [this](const std::string& robot) {
-        if (!has_kept_running()) return false;
+        if (!check_running()) return false;
         return is_held(robot) || (!up_since_ && held_before_.contains(robot));
       },
       [this](const std::string& robot, const std::optional<RadioFacts>& radio) {
@@ -53,7 +53,7 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
 }
 
 RobotPlaces FleetMember::places() {
-  return {[this](const std::string& robot) { return has_kept_running() && is_held(robot); },
+  return {[this](const std::string& robot) { return check_running() && is_held(robot); },
           [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
           [this](const std::string& robot) {
             return is_held(robot) || neighbours_.robots().contains(robot);
@@ -140,7 +140,7 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   give_up_lost();
   const auto after = neighbours_.gateways().find(gateway);
   if (was_online || after == neighbours_.gateways().end() || !after->second.is_online) return;
-  const bool is_one_of_many = neighbours_.gateways().size() > most_told;
+  const bool is_one_of_many = neighbours_.gateways().size() > max_newcomer_lines;
   const auto count =
       is_one_of_many ? newcomer_lines_.on_event(now) : std::optional<std::uint64_t>(1);
   if (count)
@@ -301,16 +301,16 @@ void FleetMember::await_tick() {
 
 /// Returns false for a while after this process stood still: it learns only now which sessions it
 /// has lost, and its board has kept the messages of the pause.
-bool FleetMember::has_kept_running() {
+bool FleetMember::check_running() {
   const TimePoint now = read_clocks().mono;
   if (now - std::exchange(last_running_, now) > longest_pause)
-    distrusted_until_ = now + catching_up;
-  return now >= distrusted_until_;
+    catching_up_until_ = now + catching_up;
+  return now >= catching_up_until_;
 }
 
 /// Withdraws presence in place of gateways that stand still, which do not withdraw it themselves.
 void FleetMember::withdraw_from_still_gateways() {
-  if (!has_kept_running()) return taken_.clear();
+  if (!check_running()) return taken_.clear();
   const TimePoint now = read_clocks().mono;
   std::erase_if(taken_, [&](const auto& taken) {
     const auto& [robot, since] = taken;
@@ -335,7 +335,7 @@ void FleetMember::keep_orphans() {
 }
 
 void FleetMember::on_tick() {
-  has_kept_running();
+  check_running();
   withdraw_from_still_gateways();
   keep_orphans();
   if (!meshes_.is_shared(Mesh::ble) || !up_since_) return;

@@ -58,7 +58,7 @@ class FleetMember {
   /// Newcomers within this time share one repetition of this gateway's presence.
   static constexpr std::chrono::seconds newcomer_delay{1};
   /// Up to this many gateways, each newcomer has its own log line; beyond, a burst has one.
-  static constexpr std::size_t most_told = 16;
+  static constexpr std::size_t max_newcomer_lines = 16;
   static constexpr std::chrono::seconds tick_interval{1};
   /// A gateway needs milliseconds to withdraw the presence of a robot that another one has taken.
   static constexpr std::chrono::milliseconds withdrawal_patience{300};
@@ -91,7 +91,7 @@ class FleetMember {
   void on_state(const std::string& gateway, ByteView document);
   bool on_presence(const std::string& gateway, const std::string& robot,
                    const BrokerMessage& message);
-  bool has_kept_running();
+  bool check_running();
   bool has_moved(const std::string& robot) const;
   bool is_here(const std::string& robot) const;
   void keep_orphans();
@@ -126,7 +126,7 @@ class FleetMember {
   bool has_kept_orphans_ = false;
   bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
   TimePoint last_running_ = read_clocks().mono;
-  TimePoint distrusted_until_{};
+  TimePoint catching_up_until_{};
   std::set<std::string> lost_;  ///< robots lost to an unknown gateway and not heard since
   std::map<std::string, TimePoint> taken_;  ///< robots of gateways that may not have noticed yet
   /// Robots whose sessions were held when the broker went offline: they are still served.

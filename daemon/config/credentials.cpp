@@ -73,10 +73,10 @@ std::optional<Credentials> read_file(const Located& located, const std::string& 
 
 /// Reads systemd's copy, which its directory guards. Problems name the copy's source; where the
 /// service's user may read that file, its mode and owner are checked too.
-std::optional<Credentials> read_credential(const Located& located, const Surroundings& surroundings,
+std::optional<Credentials> read_credential(const Located& located, const Environment& environment,
                                            const Files& files) {
-  const std::string copy = surroundings.credentials_directory + "/broker";
-  const std::string& source = surroundings.credential_source;
+  const std::string copy = environment.credentials_directory + "/broker";
+  const std::string& source = environment.credential_source;
   const auto file = files.read(copy);
   if (!file) {  // the unit may load it or not
     if (!file.error().is_missing) cannot_be_read(located, copy, file.error());
@@ -113,15 +113,15 @@ std::string fault_of_secret(const std::string& path, const FileText& file, unsig
                      file.strange_owner, path);
 }
 
-void read_credentials(const Located& located, ParseResult& result, const Surroundings& surroundings,
+void read_credentials(const Located& located, ParseResult& result, const Environment& environment,
                       const Files& files) {
   const std::optional<std::string>& named = result.config.broker.credentials_file;
   if (named) {
     result.config.broker.credentials = read_file(located, *named, files);
-  } else if (!surroundings.credentials_directory.empty()) {
-    result.config.broker.credentials = read_credential(located, surroundings, files);
-  } else if (!surroundings.credential_source.empty()) {
-    check_source(located, result, surroundings.credential_source, files);
+  } else if (!environment.credentials_directory.empty()) {
+    result.config.broker.credentials = read_credential(located, environment, files);
+  } else if (!environment.credential_source.empty()) {
+    check_source(located, result, environment.credential_source, files);
   }
 }
 

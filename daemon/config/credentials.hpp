@@ -15,7 +15,7 @@ std::string fault_of_secret(const std::string& path, const FileText& file,
                             unsigned forbidden = 0007, const char* remedy = "type: sudo chmod o=");
 /// Sets `result.config.broker.credentials`. Without a credentials directory, `credential_source`
 /// is only checked: the service will read it, and this process must not use it.
-void read_credentials(const Located& located, ParseResult& result, const Surroundings& surroundings,
+void read_credentials(const Located& located, ParseResult& result, const Environment& environment,
                       const Files& files);
 
 }  // namespace slamgw

@@ -107,8 +107,8 @@ class Reader {
   ConfigContext& context_;
 };
 
-void fill_defaults(Config& config, const Surroundings& surroundings) {
-  if (config.gateway_id.empty()) config.gateway_id = gateway_id_of_host(surroundings.host_name);
+void fill_defaults(Config& config, const Environment& environment) {
+  if (config.gateway_id.empty()) config.gateway_id = gateway_id_of_host(environment.host_name);
   config.broker.gateway_id = config.gateway_id;
   if (config.broker.client_id.empty())
     config.broker.client_id = "slam-gateway-" + config.gateway_id;
@@ -154,7 +154,7 @@ Tree read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
 
 }  // namespace
 
-ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surroundings& surroundings,
+ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment& environment,
                          const Files& files) {
   ParseResult result;
   const std::string& first = parts.front().name;
@@ -163,12 +163,12 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surrounding
   if (tree.root) Reader(result, context).read_root(*tree.root);
   // An unreadable part may set keys that the others need; without it, checks would report them.
   if (tree.is_complete) {
-    fill_defaults(result.config, surroundings);
+    fill_defaults(result.config, environment);
     const Located located{result.config, result.places, context};
     check_relations(located);
-    if (surroundings.is_daemon) {
+    if (environment.is_daemon) {
       warn_of_relations(located, result.warnings);
-      read_credentials(located, result, surroundings, files);
+      read_credentials(located, result, environment, files);
       read_robot_keys(located, result, files);
       check_tls_files(located, files);
     }

@@ -14,7 +14,7 @@
 namespace slamgw {
 
 /// The environment on which defaults depend.
-struct Surroundings {
+struct Environment {
   std::string host_name;
   std::string credentials_directory;  ///< systemd's $CREDENTIALS_DIRECTORY, or empty
   /// The file that systemd copies to the service's credential `broker`; the operator edits this
@@ -42,7 +42,7 @@ struct ParseResult {
 
 /// `parts`: at least one; later parts override earlier ones key by key. Relative paths in all parts
 /// start at the directory of the first.
-ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surroundings& surroundings,
+ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment& environment,
                          const Files& files);
 
 }  // namespace slamgw

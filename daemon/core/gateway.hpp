@@ -70,7 +70,7 @@ class Gateway {
   /// only an earlier process knew. Returns why that is not possible; empty when done.
   std::string forget(const std::string& robot);
   /// Sets the answers to questions about other gateways' robots.
-  void ask_where_robots_are(RobotPlaces places) { directory_.places = std::move(places); }
+  void set_places(RobotPlaces places) { directory_.places = std::move(places); }
   /// This gateway holds the robot's session from now on. `was_present`: the broker knew it.
   /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
   void on_session_held(const std::string& robot, bool was_present, const std::string& dead_owner,

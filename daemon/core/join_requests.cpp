@@ -93,8 +93,8 @@ void JoinRequests::on_news(const OrderAnswer& answer, const Now& now) {
   const bool is_over = news.value("seconds_left", 0) == 0 && news.value("under_way", 0) == 0;
   const auto last = news.value("last", std::uint64_t{0});
   if (is_over) ask_at_.reset();
-  if (!is_over && last == told_ && now.mono < due_) return;
-  told_ = last;
+  if (!is_over && last == last_published_ && now.mono < due_) return;
+  last_published_ = last;
   due_ = now.mono + repeat;
   json& events = news["events"];
   if (events.size() > max_events)

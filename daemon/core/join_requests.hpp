@@ -70,7 +70,7 @@ class JoinRequests {
   std::optional<TimePoint> requested_at_;  ///< when the last request came that was not too fast
   std::optional<TimePoint> ask_at_;        ///< set while robots may join
   std::uint64_t before_ = 0;               ///< number of the last event before the permit
-  std::uint64_t told_ = 0;                 ///< number of the last event that was published
+  std::uint64_t last_published_ = 0;       ///< number of the last event that was published
   TimePoint due_{};                        ///< the response is published then, even without news
   std::uint64_t ordered_ = 0;
   std::uint64_t refused_ = 0;

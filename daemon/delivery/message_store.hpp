@@ -115,12 +115,12 @@ struct NewDeadLetter {
 
 /// After this many losses of the connection with a message alone under way, the message is at
 /// fault.
-inline constexpr std::uint32_t losses_that_convict = 2;
+inline constexpr std::uint32_t losses_at_fault = 2;
 
 /// Returns true when a dead letter is retried by itself once the broker accepts its topic again.
 /// All others wait for an operator, because the message itself is at fault.
 inline bool is_retried(int code, std::uint32_t tries) {
-  return code == 0 ? tries < losses_that_convict : !Refusal{code, {}}.is_permanent();
+  return code == 0 ? tries < losses_at_fault : !Refusal{code, {}}.is_permanent();
 }
 
 /// Number and size of the dead letters on disk; the size counts against `store.max_bytes`.

@@ -15,7 +15,7 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   if (!has_memory_for(item)) return refuse(item, now);
   drop_older_withheld(item, now);
   if (turn_of(item, now) == Turn::rest) {
-    turn_away(item, now);
+    bury_refused(item, now);
   } else {
     place(item, now);
   }
@@ -152,7 +152,7 @@ bool Outbox::publish_next(TimePoint now) {
   if (turn == Turn::alone && !window_.empty()) return wait_to_be_alone(*next, now);
   queue_.take_front();
   if (turn == Turn::rest) {
-    turn_away(*next, now);
+    bury_refused(*next, now);
     return true;
   }
   if (turn == Turn::alone) trial_ = {next_sequence_, now + trial_patience};
@@ -195,7 +195,7 @@ RefusedTopics::Turn Outbox::turn_of(const Item& item, TimePoint now) const {
 }
 
 /// Makes a dead letter of a message whose topic rests.
-void Outbox::turn_away(Item& item, TimePoint now) {
+void Outbox::bury_refused(Item& item, TimePoint now) {
   const Refusal refusal = refused_.reason(item.message.topic);
   make_dead_letter(item, refusal, 0, now);
 }
@@ -263,8 +263,8 @@ void Outbox::find_cause_of_loss(TimePoint now) {
 
 void Outbox::on_lost_alone(Item& item, TimePoint now) {
   const std::string topic = item.message.topic;
-  const bool is_convicted = refused_.on_lost_alone(topic, now);
-  const Refusal refusal{0, is_convicted
+  const bool is_at_fault = refused_.on_lost_alone(topic, now);
+  const Refusal refusal{0, is_at_fault
                                ? "the connection was lost each time the message was sent alone"
                                : "the connection is lost when messages of this topic are sent"};
   if (item.is_unacknowledged()) {
@@ -272,7 +272,7 @@ void Outbox::on_lost_alone(Item& item, TimePoint now) {
     return drop(item, "the connection is lost when it is sent", now);
   }
   if (refused_.tries(topic) == 1) notify(refusal_notices_.on_refused_topic(topic, refusal, now));
-  make_dead_letter(item, refusal, is_convicted ? losses_that_convict : 1, now);
+  make_dead_letter(item, refusal, is_at_fault ? losses_at_fault : 1, now);
 }
 
 void Outbox::publish(Item& item, TimePoint now) {

@@ -168,7 +168,7 @@ class Outbox {
   void find_cause_of_loss(TimePoint now);
   void on_lost_alone(Item& item, TimePoint now);
   Turn turn_of(const Item& item, TimePoint now) const;
-  void turn_away(Item& item, TimePoint now);
+  void bury_refused(Item& item, TimePoint now);
   void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
   void withhold(Item& item, TimePoint now);
   static bool is_replaced_by(const Item& older, const Item& newer);

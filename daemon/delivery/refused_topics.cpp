@@ -160,10 +160,9 @@ bool RefusedTopics::on_lost_alone(const std::string& topic, TimePoint now) {
   known->refusal = {0, "the connection is lost when messages of this topic are sent"};
   if (now - up_since_ >= stable_after && ++known->losses == 1) known->answers_at_loss = answers_;
   grow_pause(*known, longest_closing_pause, now);
-  const bool is_convicted =
-      known->losses >= losses_that_convict && answers_ > known->answers_at_loss;
-  if (is_convicted) known->losses = 0;
-  return is_convicted;
+  const bool is_at_fault = known->losses >= losses_at_fault && answers_ > known->answers_at_loss;
+  if (is_at_fault) known->losses = 0;
+  return is_at_fault;
 }
 
 void RefusedTopics::put_off_tries(TimePoint now) {

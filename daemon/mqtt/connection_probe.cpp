@@ -113,12 +113,12 @@ Reachability probe_broker(const BrokerSettings& broker) {
         ::socket(address->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     last = connect_to(socket, *address);
     if (last != 0) continue;
-    if (!broker.tls) return {true, explain_stranger(broker)};
+    if (!broker.tls) return {true, explain_not_a_broker(broker)};
     const int flags = fcntl(socket.get(), F_GETFL);
     fcntl(socket.get(), F_SETFL, flags & ~O_NONBLOCK);
     const std::string problem = try_tls(socket.get(), broker);
     if (!problem.empty()) return {false, problem};
-    return {true, explain_stranger(broker)};
+    return {true, explain_not_a_broker(broker)};
   }
   return {false, explain_no_connection(broker, last)};
 }
@@ -144,7 +144,7 @@ std::string explain_no_connection(const BrokerSettings& broker, int error) {
                      broker.host, broker.port, std::strerror(error));
 }
 
-std::string explain_stranger(const BrokerSettings& broker) {
+std::string explain_not_a_broker(const BrokerSettings& broker) {
   return broker.tls ? "TLS works, but the port does not answer like an MQTT broker"
                     : "the port answers, but not like an MQTT broker";
 }

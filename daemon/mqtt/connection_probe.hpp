@@ -27,6 +27,6 @@ HostAddresses resolve_host(const BrokerSettings& broker);
 /// `error`: the errno of connect().
 std::string explain_no_connection(const BrokerSettings& broker, int error);
 /// Explains that the port answers, but not as a broker, or that it closes the connection.
-std::string explain_stranger(const BrokerSettings& broker);
+std::string explain_not_a_broker(const BrokerSettings& broker);
 
 }  // namespace slamgw

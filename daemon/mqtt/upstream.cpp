@@ -224,10 +224,10 @@ void Upstream::probe_first_broker() {
 
 /// Publishes the last will at the broker before leaving it, because a clean DISCONNECT cancels it.
 void Upstream::return_to_first() {
-  constexpr std::uint64_t nobody_waits = 0;
+  constexpr std::uint64_t no_sequence = 0;
   const LastWill& will = place().will;
   if (!will.topic.empty())
-    publish(nobody_waits, {will.topic, to_bytes(will.payload), will.qos, will.is_retained});
+    publish(no_sequence, {will.topic, to_bytes(will.payload), will.qos, will.is_retained});
   drop_link(true);
   at_ = 0;
   tried_ = 0;

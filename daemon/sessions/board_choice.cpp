@@ -63,7 +63,7 @@ std::optional<Hears> read_hears(ByteView payload) {
 void BoardChoice::on_heard(const std::string& robot, std::optional<SignalLevel> level,
                            TimePoint now) {
   if (robots_.size() >= max_robots && !robots_.contains(robot)) return;
-  Here& here = robots_[robot];
+  HeardHere& here = robots_[robot];
   std::rotate(here.latest.begin(), here.latest.begin() + 1, here.latest.end());
   here.latest.back() = now;
   if (level) {
@@ -79,7 +79,7 @@ void BoardChoice::on_hears(const std::string& gateway, const Hears& hears, TimeP
   for (const Hears::Row& row : hears.rows) {
     const auto known = robots_.find(row.robot);
     if (known == robots_.end()) continue;
-    Elsewhere& elsewhere = known->second.elsewhere[gateway];
+    HeardElsewhere& elsewhere = known->second.elsewhere[gateway];
     elsewhere.level_db = row.level_db;
     const TimePoint heard = now - row.age;
     if (heard < elsewhere.heard + same_message) continue;
@@ -101,7 +101,7 @@ std::vector<std::string> BoardChoice::candidates(TimePoint now) const {
 bool BoardChoice::should_take(const std::string& robot, const std::string& holder, TimePoint now) {
   const auto known = robots_.find(robot);
   if (!is_board_up_ || known == robots_.end() || now - known->second.last() >= recent) return false;
-  Here& here = known->second;
+  HeardHere& here = known->second;
   if (std::exchange(here.compared_with, holder) != holder) here.better_since.reset();
   if (holder.empty() || is_board_down(holder, now)) return true;
   const auto board = boards_.find(holder);
@@ -125,14 +125,14 @@ bool BoardChoice::is_board_down(const std::string& gateway, TimePoint now) const
 
 /// Returns true when the holder has missed the robot's messages. They count as missed only if the
 /// holder has reported since it should have heard them, or is silent.
-bool BoardChoice::is_deaf(const Elsewhere& holder, const Board* board, TimePoint now) const {
+bool BoardChoice::is_deaf(const HeardElsewhere& holder, const Board* board, TimePoint now) const {
   if (holder.missed < most_missed || now - holder.missed_since < deaf_after) return false;
   if (board && board->heard_from >= holder.missed_since + hears_interval) return true;
   const TimePoint last = board ? board->heard_from : TimePoint{};
   return now - std::max(last, holder.missed_since) >= silent_after;
 }
 
-bool BoardChoice::is_better(const Here& here, const std::string& holder, TimePoint now) const {
+bool BoardChoice::is_better(const HeardHere& here, const std::string& holder, TimePoint now) const {
   if (!here.level_db) return false;
   return std::ranges::all_of(here.elsewhere, [&](const auto& each) {
     const auto& [gateway, elsewhere] = each;

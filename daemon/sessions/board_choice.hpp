@@ -89,7 +89,7 @@ class BoardChoice {
 
  private:
   /// How another gateway hears a robot.
-  struct Elsewhere {
+  struct HeardElsewhere {
     int level_db = Hears::lowest_level_db;
     TimePoint heard{};
     unsigned missed = 0;  ///< messages that this gateway has heard since
@@ -99,11 +99,11 @@ class BoardChoice {
       if (missed++ == 0) missed_since = when;
     }
   };
-  struct Here {
-    std::optional<double> level_db;               ///< smoothed
-    std::array<TimePoint, most_missed> latest{};  ///< when it was heard, the newest last
-    std::map<std::string, Elsewhere> elsewhere;   ///< by gateway
-    std::string compared_with;                    ///< the holder for `better_since`
+  struct HeardHere {
+    std::optional<double> level_db;                   ///< smoothed
+    std::array<TimePoint, most_missed> latest{};      ///< when it was heard, the newest last
+    std::map<std::string, HeardElsewhere> elsewhere;  ///< by gateway
+    std::string compared_with;                        ///< the holder for `better_since`
     std::optional<TimePoint> better_since;
 
     TimePoint last() const { return latest.back(); }
@@ -114,12 +114,12 @@ class BoardChoice {
   };
 
   bool is_board_down(const std::string& gateway, TimePoint now) const;
-  bool is_deaf(const Elsewhere& holder, const Board* board, TimePoint now) const;
-  bool is_better(const Here& here, const std::string& holder, TimePoint now) const;
+  bool is_deaf(const HeardElsewhere& holder, const Board* board, TimePoint now) const;
+  bool is_better(const HeardHere& here, const std::string& holder, TimePoint now) const;
   void forget_silent(TimePoint now);
 
   bool is_board_up_ = false;
-  std::map<std::string, Here> robots_;
+  std::map<std::string, HeardHere> robots_;
   std::map<std::string, Board> boards_;  ///< of other gateways
   std::optional<TimePoint> hears_published_;
 };

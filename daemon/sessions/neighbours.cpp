@@ -60,8 +60,8 @@ void Neighbours::on_presence(const std::string& gateway, const std::string& robo
   const auto known = robots_.find(robot);
   if (!parsed) return on_withdrawn(gateway, robot);
   if (known == robots_.end() && robots_.size() >= max_robots) return;
-  Shown shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since"),
-              std::string(as_text(document))};
+  RobotPresence shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since"),
+                      std::string(as_text(document))};
   // An `offline` does not replace the presence that another gateway shows.
   const bool is_older = known != robots_.end() && known->second.gateway != gateway &&
                         shown.state == "offline" && known->second.state != "offline";

@@ -31,7 +31,7 @@ class Neighbours {
     std::string since;
   };
   /// The presence of a robot at a gateway.
-  struct Shown {
+  struct RobotPresence {
     std::string gateway;
     std::string state;  ///< `online`, `asleep`, `offline`
     std::string since;
@@ -63,7 +63,7 @@ class Neighbours {
 
   const std::map<std::string, State>& gateways() const { return gateways_; }
   /// The last presence of each robot, by robot.
-  const std::map<std::string, Shown>& robots() const { return robots_; }
+  const std::map<std::string, RobotPresence>& robots() const { return robots_; }
 
  private:
   void on_withdrawn(const std::string& gateway, const std::string& robot);
@@ -71,9 +71,10 @@ class Neighbours {
   bool is_online(const std::string& gateway) const;
 
   const std::string own_id_;
-  std::map<std::string, State> gateways_;  ///< without this one
-  std::map<std::string, Shown> robots_;    ///< of the other gateways
-  std::map<std::string, Shown> former_;    ///< of `robots_`, the presence at another gateway before
+  std::map<std::string, State> gateways_;        ///< without this one
+  std::map<std::string, RobotPresence> robots_;  ///< of the other gateways
+  std::map<std::string, RobotPresence>
+      former_;  ///< of `robots_`, the presence at another gateway before
 };
 
 }  // namespace slamgw::sessions

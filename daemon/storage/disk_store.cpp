@@ -112,7 +112,7 @@ void DiskStore::serve(const Request& request) {
 }
 
 void DiskStore::perform(const WriteToStore& write) {
-  if (!log_->log().is_in_place()) check_place();
+  if (!log_->log().is_in_place()) restore_files();
   const DeadLetterCounts before = log_->dead_letters();
   const std::size_t damaged = log_->write(write);
   post(StoreWritten{});
@@ -249,7 +249,7 @@ void DiskStore::try_again_after(std::chrono::milliseconds time) {
     if (error) return;
     if (!log_) return open();
     try {
-      check_place();
+      restore_files();
     } catch (const LogError&) {
       // The next request fails with the same error.
     }
@@ -258,7 +258,7 @@ void DiskStore::try_again_after(std::chrono::milliseconds time) {
 }
 
 /// Restores files of the log that were moved, removed or replaced. Throws LogError.
-void DiskStore::check_place() {
+void DiskStore::restore_files() {
   const auto written = log_->log().put_back_in_place();
   if (written.empty()) return;
   notify(Severity::error,

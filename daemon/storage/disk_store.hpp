@@ -69,7 +69,7 @@ class DiskStore {
   void report_losses();
   void report_damaged(std::size_t messages);
   void report_closed();
-  void check_place();
+  void restore_files();
   void try_again_after(std::chrono::milliseconds time);
   bool is_given_up() const;
   void post(StoreEvent event);
@@ -88,7 +88,7 @@ class DiskStore {
   std::string why_reported_;  // as last logged
 
   StoreThread thread_;
-  boost::asio::steady_timer timer_;  // the next attempt to open, or the next check_place()
+  boost::asio::steady_timer timer_;  // the next attempt to open, or the next restore_files()
 };
 
 }  // namespace slamgw

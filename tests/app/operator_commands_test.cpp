@@ -113,7 +113,7 @@ TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
   bool is_held = false;
   places.is_held = [&](const std::string&) { return is_held; };
   places.is_elsewhere = [](const std::string&) { return true; };
-  gateway.ask_where_robots_are(places);
+  gateway.set_places(places);
   operator_sends("r", "cmd");
   ASSERT_EQ(told.size(), 1u);
   EXPECT_EQ(told[0]["outcome"], "refused");

@@ -100,7 +100,7 @@ void HotPath::drain() {
     for (; auto action = outbox_.next_action(); is_quiet = false) perform(*action);
   }
   constexpr std::size_t all = 1000;
-  at_disk_ += mesh_.take_dirty(all).size();
+  at_disk_ += mesh_.take_changed(all).size();
 }
 
 /// As UdpSocket does, which has the memory until its next datagram.

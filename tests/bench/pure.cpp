@@ -156,7 +156,7 @@ class Clients {
       const auto* report = event ? std::get_if<Report>(event) : nullptr;
       if (report) receipt_ = report->receipt.id;
     }
-    (void)gateway_.take_dirty(1000);
+    (void)gateway_.take_changed(1000);
   }
 
   mqttsn::SnGateway gateway_;

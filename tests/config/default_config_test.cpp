@@ -15,7 +15,7 @@
 namespace slamgw::test {
 namespace {
 
-const Surroundings here{"gateway-1", ""};
+const Environment here{"gateway-1", ""};
 
 std::string all_lines(const Problems& problems) {
   std::string result;

@@ -10,9 +10,9 @@ namespace slamgw::test {
 namespace {
 
 struct Parsed : ParseResult {
-  explicit Parsed(std::string_view text, Surroundings surroundings = {"pi", ""},
-                  FakeFiles files = {}, const std::string& file = "/etc/slam-gateway/gateway.json")
-      : ParseResult(parse_config({{file, std::string(text)}}, surroundings, files)) {
+  explicit Parsed(std::string_view text, Environment environment = {"pi", ""}, FakeFiles files = {},
+                  const std::string& file = "/etc/slam-gateway/gateway.json")
+      : ParseResult(parse_config({{file, std::string(text)}}, environment, files)) {
     for (const Problem& problem : problems) lines_of_problems += to_string(problem) + "\n";
   }
   std::string lines_of_problems;

@@ -69,14 +69,14 @@ class GatewayRig : public testing::Test {
 class SharedGatewayRig : public GatewayRig {
  protected:
   void SetUp() override {
-    gateway.ask_where_robots_are(
-        {[this](const std::string& robot) { return held.contains(robot); },
-         [this](const std::string& robot) { return elsewhere.contains(robot); },
-         [this](const std::string& robot) {
-           return held.contains(robot) || elsewhere.contains(robot) || left.contains(robot);
-         },
-         [this](const std::string& robot) { return refused.contains(robot); },
-         [this] { return is_alone; }});
+    gateway.set_places({[this](const std::string& robot) { return held.contains(robot); },
+                        [this](const std::string& robot) { return elsewhere.contains(robot); },
+                        [this](const std::string& robot) {
+                          return held.contains(robot) || elsewhere.contains(robot) ||
+                                 left.contains(robot);
+                        },
+                        [this](const std::string& robot) { return refused.contains(robot); },
+                        [this] { return is_alone; }});
   }
   void session_comes(const std::string& robot, bool was_present = true,
                      const std::string& dead_owner = {}) {

@@ -122,7 +122,7 @@ class FakeStore {
         loaded.damaged.push_back(row->first);
         loaded.damaged_bytes += cost_of(row->second.message);
         dead_letters[row->first] = {std::move(row->second.message),
-                                    {row->first, "damaged", 0, losses_that_convict}};
+                                    {row->first, "damaged", 0, losses_at_fault}};
         row = rows.erase(row);
         continue;
       }

@@ -43,7 +43,7 @@ struct Ledger {
 };
 
 /// The presence that gateways show: by robot, the number of the living gateway.
-using Shown = std::map<std::string, std::size_t>;
+using RobotPresence = std::map<std::string, std::size_t>;
 
 std::string filter_of(const std::string& robot) {
   const bool hears_all = (robot.back() - '0') % 2 == 0;
@@ -53,7 +53,8 @@ std::string filter_of(const std::string& robot) {
 /// A gateway of the world: the machine, its shell, a mesh with a store, and how it can fail.
 class WorldGateway {
  public:
-  WorldGateway(std::size_t number, BrokerModel& broker, bool is_v5, Ledger& ledger, Shown& shown)
+  WorldGateway(std::size_t number, BrokerModel& broker, bool is_v5, Ledger& ledger,
+               RobotPresence& shown)
       : number_(number), broker_(broker), is_v5_(is_v5), ledger_(ledger), shown_(shown) {
     begin();
   }
@@ -246,7 +247,7 @@ class WorldGateway {
   BrokerModel& broker_;
   const bool is_v5_;
   Ledger& ledger_;
-  Shown& shown_;
+  RobotPresence& shown_;
   const SessionNames names_{TopicScheme("p", "g")};
   std::minstd_rand random_{1};
   unsigned life_ = 0;
@@ -350,7 +351,7 @@ struct World {
   BrokerModel broker;
   const bool is_v5;
   Ledger ledger;
-  Shown shown_by;
+  RobotPresence shown_by;
   std::array<WorldGateway, 3> gateways{WorldGateway{0, broker, is_v5, ledger, shown_by},
                                        WorldGateway{1, broker, is_v5, ledger, shown_by},
                                        WorldGateway{2, broker, is_v5, ledger, shown_by}};

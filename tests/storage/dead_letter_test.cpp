@@ -148,7 +148,7 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   ASSERT_TRUE(user->keep(1, 10, 20));
   WriteToStore write{1, {}, {}, {}};
   write.dead_letters = {{1, "not authorised", 0x87, 1},
-                        {2, "the connection was lost each time", 0, losses_that_convict},
+                        {2, "the connection was lost each time", 0, losses_at_fault},
                         {5, "not authorised", 0x87, 0},
                         {8, "the connection is lost", 0, 1}};
   user->store().ask(std::move(write));

@@ -27,11 +27,11 @@ HeldPlace Places::take(const Client& client) {
           }};
 }
 
-void Places::set_waiting(const HeldPlace& place, std::function<void()> give_way) {
+void Places::set_waiting(const HeldPlace& place, std::function<void()> on_replaced) {
   const auto found = connections_.find(*place);
   if (found == connections_.end()) return;  // the connection has lost its place already
   found->second.waits_since = ++last_;
-  found->second.give_way = std::move(give_way);
+  found->second.on_replaced = std::move(on_replaced);
 }
 
 bool Places::make_room_for(const Client& client) {
@@ -40,15 +40,15 @@ bool Places::make_room_for(const Client& client) {
   auto oldest = connections_.end();
   for (auto each = connections_.begin(); each != connections_.end(); ++each) {
     const Connection& connection = each->second;
-    if (!connection.give_way) continue;
+    if (!connection.on_replaced) continue;
     if (room == Room::share_is_taken && connection.client.name != client.name) continue;
     if (oldest == connections_.end() || connection.waits_since < oldest->second.waits_since)
       oldest = each;
   }
   if (oldest == connections_.end()) return false;
-  const auto give_way = std::move(oldest->second.give_way);
+  const auto on_replaced = std::move(oldest->second.on_replaced);
   connections_.erase(oldest);
-  give_way();
+  on_replaced();
   return true;
 }
 

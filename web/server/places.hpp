@@ -30,8 +30,9 @@ class Places {
   Room room_for(const Client& client) const;
   /// Call only after room_for() or make_room_for() has found room.
   HeldPlace take(const Client& client);
-  /// `give_way` closes a connection that waits for a whole request; null once the request is whole.
-  void set_waiting(const HeldPlace& place, std::function<void()> give_way);
+  /// `on_replaced` closes a connection that waits for a whole request; null once the request is
+  /// whole.
+  void set_waiting(const HeldPlace& place, std::function<void()> on_replaced);
   /// Takes the place of the connection that waits longest: of the client's own connections if its
   /// share is taken, else of all. False when no connection waits.
   bool make_room_for(const Client& client);
@@ -40,7 +41,7 @@ class Places {
   struct Connection {
     Client client;
     std::uint64_t waits_since = 0;  ///< a rising number, not a time
-    std::function<void()> give_way{};
+    std::function<void()> on_replaced{};
   };
 
   const std::size_t max_;

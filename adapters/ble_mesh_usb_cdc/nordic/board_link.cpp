@@ -217,10 +217,11 @@ void BoardLink::on_started(TimePoint now) {
   if (board.dropped_events) on_drop_counter(*board.dropped_events, now);
   poll_at_ = now + poll_interval;
   was_cleared_ = false;
-  const bool has_kept = std::exchange(has_restarted_, false) && start_up_->had_addresses() > 0;
+  const bool has_kept_address =
+      std::exchange(has_restarted_, false) && start_up_->had_addresses() > 0;
   if (!std::exchange(is_up_, true)) {
     down_reason_.clear();
-    actions_.push(LinkIsUp{start_up_->description(), board.uuid, board.source, has_kept});
+    actions_.push(LinkIsUp{start_up_->description(), board.uuid, board.source, has_kept_address});
   }
   send_next(now);
 }

@@ -61,7 +61,7 @@ void KeyRefresh::on_taken(const Uuid& uuid, RefreshStep step) {
 /// node sends under the new one. It sends under the new one when all nodes hear the new one.
 void KeyRefresh::advance(bool may_join, TimePoint now) {
   if (!is_on() || !nodes_.is_saved()) return;
-  const bool is_told = std::exchange(told_, step()) == step();
+  const bool is_told = std::exchange(radio_step_, step()) == step();
   if (!is_told && step() != RefreshStep::distributing)
     radio_.change_keys(radio_keys(*nodes_.database()), now);
   if (!is_told || !link_.is_up || !is_step_done(may_join)) return;
@@ -107,7 +107,7 @@ void KeyRefresh::end() {
   NodeDatabase& database = nodes_.change();
   database.refresh.reset();
   for (Node& node : database.nodes) node.refreshed = RefreshStep::none;
-  told_ = RefreshStep::none;
+  radio_step_ = RefreshStep::none;
   notify(Severity::notice,
          fmt::format("the mesh's keys are refreshed: {} robots have the new ones; earlier backups "
                      "hold the old ones, make another",

@@ -14,7 +14,8 @@ namespace slamgw::ble {
 class KeyRefresh : private ProvisionerPart {
  public:
   /// The radio must have been made with the keys of the present database.
-  explicit KeyRefresh(const ProvisionerPart& shared) : ProvisionerPart(shared), told_(step()) {}
+  explicit KeyRefresh(const ProvisionerPart& shared)
+      : ProvisionerPart(shared), radio_step_(step()) {}
 
   /// Asks for new keys; answered by on_keys or on_keys_failed.
   void begin();
@@ -31,7 +32,7 @@ class KeyRefresh : private ProvisionerPart {
   /// Returns true if an attempt to take the node through the present step has failed.
   bool has_failed(const Node& node) const;
 
-  void on_link_up() { has_switched_ = told_ == RefreshStep::finishing; }
+  void on_link_up() { has_switched_ = radio_step_ == RefreshStep::finishing; }
   /// Begins the next step when the present one is done. `may_join`: a device may be getting keys.
   void advance(bool may_join, TimePoint now);
 
@@ -47,7 +48,7 @@ class KeyRefresh : private ProvisionerPart {
   void end();
 
   bool awaits_keys_ = false;
-  RefreshStep told_;           ///< the step that the radio knows
+  RefreshStep radio_step_;     ///< the step that the radio knows
   bool has_switched_ = false;  ///< the radio has only the new keys
 };
 

@@ -61,7 +61,7 @@ void SourceLives::on_link_up(const LinkIsUp& up) {
   if (life() == nullptr) return;
   RadioLife next = *life();
   if (next.radio != up.radio) next.kind = RadioKind::unknown;
-  if (up.has_kept) next.kind = RadioKind::keeps;
+  if (up.has_kept_address) next.kind = RadioKind::keeps;
   next.radio = up.radio;
   next.number = std::max(next.number, std::uint32_t{1});
   // The radio may have kept its address from a life that this file does not know.

@@ -54,10 +54,10 @@ struct Robot {
 
   std::uint16_t address;  ///< unicast
   std::string id;
-  bool is_node = false;     ///< in the database of nodes
-  bool is_online = false;   ///< heard lately, whichever gateway serves it
-  bool is_awaited = false;  ///< goes offline when silent for long enough
-  bool is_deaf = false;     ///< it does not hear the gateway
+  bool is_node = false;                  ///< in the database of nodes
+  bool is_online = false;                ///< heard lately, whichever gateway serves it
+  bool is_presence_unconfirmed = false;  ///< goes offline when silent for long enough
+  bool is_deaf = false;                  ///< it does not hear the gateway
   /// The presence that was reported last; empty before the first report and after the robot was
   /// given up.
   std::optional<Presence> announced{};
@@ -86,14 +86,14 @@ struct Robot {
       facts.hops = static_cast<std::uint8_t>(*sent_ttl - *message.ttl);
     return facts;
   }
-  bool is_expected() const { return is_online || is_awaited; }
+  bool is_expected() const { return is_online || is_presence_unconfirmed; }
   /// Returns true if this gateway reports the robot as online.
   bool is_shown() const { return announced == Presence::online; }
   /// Announces the robot as offline unless it is heard soon: its presence at the broker may predate
   /// a restart.
   void await(TimePoint now) {
     if (announced) return;
-    is_awaited = true;
+    is_presence_unconfirmed = true;
     last_heard = now;
   }
 };

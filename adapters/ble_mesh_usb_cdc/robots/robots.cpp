@@ -119,12 +119,12 @@ void Robots::on_names(TimePoint now) {
   add_configured();
   const Bans& bans = nodes_.names().bans();
   for (auto& [address, robot] : robots_)
-    if (bans.has(robot.id)) shut_out(robot, now);
+    if (bans.has(robot.id)) apply_ban(robot, now);
 }
 
 /// The gateway ignores a banned robot's answers, so commands to it can't be acknowledged.
-void Robots::shut_out(Robot& robot, TimePoint now) {
-  robot.is_online = robot.is_awaited = robot.is_deaf = robot.is_deaf_now = false;
+void Robots::apply_ban(Robot& robot, TimePoint now) {
+  robot.is_online = robot.is_presence_unconfirmed = robot.is_deaf = robot.is_deaf_now = false;
   downlink_.refuse_all(robot, "the robot is banned (slam-gatewayctl unban)", now);
   if (robot.is_shown()) announce(robot, Presence::offline);
 }
@@ -199,13 +199,13 @@ void Robots::on_session_held(Robot& robot, TimePoint now) {
 void Robots::on_given_up(Robot& robot) {
   robot.announced.reset();
   robot.is_online = robot.is_online && gate_.is_shared();
-  robot.is_awaited = robot.is_deaf = robot.is_deaf_now = robot.is_asking = false;
+  robot.is_presence_unconfirmed = robot.is_deaf = robot.is_deaf_now = robot.is_asking = false;
   robot.is_subscribed = true;
 }
 
 void Robots::on_heard(Robot& robot, TimePoint now) {
   robot.last_heard = now;
-  robot.is_awaited = false;
+  robot.is_presence_unconfirmed = false;
   if (!std::exchange(robot.is_online, true)) {
     robot.online_since = now;
     robot.retained_given.clear();
@@ -223,7 +223,7 @@ void Robots::on_heard(Robot& robot, TimePoint now) {
 void Robots::on_deadline(Robot& robot, TimePoint now) {
   if (!robot.is_expected() || now < robot.last_heard + settings_.offline_after) return;
   robot.is_online = robot.is_deaf = robot.is_deaf_now = false;
-  const bool was_awaited = std::exchange(robot.is_awaited, false);
+  const bool was_awaited = std::exchange(robot.is_presence_unconfirmed, false);
   const bool was_shown = robot.is_shown();
   if (was_shown || (was_awaited && gate_.is_open_for(robot))) announce(robot, Presence::offline);
   if (settings_.will && was_shown) emit(will_report(*settings_.will, robot.id));

@@ -76,7 +76,7 @@ class Robots : private MeshPart {
     return robots_.try_emplace(address, address, id, settings_.ttl);
   }
   void add_configured();
-  void shut_out(Robot& robot, TimePoint now);
+  void apply_ban(Robot& robot, TimePoint now);
   void leave_name(Robot& robot, const std::string& why, TimePoint now);
   void take_name(Robot& robot, std::string id, TimePoint now);
   void announce(Robot& robot, Presence presence);

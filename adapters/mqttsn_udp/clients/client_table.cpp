@@ -90,7 +90,7 @@ void ClientTable::rename(ClientSession& session, const std::string& robot) {
 void ClientTable::erase(ClientSession& session) {
   unbind(session);
   timers_.disarm(session.timer_armed, &session);
-  words_.disarm(session.word_armed, &session);
+  silent_timers_.disarm(session.silent_armed, &session);
   set_needed(session);
   if (session.has_answered) --answered_;
   by_robot_.erase(session.robot);
@@ -134,7 +134,7 @@ void ClientTable::set_needed(ClientSession& session) {
   evictable_.disarm(session.evictable_armed, &session);
 }
 
-ClientSession* ClientTable::evictable(TimePoint now) {
+ClientSession* ClientTable::take_evictable(TimePoint now) {
   const auto longest_gone = evictable_.pop_due(now);
   if (!longest_gone) return nullptr;
   (*longest_gone)->evictable_armed.reset();
@@ -144,31 +144,31 @@ ClientSession* ClientTable::evictable(TimePoint now) {
 bool ClientTable::has_room(const Peer& peer, TimePoint now) const {
   const auto is_due = [now](std::optional<TimePoint> at) { return at && *at <= now; };
   const IpAddress& own = peer.endpoint.address;
-  return !is_full() || is_due(evictable_.earliest()) || is_due(words_.earliest()) ||
+  return !is_full() || is_due(evictable_.earliest()) || is_due(silent_timers_.earliest()) ||
          by_address_.has_fuller(own) || by_network_.has_fuller(network_of(own));
 }
 
 void ClientTable::set_answered(ClientSession& session) {
   if (session.has_answered) return;
   set_in_crowd(session, false);
-  words_.disarm(session.word_armed, &session);
+  silent_timers_.disarm(session.silent_armed, &session);
   session.has_answered = true;
   ++answered_;
 }
 
 void ClientTable::on_connected(ClientSession& session, TimePoint now) {
-  words_.disarm(session.word_armed, &session);
+  silent_timers_.disarm(session.silent_armed, &session);
   if (!session.has_answered)
-    words_.arm_by(session.word_armed, &session, now + limits::crowd_patience);
+    silent_timers_.arm_by(session.silent_armed, &session, now + limits::crowd_patience);
 }
 
-std::vector<ClientSession*> ClientTable::crowd(const Peer& peer, TimePoint now) {
+std::vector<ClientSession*> ClientTable::take_crowd(const Peer& peer, TimePoint now) {
   std::vector<ClientSession*> silent;
   while (silent.size() < limits::crowd_step) {
-    const auto due = words_.pop_due(now);
+    const auto due = silent_timers_.pop_due(now);
     if (!due) break;
     ClientSession& session = **due;
-    session.word_armed.reset();
+    session.silent_armed.reset();
     const bool has_only_connected = session.connect_fingerprint != 0;
     if (has_only_connected && !session.has_answered && session.peer) silent.push_back(&session);
   }

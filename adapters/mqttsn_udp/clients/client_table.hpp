@@ -120,7 +120,7 @@ class ClientTable {
   /// Undoes set_evictable().
   void set_needed(ClientSession& session);
   /// Returns the longest gone session that may be forgotten to make room; null if there is none.
-  ClientSession* evictable(TimePoint now);
+  ClientSession* take_evictable(TimePoint now);
   /// Whether a new client at `peer` may find a place; make_room() of Lifecycle decides.
   bool has_room(const Peer& peer, TimePoint now) const;
   void set_answered(ClientSession& session);
@@ -138,7 +138,7 @@ class ClientTable {
   /// the result is the longest silent clients of one address or /64, which must have at least two
   /// more than that of `peer`. At most limits::crowd_step. Cheap when the result is empty, because
   /// an attacker can cause many calls.
-  std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now);
+  std::vector<ClientSession*> take_crowd(const Peer& peer, TimePoint now);
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {
     return by_id_;
@@ -156,7 +156,8 @@ class ClientTable {
   std::unordered_map<std::string, ClientSession*> by_robot_;
   TimerQueue<ClientSession*> timers_;
   TimerQueue<ClientSession*> evictable_;
-  TimerQueue<ClientSession*> words_;  // when clients that only connected may lose their places
+  TimerQueue<ClientSession*>
+      silent_timers_;  // when clients that only connected may lose their places
   Unanswered by_address_;
   Unanswered by_network_;
 };

@@ -28,7 +28,7 @@ class ChangedSessions {
   std::vector<std::string> take(std::size_t max);
 
  private:
-  std::set<std::string> client_ids_;  // at most max_dirty
+  std::set<std::string> client_ids_;  // at most max_changed
 };
 
 class UnsavedAnswers {

@@ -27,7 +27,7 @@ void Connecting::on_connect(const Arrival& arrival, const Connect& connect) {
   if (!robot || connect.protocol != protocol_id) return refuse_name(arrival, connect);
   if (is_repetition(arrival, connect)) {
     ClientSession& session = *clients_.find(peer);
-    lifecycle_.on_connect_again(session, now);
+    lifecycle_.note_heard(session, now);
     session.connect_fingerprint = arrival.fingerprint;
     return output_.send(session, Connack{ReturnCode::accepted});
   }

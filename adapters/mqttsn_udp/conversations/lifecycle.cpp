@@ -11,7 +11,7 @@
 namespace slamgw::mqttsn {
 
 void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
-  on_connect_again(session, now);
+  note_heard(session, now);
   if (now - session.sign_of_life_reported < limits::sign_of_life_interval) return;
   session.sign_of_life_reported = now;
   output_.emit(SignOfLife{Mesh::thread, session.robot});
@@ -19,7 +19,7 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
     report_presence(session, *session.reported_presence, now);
 }
 
-void Lifecycle::on_connect_again(ClientSession& session, TimePoint now) {
+void Lifecycle::note_heard(ClientSession& session, TimePoint now) {
   session.last_heard = now;
   session.connect_fingerprint = 0;
   downlink_.on_heard(session);
@@ -81,12 +81,12 @@ void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint 
 
 bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
   while (clients_.is_full()) {
-    ClientSession* gone = clients_.evictable(now);
+    ClientSession* gone = clients_.take_evictable(now);
     if (!gone) break;
     evict(*gone, now);
   }
   if (!clients_.is_full()) return true;
-  const std::vector<ClientSession*> crowd = clients_.crowd(peer, now);
+  const std::vector<ClientSession*> crowd = clients_.take_crowd(peer, now);
   if (crowd.empty()) return false;
   if (crowd_lines_.on_event(now))
     output_.emit(Notice{

@@ -23,7 +23,7 @@ class Lifecycle : Conversation {
   /// Call for any valid message from the client (R109).
   void on_heard(ClientSession& session, TimePoint now);
   /// Call for a repeated CONNECT, which does not prove that the robot is here.
-  void on_connect_again(ClientSession& session, TimePoint now);
+  void note_heard(ClientSession& session, TimePoint now);
   /// Sets the state, which nothing else does, and reports the presence that follows from it.
   void enter(ClientSession& session, ClientState state, TimePoint now);
   /// Brings back a lost client that is heard again (R113). It is asleep again if it was when it was

@@ -12,10 +12,10 @@
 namespace slamgw::mqttsn {
 void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now) {
   if (answers_.is_held(session, request.msg_id) || !answers_.has_room(session)) return;
-  const Result<Wish, ReturnCode> wish = read(session, request, now);
-  if (!wish) return refuse(session, request, wish.error());
-  const std::string& filter = wish->filter;
-  const Suback answer{request.qos, wish->topic_id, request.msg_id, ReturnCode::accepted};
+  const Result<Requested, ReturnCode> requested = read(session, request, now);
+  if (!requested) return refuse(session, request, requested.error());
+  const std::string& filter = requested->filter;
+  const Suback answer{request.qos, requested->topic_id, request.msg_id, ReturnCode::accepted};
   if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);
 
   if (!session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now)) {
@@ -24,8 +24,9 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   }
   if (!session.subscriptions.contains(filter)) charge(session, filter);
   const auto qos = static_cast<Qos>(request.qos);
-  session.subscriptions[filter] = {qos, request.topic_id_type, wish->topic_id, request.msg_id, {}};
-  TopicTable::Topic* const topic = session.topics.find(wish->topic_id);  // null for wildcards
+  session.subscriptions[filter] = {
+      qos, request.topic_id_type, requested->topic_id, request.msg_id, {}};
+  TopicTable::Topic* const topic = session.topics.find(requested->topic_id);  // null for wildcards
   if (topic && request.topic_id_type == TopicIdType::normal) topic->is_known = true;
   output_.mark_changed(session);
   answers_.hold(session, filter, answer);
@@ -167,9 +168,9 @@ void Subscriptions::resume(ClientSession& session, TimePoint now) {
   }
 }
 
-Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& session,
-                                                            const Subscribe& request,
-                                                            TimePoint now) {
+Result<Subscriptions::Requested, ReturnCode> Subscriptions::read(ClientSession& session,
+                                                                 const Subscribe& request,
+                                                                 TimePoint now) {
   if (request.qos == WireQos::minus_one || request.topic_id_type == TopicIdType::reserved)
     return ReturnCode::not_supported;
   std::string storage;
@@ -187,13 +188,13 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   const std::size_t octets = NameBudget::of_filter(filter->size());
   if (is_new && !clients_.names().may_take(session.filter_octets, octets))
     return ReturnCode::congestion;
-  if (request.topic_id_type == TopicIdType::predefined) return Wish{*filter, request.topic_id};
+  if (request.topic_id_type == TopicIdType::predefined) return Requested{*filter, request.topic_id};
   if (request.topic_id_type == TopicIdType::short_name || has_wildcard(*filter))
-    return Wish{*filter, 0};  // R95, R96
+    return Requested{*filter, 0};  // R95, R96
   const auto id = session.assign_topic(*filter);
   if (!id) return ReturnCode::congestion;
   session.topics.find(*id)->is_own = true;
-  return Wish{*filter, *id};
+  return Requested{*filter, *id};
 }
 
 const std::string* Subscriptions::name(ClientSession& session, TopicIdType type,

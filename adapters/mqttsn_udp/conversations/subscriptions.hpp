@@ -61,12 +61,13 @@ class Subscriptions : Conversation {
   void resume(ClientSession& session, TimePoint now);
 
  private:
-  struct Wish {
+  struct Requested {
     std::string filter;
     std::uint16_t topic_id = 0;
   };
   /// Returns the filter and id that the client asks for, or why it can't have them.
-  Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request, TimePoint now);
+  Result<Requested, ReturnCode> read(ClientSession& session, const Subscribe& request,
+                                     TimePoint now);
   const std::string* name(ClientSession& session, TopicIdType type, std::uint16_t topic_id,
                           const std::string& topic_name, std::string& storage) const;
   void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);

@@ -94,9 +94,9 @@ std::string claimed_identity(const SSL* ssl) {
 
 }  // namespace
 
-DtlsPort::DtlsPort(boost::asio::io_context& io, RobotKeys keys, Receive receive, Tell tell)
+DtlsPort::DtlsPort(boost::asio::io_context& io, RobotKeys keys, Receive receive, Report report)
     : receive_(std::move(receive)),
-      tell_(std::move(tell)),
+      report_(std::move(report)),
       keys_(std::move(keys)),
       context_(SSL_CTX_new(DTLS_server_method())),
       timer_(io) {
@@ -130,8 +130,8 @@ DtlsPort::Ssl DtlsPort::make_ssl() const {
 /// that address can know it.
 std::array<std::uint8_t, 32> DtlsPort::cookie(std::int64_t window) const {
   ByteWriter who;
-  who.write(ByteView(helloing_->address)).write_u16_be(helloing_->port);
-  who.write_u32_le(helloing_->scope_id).write_u64_le(static_cast<std::uint64_t>(window));
+  who.write(ByteView(hello_sender_->address)).write_u16_be(hello_sender_->port);
+  who.write_u32_le(hello_sender_->scope_id).write_u64_le(static_cast<std::uint64_t>(window));
   std::array<std::uint8_t, 32> cookie{};
   HMAC(EVP_sha256(), cookie_secret_.data(), static_cast<int>(cookie_secret_.size()),
        who.bytes().data(), who.bytes().size(), cookie.data(), nullptr);
@@ -157,7 +157,7 @@ int DtlsPort::make_cookie(SSL* ssl, unsigned char* cookie, unsigned* size) {
 
 int DtlsPort::check_cookie(SSL* ssl, const unsigned char* cookie, unsigned size) {
   const DtlsPort& port = port_of(ssl);
-  if (!port.helloing_) return 1;  // it was checked when the handshake began
+  if (!port.hello_sender_) return 1;  // it was checked when the handshake began
   const auto is_of = [&](std::int64_t window) {
     const auto wanted = port.cookie(window);
     return size == wanted.size() && CRYPTO_memcmp(cookie, wanted.data(), wanted.size()) == 0;
@@ -209,9 +209,9 @@ void DtlsPort::on_hello(const UdpSocket::Datagram& hello) {
   ERR_clear_error();
   feed(listener_.get(), hello.bytes);
   const std::unique_ptr<BIO_ADDR, FreedBy<BIO_ADDR_free>> unused(BIO_ADDR_new());
-  helloing_ = &from;
+  hello_sender_ = &from;
   const int result = DTLSv1_listen(listener_.get(), unused.get());
-  helloing_ = nullptr;
+  hello_sender_ = nullptr;
   if (result > 0) return begin(hello, random);
   send_waiting(listener_.get(), hello.to, from);
   BIO_reset(SSL_get_rbio(listener_.get()));
@@ -363,11 +363,11 @@ void DtlsPort::fail(Connections::iterator handshake, const std::string& why) {
   if (has_key) reason = fmt::format("{}; does the robot have another key for '{}'?", why, identity);
   if (!identity.empty() && !has_key)
     reason = fmt::format("'{}' has no key (slam-gatewayctl key add)", identity);
-  tell_(Notice{.severity = Severity::notice,
-               .text = fmt::format("{} DTLS handshakes failed, the last one with {}: {}", *times,
-                                   text_of(from), reason),
-               .robot = has_key ? identity : std::string(),
-               .is_proven = false});
+  report_(Notice{.severity = Severity::notice,
+                 .text = fmt::format("{} DTLS handshakes failed, the last one with {}: {}", *times,
+                                     text_of(from), reason),
+                 .robot = has_key ? identity : std::string(),
+                 .is_proven = false});
 }
 
 /// Sends what OpenSSL has written, in as few datagrams as possible, each of whole records.

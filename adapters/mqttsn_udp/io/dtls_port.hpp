@@ -29,10 +29,10 @@ class DtlsPort {
   /// Called with `datagram`, whose octets are decrypted.
   using Receive =
       std::function<void(const UdpSocket::Datagram& datagram, const std::string& identity)>;
-  using Tell = std::function<void(Notice)>;
+  using Report = std::function<void(Notice)>;
 
   /// `receive` may call send().
-  DtlsPort(boost::asio::io_context& io, RobotKeys keys, Receive receive, Tell tell);
+  DtlsPort(boost::asio::io_context& io, RobotKeys keys, Receive receive, Report report);
   DtlsPort(const DtlsPort&) = delete;
   DtlsPort& operator=(const DtlsPort&) = delete;
 
@@ -89,15 +89,15 @@ class DtlsPort {
   void on_time();
 
   const Receive receive_;
-  const Tell tell_;
+  const Report report_;
   RobotKeys keys_;
   std::unique_ptr<SSL_CTX, FreedBy<SSL_CTX_free>> context_;
   std::array<std::uint8_t, 32> cookie_secret_{};
   std::vector<std::shared_ptr<UdpSocket>> sockets_;
-  Ssl listener_;                        ///< answers ClientHellos until one has a valid cookie
-  const Endpoint* helloing_ = nullptr;  ///< the sender of the ClientHello that is being read
-  Connections handshakes_;              ///< places_ bounds them
-  Connections established_;             ///< at most one for each identity
+  Ssl listener_;                            ///< answers ClientHellos until one has a valid cookie
+  const Endpoint* hello_sender_ = nullptr;  ///< the sender of the ClientHello that is being read
+  Connections handshakes_;                  ///< places_ bounds them
+  Connections established_;                 ///< at most one for each identity
   std::map<std::string, Endpoint> endpoint_of_;  ///< of `established_`, by identity
   HandshakePlaces places_;
   std::array<std::uint8_t, 2048> plain_{};

@@ -50,7 +50,7 @@ std::optional<Notice> SessionKeeper::restore(TimePoint now) {
 
 void SessionKeeper::save_soon() {
   if (gateway_.has_unsaved_answers() && !is_watching_) watch_disk();
-  if (is_armed_ || !gateway_.has_dirty()) return;
+  if (is_armed_ || !gateway_.has_changed()) return;
   is_armed_ = true;
   timer_.expires_after(interval);
   timer_.async_wait([this](boost::system::error_code error) {
@@ -82,7 +82,7 @@ void SessionKeeper::on_written(bool is_written) {
 void SessionKeeper::save_some() {
   const TimePoint now = std::chrono::steady_clock::now();
   std::vector<SessionStore::Change> changes;
-  for (std::string& id : gateway_.take_dirty(sessions_a_write)) {
+  for (std::string& id : gateway_.take_changed(sessions_a_write)) {
     std::optional<Bytes> content;
     if (auto snapshot = gateway_.snapshot(id, now)) {
       if (!is_stopping_ && leave_out_young_commands(*snapshot)) save_again_later(id);
@@ -99,7 +99,7 @@ void SessionKeeper::save_again_later(std::string id) {
   later_timer_.expires_after(limits::stored_command_age);
   later_timer_.async_wait([this](boost::system::error_code error) {
     if (error) return;
-    for (const std::string& each : std::exchange(later_, {})) gateway_.set_dirty(each);
+    for (const std::string& each : std::exchange(later_, {})) gateway_.set_changed(each);
     save_soon();
   });
 }
@@ -110,7 +110,7 @@ void SessionKeeper::stop() {
   timer_.cancel();
   patience_timer_.cancel();
   gateway_.set_all_dirty();
-  while (gateway_.has_dirty()) save_some();
+  while (gateway_.has_changed()) save_some();
 }
 
 }  // namespace slamgw::mqttsn

@@ -37,7 +37,7 @@ std::string credential_source() {
   return {};
 }
 
-Surroundings read_surroundings(const std::string& configuration) {
+Environment read_environment(const std::string& configuration) {
   std::array<char, 256> name{};  // POSIX's longest host name and a NUL
   if (gethostname(name.data(), name.size() - 1) != 0) name[0] = '\0';
   const char* credentials = std::getenv("CREDENTIALS_DIRECTORY");
@@ -153,7 +153,7 @@ void check_service_rights(ParseResult& result) {
                    service_user, service_user, *keys)});
 }
 
-ParseResult load_parts(const std::string& path, const Surroundings& surroundings,
+ParseResult load_parts(const std::string& path, const Environment& environment,
                        const SystemFiles& files) {
   std::vector<ConfigFile> parts;
   ParseResult first;  // problems of whole files
@@ -165,7 +165,7 @@ ParseResult load_parts(const std::string& path, const Surroundings& surroundings
         first.problems.push_back({name, 1, "file", fault});
       continue;
     }
-    const bool has_gateway = surroundings.is_daemon || path != service_configuration;
+    const bool has_gateway = environment.is_daemon || path != service_configuration;
     if (name == path && file.error().is_missing && !has_gateway) {
       parts.push_back({name, "{}"});  // a page may run where no gateway is installed
       continue;
@@ -173,12 +173,12 @@ ParseResult load_parts(const std::string& path, const Surroundings& surroundings
     std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
     if (name == path && file.error().is_missing)
       text += ", create it with: slam-gatewayd --print-config > " + path;
-    const bool may_miss = name != path && file.error().is_denied && !surroundings.is_daemon;
+    const bool may_miss = name != path && file.error().is_denied && !environment.is_daemon;
     (may_miss ? first.warnings : first.problems).push_back({name, 1, "file", std::move(text)});
   }
   refuse_open_directory(first, path);
   ParseResult result;
-  if (!parts.empty()) result = parse_config(parts, surroundings, files);
+  if (!parts.empty()) result = parse_config(parts, environment, files);
   result.problems.insert(result.problems.begin(), first.problems.begin(), first.problems.end());
   result.warnings.insert(result.warnings.begin(), first.warnings.begin(), first.warnings.end());
   return result;
@@ -206,7 +206,7 @@ std::vector<std::string> configuration_files(const std::string& path) {
 
 ParseResult load_config(const std::string& path) {
   const SystemFiles files(service_user);
-  ParseResult result = load_parts(path, read_surroundings(path), files);
+  ParseResult result = load_parts(path, read_environment(path), files);
   warn_of_readable_secret(result, files);
   warn_of_ignored_files(result, path);
   if (path == service_configuration) check_service_rights(result);
@@ -214,9 +214,9 @@ ParseResult load_config(const std::string& path) {
 }
 
 ParseResult load_shared_config(const std::string& path) {
-  Surroundings surroundings = read_surroundings(path);
-  surroundings.is_daemon = false;
-  return load_parts(path, surroundings, SystemFiles(service_user));
+  Environment environment = read_environment(path);
+  environment.is_daemon = false;
+  return load_parts(path, environment, SystemFiles(service_user));
 }
 
 std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
@@ -225,7 +225,7 @@ std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
   result.config.broker.credentials.reset();
   ConfigContext context;
   read_credentials(Located{result.config, result.places, context}, result,
-                   read_surroundings(service_configuration), SystemFiles(service_user));
+                   read_environment(service_configuration), SystemFiles(service_user));
   return context.problems.empty() ? result.config.broker.credentials : broker.credentials;
 }
 

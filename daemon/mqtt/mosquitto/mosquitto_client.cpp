@@ -32,7 +32,7 @@ constexpr int no_port = -1;
 TimePoint now() { return std::chrono::steady_clock::now(); }
 
 /// Returns true when the connection was established at some time: it has measured a round trip.
-bool has_stood(int socket) {
+bool was_established(int socket) {
   tcp_info info{};
   socklen_t size = sizeof info;
   return getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &size) == 0 && info.tcpi_rtt > 0;
@@ -49,7 +49,7 @@ int connection_error(int socket) {
   socklen_t broker_size = sizeof broker;
   const bool stands = getpeername(socket, reinterpret_cast<sockaddr*>(&broker), &broker_size) == 0;
   if (error != 0 || stands) return error;
-  return has_stood(socket) ? ECONNRESET : ECONNREFUSED;
+  return was_established(socket) ? ECONNRESET : ECONNREFUSED;
 }
 
 /// Returns true for a descriptor that robots' sessions leave to the rest of the daemon: the store,
@@ -73,7 +73,7 @@ class SocketPair {
       if (each >= 0) ::close(each);
   }
   /// Shrinks the buffers and closes the pair on exec(), if the descriptors look like the library's.
-  void tame() const {
+  void shrink() const {
     for (const int each : expected_) {
       int domain = 0;
       socklen_t size = sizeof domain;
@@ -122,7 +122,7 @@ int MosquittoClient::start(const Opening& opening) {
   client_.reset(mosquitto_new(opening.client_id.c_str(), opening.is_clean, this));
   mosquitto* client = client_.get();
   if (!client) return MOSQ_ERR_INVAL;
-  pair.tame();
+  pair.shrink();
   mosquitto_int_option(client, MOSQ_OPT_PROTOCOL_VERSION,
                        is_v5_ ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
   mosquitto_int_option(client, MOSQ_OPT_TCP_NODELAY, 1);

@@ -36,7 +36,7 @@ void MosquittoLink::connect() {
   timeout_.expires_after(options_.timeout);
   timeout_.async_wait([self = self()](error_code error) {
     if (error || self->is_ended() || self->is_open()) return;
-    self->fail({0, self->is_reached() ? explain_stranger(self->settings_)
+    self->fail({0, self->is_reached() ? explain_not_a_broker(self->settings_)
                                       : explain_no_connection(self->settings_, ETIMEDOUT)});
   });
   boost::asio::post(lane_, [self = self()] { self->prepare(); });
@@ -125,12 +125,12 @@ ConnectFailure MosquittoLink::explain_failure(const Ended& ended) const {
     if (is_cut && !settings_.certificate_file)
       return {0, explain_tls_end(std::strerror(ended.error)), ConnectAnswer::closed};
   }
-  if (is_closed) return {0, explain_stranger(settings_), ConnectAnswer::closed};
+  if (is_closed) return {0, explain_not_a_broker(settings_), ConnectAnswer::closed};
   if (ended.result == MOSQ_ERR_ERRNO) return {0, explain_no_connection(settings_, ended.error)};
   // Some brokers answer MQTT 5 with a CONNACK that only MQTT 3.1.1 allows.
   const bool is_garbled =
       ended.result == MOSQ_ERR_PROTOCOL || ended.result == MOSQ_ERR_MALFORMED_PACKET;
-  return {0, explain_stranger(settings_),
+  return {0, explain_not_a_broker(settings_),
           is_garbled ? ConnectAnswer::version_refused : ConnectAnswer::other};
 }
 

@@ -13,7 +13,7 @@ namespace {
 
 /// What a store would have: all that was dirty, read at once.
 void save(SnRig& rig, std::map<std::string, Bytes>& store) {
-  for (const std::string& id : rig.gateway.take_dirty(1000)) {
+  for (const std::string& id : rig.gateway.take_changed(1000)) {
     if (const auto snapshot = rig.gateway.snapshot(id, rig.now)) {
       store[id] = encode_session(*snapshot);
     } else {
@@ -403,10 +403,10 @@ TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
 TEST(SnGateway, R76_StillKnowsAfterARestartThatAClientCountsItsMsgIds) {
   ConnectedRig before;
   const auto id = before.register_topic(1, own_topic);
-  before.gateway.take_dirty(1000);
+  before.gateway.take_changed(1000);
   for (std::uint16_t msg_id = 7; msg_id < 8 + limits::min_counted_ids; ++msg_id)
     before.publish(1, id, 1, msg_id, "step");
-  EXPECT_EQ(before.gateway.take_dirty(1000), Lines{"r1"}) << "that is worth writing down";
+  EXPECT_EQ(before.gateway.take_changed(1000), Lines{"r1"}) << "that is worth writing down";
   before.gateway.set_all_dirty();
   SnRig after;
   restart(before, after);
@@ -449,23 +449,23 @@ TEST(SnGateway, R113_LetsALostSleeperSleepOnAfterARestart) {
 TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
   ConnectedRig rig;
   rig.connect(2, "r2");
-  EXPECT_EQ(rig.gateway.take_dirty(1000), (Lines{"r1", "r2"}));
+  EXPECT_EQ(rig.gateway.take_changed(1000), (Lines{"r1", "r2"}));
   rig.send(1, Pingreq{});
-  EXPECT_TRUE(rig.gateway.take_dirty(1000).empty());
+  EXPECT_TRUE(rig.gateway.take_changed(1000).empty());
   rig.register_topic(2, "ntnu-slam/robot/r2/adv");
-  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r2"});
+  EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r2"});
   rig.send(1, Disconnect{});
-  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r1"});
+  EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r1"});
   EXPECT_FALSE(rig.gateway.snapshot("r1", TimePoint{})) << "a clean session is gone";
 }
 
 TEST(SnGateway, TakesSomeOfTheChangedSessionsAtATime) {
   SnRig rig;
   for (unsigned n = 0; n < 5; ++n) rig.connect(n, "r" + std::to_string(n));
-  EXPECT_EQ(rig.gateway.take_dirty(3).size(), 3U);
-  EXPECT_TRUE(rig.gateway.has_dirty());
-  EXPECT_EQ(rig.gateway.take_dirty(3).size(), 2U);
-  EXPECT_FALSE(rig.gateway.has_dirty());
+  EXPECT_EQ(rig.gateway.take_changed(3).size(), 3U);
+  EXPECT_TRUE(rig.gateway.has_changed());
+  EXPECT_EQ(rig.gateway.take_changed(3).size(), 2U);
+  EXPECT_FALSE(rig.gateway.has_changed());
 }
 
 /// Whatever became of the octets, restoring them harms nothing.

@@ -19,7 +19,7 @@ class UnsavedAnswers : public testing::Test {
     rig.gateway.on_saved(true, rig.now);
   }
   /// The shell begins to write: these sessions.
-  Lines begin_save() { return rig.gateway.take_dirty(all); }
+  Lines begin_save() { return rig.gateway.take_changed(all); }
   void end_save(bool is_saved = true) {
     rig.gateway.on_saved(is_saved, rig.now);
     rig.pass(Duration::zero());
@@ -196,7 +196,7 @@ TEST_F(UnsavedAnswers, AreSavedInBoundedNumbers) {
     rig.send(n, Connect{false, true, protocol_id, 60, "r" + std::to_string(n)});
   unsigned answered = 0;
   for (unsigned saves = 1; saves <= 3; ++saves) {
-    EXPECT_LE(rig.gateway.take_dirty(limits::max_sessions_for_answers).size(),
+    EXPECT_LE(rig.gateway.take_changed(limits::max_sessions_for_answers).size(),
               limits::max_sessions_for_answers);
     end_save();
     answered = 0;

@@ -138,7 +138,7 @@ TEST(SnGateway, GoesOnWithASessionWhoseRobotIsRenamed) {
   EXPECT_EQ(rig.reports[0].topic, "ntnu-slam/robot/tank/update");
   EXPECT_EQ(rig.register_topic(1, "ntnu-slam/robot/nrf-7/update"), rig.update_id);
   EXPECT_TRUE(rig.notices.empty());
-  ASSERT_TRUE(rig.gateway.has_dirty()) << "the name is on disk";
+  ASSERT_TRUE(rig.gateway.has_changed()) << "the name is on disk";
   EXPECT_EQ(rig.gateway.snapshot("nrf-7", rig.now)->robot, "tank");
 }
 

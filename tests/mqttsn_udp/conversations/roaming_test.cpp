@@ -233,7 +233,7 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
   rig.pass_s(1);
   rig.presence.clear();
   rig.notes.clear();
-  (void)rig.gateway.take_dirty(1000);
+  (void)rig.gateway.take_changed(1000);
 
   const auto unsent = rig.give_up("r1");
   ASSERT_EQ(unsent.size(), 2U);
@@ -255,7 +255,7 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
   EXPECT_TRUE(rig.cleaned.empty());
   EXPECT_TRUE(rig.notes.empty());
   EXPECT_EQ(rig.gateway.presence_of("r1"), std::nullopt);
-  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r1"}) << "the store forgets it";
+  EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r1"}) << "the store forgets it";
   EXPECT_FALSE(rig.gateway.snapshot("r1", rig.now));
 }
 

@@ -138,7 +138,7 @@ void PageHub::on_message(const BrokerMessage& message) {
   if (kind == TopicKind::foreign || !page_text) return;
   const SharedText text = share(std::move(*page_text));
   if (kind == TopicKind::state && !keep(message, text)) return;
-  if (kind == TopicKind::state) tell_roster(message);
+  if (kind == TopicKind::state) pass_to_roster(message);
   const bool is_event = kind == TopicKind::event || kind == TopicKind::command;
   if (is_event && !message.is_retained) past_.on_event(text, message.at_ms);
   for (PageConnection* page : pages_) {
@@ -160,7 +160,7 @@ std::vector<std::pair<std::string, SharedText>> PageHub::past(std::int64_t since
   return past_.texts(since_ms, now_ms());
 }
 
-void PageHub::tell_roster(const BrokerMessage& message) {
+void PageHub::pass_to_roster(const BrokerMessage& message) {
   const Topics::GatewayTopic topic = topics_.gateway_topic(message.topic);
   roster_.on_document(topic, message.payload, message.at_ms, message.is_retained);
   if (topic.rest == "numbers")

@@ -88,7 +88,7 @@ class PageHub {
   /// unknown state.
   bool keep(const BrokerMessage& message, const SharedText& text);
   void on_robot_message(const BrokerMessage& message);
-  void tell_roster(const BrokerMessage& message);
+  void pass_to_roster(const BrokerMessage& message);
   void update_roster();
   void update_roster_later();
   void reset_pages();

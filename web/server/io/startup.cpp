@@ -25,19 +25,19 @@ constexpr const char* own_user = "slam-gateway-web";  // of the packaged service
 
 void read_own_credentials(ParseResult& result, const std::string& config_file) {
   ConfigContext context{config_file, {}, {}};
-  Surroundings surroundings;
+  Environment environment;
   const char* directory = std::getenv("CREDENTIALS_DIRECTORY");
   const std::filesystem::path own =
       std::filesystem::path(config_file).replace_filename("web-credentials.json");
   std::optional<std::string>& named = result.config.broker.credentials_file;
   named.reset();
   if (directory != nullptr) {
-    surroundings.credentials_directory = directory;
-    surroundings.credential_source = own.string();
+    environment.credentials_directory = directory;
+    environment.credential_source = own.string();
   } else if (std::error_code error; std::filesystem::exists(own, error)) {
     named = own.string();
   }
-  read_credentials(Located{result.config, result.places, context}, result, surroundings,
+  read_credentials(Located{result.config, result.places, context}, result, environment,
                    SystemFiles(own_user));
   result.problems.insert(result.problems.end(), context.problems.begin(), context.problems.end());
 }
