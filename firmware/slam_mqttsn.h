@@ -110,7 +110,12 @@ struct slam_sn_event {
 
 enum slam_sn_state { SLAM_SN_OFF, SLAM_SN_CONNECTING, SLAM_SN_ACTIVE, SLAM_SN_ASLEEP };
 
-enum slam_sn_topic_state { SLAM_SN_UNSETTLED, SLAM_SN_SETTLED, SLAM_SN_TURNED_DOWN };
+enum slam_sn_topic_state {
+  SLAM_SN_UNSETTLED,
+  SLAM_SN_SETTLED,
+  SLAM_SN_TURNED_DOWN,
+  SLAM_SN_POSTPONED  // turned down by congestion, and asked for again
+};
 
 struct slam_sn_heard_topic {
   uint16_t id;  // 0: free
@@ -289,9 +294,9 @@ static inline void slam_sn_unsettle_all_(struct slam_sn_client* client) {
   for (i = 0; i < SLAM_SN_MAX_HEARD; ++i) client->heard[i].id = 0;
 }
 
-// Returns the first topic to ask the gateway about now; topic_count: none.
+// Returns the first topic to ask the gateway about; topic_count: none.
 static inline size_t slam_sn_unsettled_(const struct slam_sn_client* client) {
-  size_t i = client->is_congested ? client->settings->topic_count : 0;
+  size_t i = 0;
   while (i < client->settings->topic_count && client->topic_states[i] != SLAM_SN_UNSETTLED) ++i;
   return i;
 }
@@ -503,11 +508,20 @@ static inline uint32_t slam_sn_ping_at_(const struct slam_sn_client* client) {
   return client->answered_at + client->settings->keep_alive_s * UINT32_C(1000);
 }
 
+static inline void slam_sn_end_congestion_(struct slam_sn_client* client) {
+  size_t i = 0;
+  client->is_congested = false;
+  for (i = 0; i < client->settings->topic_count; ++i)
+    if (client->topic_states[i] == SLAM_SN_POSTPONED) client->topic_states[i] = SLAM_SN_UNSETTLED;
+}
+
 // Opens the request that is due next, if none is open.
 static inline void slam_sn_choose_(struct slam_sn_client* client, uint32_t now) {
-  if (client->is_congested && slam_sn_is_due_(client->topics_at, now)) client->is_congested = false;
-  const size_t topic = slam_sn_unsettled_(client);
+  size_t topic = 0;
   if (client->asking != 0) return;
+  if (client->is_congested && slam_sn_is_due_(client->topics_at, now))
+    slam_sn_end_congestion_(client);
+  topic = slam_sn_unsettled_(client);
   if (client->state == SLAM_SN_ASLEEP) {
     if (slam_sn_is_due_(client->wake_at, now)) slam_sn_ask_(client, SLAM_SN_PINGREQ_, now);
   } else if (topic < client->settings->topic_count) {
@@ -630,13 +644,12 @@ static inline bool slam_sn_on_settled_(struct slam_sn_client* client, unsigned r
     client->topic_states[topic] = SLAM_SN_SETTLED;
     return true;
   }
+  client->topic_states[topic] = SLAM_SN_TURNED_DOWN;
   if (code == SLAM_SN_CONGESTION) {
+    client->topic_states[topic] = SLAM_SN_POSTPONED;
     client->is_congested = true;
     client->topics_at = now + SLAM_SN_CONGESTION_MS;
-    slam_sn_refuse_(topic, code, event);
-    return true;
   }
-  client->topic_states[topic] = SLAM_SN_TURNED_DOWN;
   if (client->publishing == SLAM_SN_PUBLISH_ && client->publish_topic == topic)
     client->publishing = 0;
   slam_sn_refuse_(topic, code, event);
@@ -875,15 +888,15 @@ static inline bool slam_sn_is_dozing(const struct slam_sn_client* client) {
 }
 
 // `flags`: QoS and SLAM_SN_RETAIN. Returns false when the message can't be taken now (try again
-// later) or never (the topic was refused, `data` is too long). QoS 0 needs a registered topic, and
+// later) or never (the topic is refused, `data` is too long). QoS 0 needs a registered topic, and
 // may be lost. One message of QoS 1 or 2 is taken at any time, also while the gateway is lost.
-// SLAM_SN_PUBLISHED ends it, or SLAM_SN_REFUSED of its topic with another code than congestion.
+// SLAM_SN_PUBLISHED ends it, or SLAM_SN_REFUSED of its topic.
 static inline bool slam_sn_publish(struct slam_sn_client* client, uint32_t now, uint8_t topic,
                                    uint8_t flags, const void* data, size_t size) {
   const unsigned qos = flags & SLAM_SN_QOS_;
   if (client->state == SLAM_SN_OFF || topic >= client->settings->topic_count) return false;
   if (size > SLAM_SN_MAX_PAYLOAD || qos == SLAM_SN_QOS_) return false;
-  if (client->topic_states[topic] == SLAM_SN_TURNED_DOWN) return false;
+  if (client->topic_states[topic] >= SLAM_SN_TURNED_DOWN) return false;
   if ((slam_sn_topic_(client, topic)->flags & SLAM_SN_SUBSCRIBE) != 0) return false;
   flags &= SLAM_SN_QOS_ | SLAM_SN_RETAIN;
   if (qos == SLAM_SN_QOS0) {

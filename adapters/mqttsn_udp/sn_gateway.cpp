@@ -408,8 +408,10 @@ void SnGateway::resume_connect(Roaming::WaitingConnect waited, ByteView note, Ti
     fresh.is_clean = false;
     const auto known = read_note(waited, note);
     restoring_.restore(known.value_or(std::move(fresh)), now);
-    if (ClientSession* session = clients_.find(client_id))
+    if (ClientSession* session = clients_.find(client_id)) {
       session->note_hash = known ? fingerprint(note) : 0;
+      clients_.set_evictable(*session, now + limits::crowd_patience);  // after the will's handshake
+    }
   }
   waited.arrival.now = now;
   connecting_.on_connect(waited.arrival, waited.connect);

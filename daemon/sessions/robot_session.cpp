@@ -78,11 +78,11 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
   const auto unheld_since = std::exchange(unheld_since_, std::nullopt);
   subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);  // for the marker, too
+  if (!is_present) given_up_.clear();
+  unsubscribe_given_up();  // before the gateway's own filter, which may be the same
   subscribe_to_commands();
   if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
-  if (!is_present) given_up_.clear();
-  unsubscribe_given_up();
   for (auto& [filter, entry] : filters_) ask(filter, entry);
   if (!note_until_) return;
   if (!is_present) return end_note({});

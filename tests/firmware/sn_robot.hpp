@@ -42,6 +42,16 @@ class SnRobot {
     ASSERT_TRUE(slam_sn_is_ready(&client));
   }
 
+  /// The gateway accepts the one request that is sent now, with this topic id.
+  void answer_setup(std::uint8_t id) {
+    const auto out = sent();
+    ASSERT_EQ(out.size(), 1U);
+    const Bytes request = hex(out[0]);
+    Bytes answer{0x07, 0x0b, 0x00, id, request[4], request[5], 0x00};
+    if (request[1] == 0x12) answer = {0x08, 0x13, 0x20, 0x00, id, request[3], request[4], 0x00};
+    hear(to_hex(answer));
+  }
+
   slam_sn_event hear(std::string_view octets) {
     datagram = hex(octets);
     slam_sn_event event{};
@@ -96,16 +106,6 @@ class SnRobot {
   slam_sn_client client{};
   std::uint32_t now = 0xffffff00;
   Bytes datagram;
-
- private:
-  void answer_setup(std::uint8_t id) {
-    const auto out = sent();
-    ASSERT_EQ(out.size(), 1U);
-    const Bytes request = hex(out[0]);
-    Bytes answer{0x07, 0x0b, 0x00, id, request[4], request[5], 0x00};
-    if (request[1] == 0x12) answer = {0x08, 0x13, 0x20, 0x00, id, request[3], request[4], 0x00};
-    hear(to_hex(answer));
-  }
 };
 
 }  // namespace slamgw::firmware

@@ -146,5 +146,22 @@ TEST_F(RobotSessionRulesUp, UnsubscribesAgainUntilTheBrokerHasAnswered) {
   EXPECT_TRUE(drain<UnsubscribeSession>().empty());
 }
 
+TEST_F(RobotSessionRulesUp, AnUnsubscribedFilterForAllCommandsIsTheGatewaysAfterwards) {
+  const std::string everything = "ntnu-slam/server/r1/#";
+  resume(everything);
+  attach(true);
+  sessions.on_detached("r1", now);
+  sessions.unsubscribe("r1", everything);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  std::vector<std::string> order;
+  while (auto action = sessions.next_action()) {
+    const auto* it = std::get_if<SubscribeSession>(&*action);
+    if (it && it->filter == everything) order.emplace_back("subscribe");
+    if (std::holds_alternative<UnsubscribeSession>(*action)) order.emplace_back("unsubscribe");
+  }
+  EXPECT_EQ(order, (std::vector<std::string>{"unsubscribe", "subscribe"}));
+}
+
 }  // namespace
 }  // namespace slamgw::sessions

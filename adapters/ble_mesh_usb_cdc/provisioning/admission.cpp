@@ -263,7 +263,6 @@ bool Admission::make_room() {
   const auto unfinished = std::ranges::find(nodes, NodeState::reserved, &Node::state);
   if (unfinished == nodes.end()) return false;
   const Uuid uuid = unfinished->uuid;
-  candidates_.erase(uuid);
   nodes_.remove(uuid);
   nodes_.change().forget_removed(uuid);  // no operator has removed it
   return true;

@@ -86,7 +86,10 @@ void NodeDatabase::remove(Uuid uuid) {
 
 void NodeDatabase::retire(std::uint16_t address, std::uint8_t elements, const Uuid& uuid) {
   forget_removed(uuid);
-  if (removed.size() >= max_removed) removed.erase(removed.begin());
+  if (removed.size() >= max_removed) {
+    const auto unnamed = std::ranges::find(removed, Uuid{}, &RemovedNode::uuid);
+    removed.erase(unnamed != removed.end() ? unnamed : removed.begin());
+  }
   removed.push_back({uuid, address, elements});
 }
 

@@ -93,6 +93,22 @@ TEST(Roaming, ARobotThatTakesTheLastPlaceGoesOnByItsNote) {
   }
 }
 
+TEST(Roaming, ARobotKeepsItsPlaceWhileItSendsItsWill) {
+  Settings settings;
+  settings.max_clients = 1;
+  Next rig(settings);
+  rig.send(1, Connect{true, false, protocol_id, 60, "r1"});
+  rig.note("r1", note_of_r1());
+  rig.send(2, Connect{false, true, protocol_id, 60, "r2"});
+  rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{to_bytes("bye")});
+  EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
+  rig.publish(1, 1, 0, 0);
+  EXPECT_EQ(rig.reports.size(), 1U) << "its topic ids keep their meaning";
+  rig.pass_s(3);
+  for (const NoteChanged& note : rig.notes) EXPECT_FALSE(note.note.empty());
+}
+
 TEST(Roaming, ARobotWithoutANoteIsTakenAfterTwoSeconds) {
   for (const bool is_answered : {true, false}) {
     Next rig;
