@@ -86,6 +86,7 @@ class World:
             self.broker.order("cut", client=client_id(robots[0]))
             self.daemon.send(signal.SIGCONT)
         elif number in KILLS:
+            self.await_pace()
             robots = ROBOTS
             self.daemon.end(signal.SIGKILL)
             self.daemon.start()
@@ -94,6 +95,17 @@ class World:
             nth = chance.randrange(1, 4)
             self.broker.order("fault", packet=packet, direction=direction, then=then, nth=nth, client=client_id(robots[0]))
         wait_for(lambda: all(self.sessions(robot) > before[robot] for robot in robots), f"the robots' sessions after break {number}")
+
+    def await_pace(self):
+        """Until commands end as fast as they come, so that none of a former break comes in the round trip before the next one."""
+        deadline = time.monotonic() + PROMISE_S
+        while time.monotonic() < deadline:
+            published, ended = dict(self.commander.published), {robot: len(found) for robot, found in self.outcomes().items()}
+            time.sleep(5 * PERIOD_S)
+            now = self.outcomes()
+            pace = {robot: len(now[robot]) - ended.get(robot, 0) - self.commander.published[robot] + published[robot] for robot in ROBOTS}
+            if all(abs(more) <= 1 for more in pace.values()):
+                return
 
     def outcomes(self):
         """{robot: its outcomes}"""
