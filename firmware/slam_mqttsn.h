@@ -93,7 +93,7 @@ enum slam_sn_event_kind {
   SLAM_SN_MESSAGE,    // a message came, described by the members below
   SLAM_SN_PUBLISHED,  // the message of QoS 1 or 2 has ended; `code` says how
   // `topic`, or the robot (SLAM_SN_NO_TOPIC), is refused; `code` says why. After SLAM_SN_CONGESTION
-  // the client asks again after SLAM_SN_CONGESTION_MS.
+  // the client asks again, SLAM_SN_CONGESTION_MS later at the earliest.
   SLAM_SN_REFUSED
 };
 
@@ -996,8 +996,6 @@ static inline uint32_t slam_sn_wait_ms(const struct slam_sn_client* client, uint
     wait = 0;
   } else {
     wait = slam_sn_until_(slam_sn_ping_at_(client), now);
-    if (client->is_congested && slam_sn_until_(client->topics_at, now) < wait)
-      wait = slam_sn_until_(client->topics_at, now);
   }
   if (slam_sn_may_send_open_(client)) {
     const uint32_t until = slam_sn_until_(client->publish_at, now);

@@ -122,16 +122,17 @@ void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure
 }
 
 std::string SessionHost::explain(const std::string& robot, const AttachFailure& failure) const {
+  if (failure.is_id_refused)
+    return fmt::format(
+        "{}: the broker refuses this gateway the robot's session: {}; it does not let this gateway "
+        "use client ids {}",
+        robot, failure.why, names_.client_id("*"));
   if (failure.is_without_files)
     return fmt::format(
         "{}: its session at the broker cannot be opened: too many open files; raise RLIMIT_NOFILE "
         "(LimitNOFILE= of the service; each robot needs 4)",
         robot);
-  return fmt::format(
-      "{}: the broker refuses this gateway the robot's session: {}{}", robot, failure.why,
-      failure.is_id_refused
-          ? fmt::format("; it does not let this gateway use client ids {}", names_.client_id("*"))
-          : "");
+  return fmt::format("{}: its session at the broker cannot be opened: {}", robot, failure.why);
 }
 
 void SessionHost::on_detached(const std::string& robot) {
