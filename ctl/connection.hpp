@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam-gatewayctl's side of the control socket: blocking, with lines of JSON. Failures say in words
-// what to do.
+// slam-gatewayctl's side of the control socket: blocking, with lines of JSON. Failures name the
+// remedy in words.
 #pragma once
 
 #include <chrono>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One value of the configuration on its way into a setting: checks its type and range and reports
-// what is wrong together with what is allowed. Used by the schema's rows.
+// One value of the configuration on its way into a setting: checks its type and range, and reports
+// a mistake together with the allowed values. Used by the schema's rows.
 #pragma once
 
 #include <algorithm>

@@ -26,7 +26,8 @@ class LastAliveTest : public testing::Test {
     return std::chrono::floor<std::chrono::seconds>(
         std::chrono::steady_clock::now().time_since_epoch());
   }
-  /// As if a gateway had ended at `steady`, so long ago by the wall clock (negative: set back).
+  /// Writes the file of a gateway that ended at `steady`, and `wall_ago` before now by the wall
+  /// clock (negative: the clock was set back).
   void ended(std::chrono::seconds steady, std::chrono::seconds wall_ago,
              const std::string& uri = broker) const {
     test::write_file(file(), std::to_string(steady.count()) + " " + uri + "\n");

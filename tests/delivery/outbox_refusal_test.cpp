@@ -38,7 +38,7 @@ class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
       return notice.find(words) != std::string::npos;
     });
   }
-  /// So many messages of topic "t" become dead letters, one after the other.
+  /// Turns `count` messages of topic "t" into dead letters, one after the other.
   void be_refused(std::uint64_t count) {
     is_store_quick = true;
     link_up();

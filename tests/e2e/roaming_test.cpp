@@ -34,6 +34,14 @@ class TwoGateways : public testing::Test {
     return static_cast<std::size_t>(
         std::ranges::count_if(lines, [&](const auto& line) { return line.starts_with(start); }));
   }
+  /// Serves r1 at gateway a, which is then killed. Gateway b answers for the robot.
+  void leave_to_b(Device& r1) {
+    r1.connect_with_will("r1");
+    r1.subscribe("ntnu-slam/server/r1/cmd");
+    ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
+    a.process().send_signal(SIGKILL);
+    ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+  }
 
   Mosquitto broker;
   Subscriber everything{broker, "ntnu-slam/#", "%t %p"};
@@ -81,12 +89,8 @@ TEST_F(TwoGateways, RobotWhoseGatewayDiesHearsItsCommandsAtTheNextOne) {
 }
 
 TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
-  Device at_a{a.mqttsn_address()};
-  at_a.connect_with_will("r1");
-  at_a.subscribe("ntnu-slam/server/r1/cmd");
-  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
-  a.process().send_signal(SIGKILL);
-  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+  Device robot{a.mqttsn_address()};
+  leave_to_b(robot);
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
   ASSERT_TRUE(eventually([&] { return count("ntnu-slam/gateway/b/commands/r1") == 1; })) << b.log();
   EXPECT_EQ(count("ntnu-slam/gateway/b/commands/r1 {\"type\":\"cmd\",\"outcome\":\"refused\""), 1U);
@@ -95,11 +99,7 @@ TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
 /// The other gateway has not heard the robot, so it is still this one's.
 TEST_F(TwoGateways, GatewayThatReturnsKeepsTheRobotsThatWereAnsweredForMeanwhile) {
   Device robot{a.mqttsn_address()};
-  robot.connect_with_will("r1");
-  robot.subscribe("ntnu-slam/server/r1/cmd");
-  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
-  a.process().send_signal(SIGKILL);
-  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+  leave_to_b(robot);
   a.start();
   const auto knows_other = [&] {
     const json fleet = a.ctl({"fleet"});

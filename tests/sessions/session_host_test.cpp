@@ -371,7 +371,7 @@ TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
   settings.port = broker.port();
   a.host.on_broker_up(settings, MqttVersion::v5);
   a.hear("r1");
-  ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); })) << "nobody listens there";
+  ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); })) << "no broker listens there";
   EXPECT_FALSE(a.host.is_refused("r1"));
   a.host.on_broker_down();
   moved_to = "127.0.0.1";

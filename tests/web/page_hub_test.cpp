@@ -12,7 +12,7 @@ namespace {
 TEST(PageHub, MakesNoMetricsForAClientThatIsGone) {
   boost::asio::io_context io;
   Config config;
-  config.broker.port = test::free_tcp_port();  // nobody listens there
+  config.broker.port = test::free_tcp_port();  // no broker listens there
   PageHub hub(io, config, {}, "1");
   std::string made;
   const auto ask = [&](const std::shared_ptr<void>& place, char name) {

@@ -43,6 +43,12 @@ TEST_F(WebStartup, OnlyWatchesWhenNoTokenIsSet) {
   EXPECT_EQ(load().parsed.config.web.listen, "127.0.0.1:8321");
 }
 
+TEST_F(WebStartup, UsesLibmosquittoWhateverTheGatewayUses) {
+  write("gateway.json", R"({"broker": {"client": "paho"}})");
+  EXPECT_EQ(problem(), "");
+  EXPECT_EQ(load().parsed.config.broker.client, MqttClient::mosquitto);
+}
+
 TEST_F(WebStartup, TakesTheTokensOneLine) {
   write("gateway.json", R"({"web": {"token_file": "token"}})");
   write("token", std::string(token) + "\n");
