@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <array>
 #include <set>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
@@ -487,14 +488,18 @@ Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDataba
       if (known->state != NodeState::reserved) continue;
       std::erase_if(merged.nodes, [&](const Node& other) { return other.uuid == node.uuid; });
     }
-    if (!is_address_free(merged, node.address, node.elements, gateway, node.uuid))
-      return Refusal{
-          fmt::format("the address 0x{:04x} of node {} is another node's or the gateway's own "
-                      "(ble_mesh.address)",
-                      node.address, to_hex(node.uuid))};
+    const std::array places{std::pair(node.address, node.elements),
+                            std::pair(node.joining_address(), node.joining_elements())};
+    for (const auto& [address, elements] : places) {
+      if (!is_address_free(merged, address, elements, gateway, node.uuid))
+        return Refusal{
+            fmt::format("the address 0x{:04x} of node {} is another node's or the gateway's own "
+                        "(ble_mesh.address)",
+                        address, to_hex(node.uuid))};
+      const std::uint32_t end = address + elements;
+      if (end > merged.next_address) merged.next_address = static_cast<std::uint16_t>(end);
+    }
     merged.nodes.push_back(node);
-    const std::uint32_t end = node.address + node.elements;
-    if (end > merged.next_address) merged.next_address = static_cast<std::uint16_t>(end);
   }
   if (merged.nodes.size() > NodeDatabase::max_nodes)
     return Refusal{fmt::format("more than {} nodes", NodeDatabase::max_nodes)};

@@ -92,5 +92,16 @@ TEST(ImportedMesh, MayNotShareAddresses) {
   EXPECT_FALSE(merge_imported_mesh(own, imported(), 1).has_value()) << "another node's";
 }
 
+TEST(ImportedMesh, MayNotShareTheAddressWhereANodeJoinsAgain) {
+  NodeDatabase database = imported();
+  database.nodes[0].new_address = 0x0200;
+  database.nodes[0].new_elements = 2;
+  EXPECT_EQ(merge_imported_mesh({}, database, 1)->next_address, 0x0202);
+  NodeDatabase own = imported();
+  own.nodes.erase(own.nodes.begin());
+  own.nodes[0].address = 0x0201;
+  EXPECT_FALSE(merge_imported_mesh(own, database, 1).has_value());
+}
+
 }  // namespace
 }  // namespace slamgw::ble
