@@ -27,16 +27,21 @@ void LastAlive::read(const std::string& broker_uri) {
   std::int64_t seconds = 0;
   std::string uri;
   if (::stat(path_.c_str(), &file) != 0) return;
-  if (!(std::ifstream(path_) >> seconds >> uri) || uri != broker_uri) return;
   const Now now = read_clocks();
+  online_ = now.mono - std::chrono::hours(1);
+  if (!(std::ifstream(path_) >> seconds >> uri) || uri != broker_uri) return;
   const auto up = std::chrono::floor<std::chrono::seconds>(now.mono.time_since_epoch());
   const auto changed = std::chrono::system_clock::from_time_t(file.st_mtime);
   if (seconds < 0 || seconds > up.count() || changed > now.wall) return;
   const Duration wall_age = std::chrono::duration_cast<Duration>(now.wall - changed);
   before_start_ = now.mono - std::max<Duration>(up - std::chrono::seconds{seconds}, wall_age);
+  online_ = before_start_;
 }
 
 void LastAlive::on_broker_up(const std::string& uri) {
+  const TimePoint now = read_clocks().mono;
+  const bool was_long_offline = online_ && now - *online_ > 2 * interval;
+  write_from_ = was_long_offline ? now + interval : now;
   broker_uri_ = uri;
   keep_writing();
 }
@@ -55,10 +60,11 @@ void LastAlive::keep_writing() {
 }
 
 void LastAlive::write() {
-  if (broker_uri_.empty()) return;
-  const auto up = read_clocks().mono.time_since_epoch();
-  std::string text =
-      fmt::format("{} {}\n", std::chrono::floor<std::chrono::seconds>(up).count(), broker_uri_);
+  const TimePoint now = read_clocks().mono;
+  if (broker_uri_.empty() || now < write_from_) return;
+  online_ = now;
+  const auto up = std::chrono::floor<std::chrono::seconds>(now.time_since_epoch());
+  std::string text = fmt::format("{} {}\n", up.count(), broker_uri_);
   boost::asio::post(disk_, [path = path_, text = std::move(text)] {
     const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
     if (file < 0) return;

@@ -115,14 +115,32 @@ TEST_F(LastAliveTest, LeavesTheFileAloneBeforeTheBrokerIsOnline) {
 }
 
 TEST_F(LastAliveTest, LeavesTheFileAloneWhileTheBrokerIsOffline) {
-  ended(0s, 24h);
   LastAlive alive(io, directory.path(), broker);
   alive.on_broker_up(broker);
-  ASSERT_TRUE(test::eventually(io, [&] { return !is_still_old(); }));
+  ASSERT_TRUE(test::eventually(io, [&] { return !test::read_file(file()).empty(); }));
   alive.on_broker_down();
   ended(0s, 24h);
   alive.stop();
   EXPECT_TRUE(is_still_old());
+}
+
+/// A process that ends before it holds the robots' sessions must not make old commands look fresh.
+TEST_F(LastAliveTest, LeavesTheOldTimeToAProcessThatEndsAtOnce) {
+  ended(0s, 24h);
+  LastAlive alive(io, directory.path(), broker);
+  alive.on_broker_up(broker);
+  alive.stop();
+  EXPECT_TRUE(is_still_old());
+}
+
+TEST_F(LastAliveTest, WritesAtOnceAfterAShortTimeOffline) {
+  ended(up(), 0s);
+  test::write_file(file(), std::to_string(up().count() - 1) + " " + broker + "\n");
+  const std::string before = test::read_file(file());
+  LastAlive alive(io, directory.path(), broker);
+  alive.on_broker_up(broker);
+  alive.stop();
+  EXPECT_NE(test::read_file(file()), before);
 }
 
 TEST_F(LastAliveTest, LivesWithADirectoryThatCannotBeWritten) {
