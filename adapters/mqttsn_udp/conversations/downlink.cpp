@@ -31,7 +31,7 @@ std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t ms
 }
 
 /// Returns the message to drop when there is no room: one whose topic is set aside, else the oldest
-/// of QoS 0, else the oldest (R117).
+/// of QoS 0, else the oldest that was never sent, else the oldest (R117).
 std::size_t least_useful(const Delivery& delivery) {
   const auto index_of = [&](auto found) {
     return static_cast<std::size_t>(found - delivery.queue.begin());
@@ -41,7 +41,9 @@ std::size_t least_useful(const Delivery& delivery) {
   });
   if (set_aside != delivery.queue.end()) return index_of(set_aside);
   const auto qos0 = std::ranges::find(delivery.queue, Qos::at_most_once, &Outgoing::qos);
-  return qos0 != delivery.queue.end() ? index_of(qos0) : 0;
+  if (qos0 != delivery.queue.end()) return index_of(qos0);
+  const auto unsent = std::ranges::find(delivery.queue, 0, &Outgoing::msg_id);
+  return unsent != delivery.queue.end() ? index_of(unsent) : 0;
 }
 
 /// Remembers a failed QoS 2 command, so that a late PUBREC does not lead to its execution.
@@ -543,10 +545,13 @@ bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, Ti
   return true;
 }
 
+/// A robot may have obeyed a message that was sent and not acknowledged: `timeout`, not `refused`.
 void Downlink::refuse(ClientSession& session, const Outgoing& outgoing, std::string why,
                       TimePoint now) {
   remember_abandoned(session.delivery, outgoing);
-  commands_.end(outgoing.command, CommandResult::refused, std::move(why), now);
+  const bool was_sent = outgoing.msg_id != 0;
+  commands_.end(outgoing.command, was_sent ? CommandResult::timeout : CommandResult::refused,
+                std::move(why), now);
 }
 
 // --- CommandWatch --------------------------------------------------------------------------------

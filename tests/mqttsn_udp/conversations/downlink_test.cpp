@@ -285,6 +285,19 @@ TEST(SnGateway, RefusesACommandForARobotThatHasGone) {
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
 }
 
+TEST(SnGateway, DoesNotCallACommandRefusedThatTheRobotMayHaveObeyed) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  ConnectedRig rig;
+  rig.subscribe(1, command, 1);
+  rig.broker(command, "sent", 1);
+  rig.broker(command, "waits", 1);
+  rig.connect(1, "r1");
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(rig.outcomes[0].why, "the robot has begun a new session");
+  EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
+}
+
 TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {
   SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
   rig.connect(1, "watcher");

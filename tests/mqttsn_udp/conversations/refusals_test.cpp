@@ -94,16 +94,16 @@ TEST(SnGateway, HasABudgetForRefusalsOfACrowd) {
   EXPECT_EQ(rig.counter("connects_refused"), 20000U);
 }
 
-TEST(SnGateway, SaysWhyCommandsOfARobotThatDisconnectsAreRefused) {
+TEST(SnGateway, SaysWhyCommandsOfARobotThatDisconnectsEnd) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
   for (int i = 0; i < 2; ++i) rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
   rig.send(1, Disconnect{});
   ASSERT_EQ(rig.outcomes.size(), 2U);
-  for (const CommandOutcome& outcome : rig.outcomes) {
-    EXPECT_EQ(outcome.result, CommandResult::refused);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout) << "it was sent";
+  EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
+  for (const CommandOutcome& outcome : rig.outcomes)
     EXPECT_EQ(outcome.why, "the robot has disconnected");
-  }
 }
 
 /// As simon622's client does: it forgets its ids in its sleep, and says so in its own way.

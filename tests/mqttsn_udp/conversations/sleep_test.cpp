@@ -78,6 +78,22 @@ TEST(SnGateway, R117_BoundsTheBufferAndDropsQos0First) {
   EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "3")});
 }
 
+/// The robot may have obeyed it.
+TEST(SnGateway, R117_KeepsACommandThatWasSent) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  Settings settings;
+  settings.max_sleeping_messages = 2;
+  ConnectedRig rig(settings);
+  rig.subscribe(1, command, 1);
+  rig.broker(command, "sent", 1);
+  rig.sleep(1);
+  rig.broker(command, "waits", 1);
+  rig.broker(command, "waits, too", 1);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{2});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
+}
+
 TEST(SnGateway, R117_BoundsTheBufferInOctets) {
   Settings settings;
   settings.max_sleeping_messages = 10000;
