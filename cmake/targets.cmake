@@ -44,7 +44,8 @@ endfunction()
 add_custom_target(pure_tests) # builds the tests with the label "pure"
 
 # slamgw_test(name SOURCES a.cpp ... DEPENDS target ... [LABEL pure|io|e2e] [TIMEOUT s]): each TEST becomes a ctest.
-# Its timeout is for a test that hangs: long enough for a sanitizer on a machine that does other things as well.
+# Its timeout is for a test that hangs: long enough for a sanitizer on a machine that does other things as well. What waits for
+# processes and sockets begins first (COST), while there are short tests to fill the pauses.
 function(slamgw_test name)
   cmake_parse_arguments(arg "" "LABEL;TIMEOUT" "SOURCES;DEPENDS" ${ARGN})
   if(NOT BUILD_TESTING)
@@ -56,13 +57,16 @@ function(slamgw_test name)
   if(NOT arg_TIMEOUT)
     set(arg_TIMEOUT 300)
   endif()
+  set(cost_pure 0)
+  set(cost_io 50)
+  set(cost_e2e 100)
   if(CMAKE_CROSSCOMPILING) # an emulator runs them
     math(EXPR arg_TIMEOUT "${arg_TIMEOUT} * 10")
   endif()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS} GTest::gtest GTest::gtest_main)
   gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 300
-                       PROPERTIES LABELS "${arg_LABEL}" TIMEOUT ${arg_TIMEOUT})
+                       PROPERTIES LABELS "${arg_LABEL}" TIMEOUT ${arg_TIMEOUT} COST ${cost_${arg_LABEL}})
   if(arg_LABEL STREQUAL "pure")
     add_dependencies(pure_tests ${name})
   endif()
