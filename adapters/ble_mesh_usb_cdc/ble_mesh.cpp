@@ -326,6 +326,7 @@ Counters BleMesh::counters() const {
                     {"commands_timeout", downlink_.ended(CommandResult::timeout)},
                     {"commands_refused", downlink_.ended(CommandResult::refused)},
                     {"commands_superseded", downlink_.ended(CommandResult::superseded)},
+                    {"retained_dropped", downlink_.retained_dropped()},
                     {"relayed", relay.relayed},
                     {"relays_superseded", relay.superseded},
                     {"relays_dropped", relay.dropped},

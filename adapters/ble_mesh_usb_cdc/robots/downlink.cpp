@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
 
+#include <fmt/format.h>
+
 namespace slamgw::ble {
 
 void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessage& message,
                           CommandId id, TimePoint now) {
-  if (message.retain && !may_take_retained(robot, message)) return;
+  if (message.retain && !may_take_retained(robot, message, now)) return;
   const auto refuse = [&](std::string why) {
     conclude(robot, {{{Mesh::ble, id, robot.id, std::string(type), CommandResult::refused,
                        message.waited, std::move(why)},
@@ -23,10 +25,19 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
   transmit_due(robot, now);
 }
 
-bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message) const {
-  if (!robot.is_online || !link_.is_up || robot.retained_given.size() >= max_retained) return false;
-  if (!gate_.is_open_for(robot)) return false;
-  return robot.retained_given.insert(message.topic).second;
+bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message, TimePoint now) {
+  if (!robot.is_online || !link_.is_up || !gate_.is_open_for(robot)) return false;
+  if (robot.retained_given.contains(message.topic)) return false;
+  if (robot.retained_given.size() < max_retained)
+    return robot.retained_given.insert(message.topic).second;
+  ++retained_dropped_;
+  if (const auto count = retained_throttle_.on_event(now))
+    emit(Notice{Severity::warning,
+                fmt::format("{}: {} retained command(s) dropped, the last on {}: a BLE robot gets "
+                            "at most {} each time it comes online",
+                            robot.id, *count, message.topic, max_retained),
+                robot.id});
+  return false;
 }
 
 bool Downlink::on_status(Robot& robot, Opcode status, TimePoint now) {

@@ -9,13 +9,14 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
+#include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::ble {
 
 class Downlink : private MeshPart {
  public:
-  /// Maximum of topics whose retained message one robot gets.
-  static constexpr std::size_t max_retained = 32;
+  /// Maximum of topics whose retained message one robot gets each time that it comes online.
+  static constexpr std::size_t max_retained = CommandQueue::max_waiting;
   static constexpr const char* gateway_ends = "the gateway is stopping";
 
   explicit Downlink(const MeshPart& shared) : MeshPart(shared) {}
@@ -37,17 +38,20 @@ class Downlink : private MeshPart {
   /// Refuses all further commands, because the daemon ends.
   void on_stop() { is_stopping_ = true; }
 
+  std::uint64_t retained_dropped() const { return retained_dropped_; }
   std::uint64_t ended(CommandResult result) const {
     return ended_[static_cast<std::size_t>(result)];
   }
 
  private:
-  bool may_take_retained(Robot& robot, const BrokerMessage& message) const;
+  bool may_take_retained(Robot& robot, const BrokerMessage& message, TimePoint now);
   void transmit_due(Robot& robot, TimePoint now);
   void conclude(const Robot& robot, EndedCommands ended);
 
   std::uint8_t last_tid_ = 0;
   bool is_stopping_ = false;
+  std::uint64_t retained_dropped_ = 0;
+  LogThrottle retained_throttle_;
   std::array<std::uint64_t, command_result_count> ended_{};  ///< by CommandResult
 };
 

@@ -290,6 +290,23 @@ TEST_F(Downlink, ARobotThatIsGivenUpGoesWithoutAWordAndIsAnnouncedWhenItComesBac
   EXPECT_EQ(sent().size(), 2u) << "a retained command, once each time it comes";
 }
 
+TEST_F(Downlink, TellsOfRetainedCommandsBeyondTheBound) {
+  rig.hear(first_robot, "04 00 59 00");
+  const auto retained = [&](std::size_t i) {
+    rig.command("nr1/x" + std::to_string(i), to_bytes("1"), true);
+  };
+  for (std::size_t i = 0; i < ble::Downlink::max_retained; ++i) retained(i);
+  EXPECT_EQ(rig.counter("retained_dropped"), 0u);
+  EXPECT_TRUE(outcomes().empty()) << "all have room";
+  const std::size_t notices = rig.all<Notice>().size();
+  retained(100);
+  retained(101);
+  EXPECT_EQ(rig.counter("retained_dropped"), 2u);
+  EXPECT_EQ(rig.all<Notice>().size(), notices + 1) << "once in a burst";
+  retained(0);
+  EXPECT_EQ(rig.counter("retained_dropped"), 2u) << "this one it has";
+}
+
 TEST_F(Downlink, ARobotThatIsAnsweredForIsReportedAsAbsentAndMayStillHaveASubscription) {
   rig.hear(first_robot, "04 00 59 00");
   rig.give_up("nr1");
