@@ -77,7 +77,9 @@ void Gateway::pass_up(Report report, const Now& now) {
   const Robot* known = directory_.registry.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
   const auto own = scheme_.parse_robot_topic(report.topic);
-  std::string type(own ? own->type : std::string_view{report.topic});
+  // Where no robot's topic is, the last level is what an operator calls the type.
+  std::string type(own ? own->type
+                       : std::string_view(report.topic).substr(report.topic.rfind('/') + 1));
   const bool retain = report.retain && may_retain(report, type, now);
   Robot* robot = directory_.registry.on_report(report, now);
   presence_.withdraw_evicted();
