@@ -59,7 +59,7 @@ void append(const Row& row, TimePoint now, fmt::memory_buffer& text) {
     p50 = latency->p50.count();
     p99 = latency->p99.count();
   }
-  const RadioFacts radio = robot.radio.value_or(RadioFacts{});
+  const RadioFacts radio = robot.radio_now();
   const auto hundredths = static_cast<unsigned>(robot.numbers.rate_hz(now) * 100 + 0.5);
   fmt::format_to(
       std::back_inserter(text),

@@ -189,7 +189,7 @@ json robot_row(const std::string& id, const Robot& robot, const RobotSurrounding
   const MeshPresence& there = robot.presence();
   const RobotNumbers& numbers = robot.numbers;
   const auto latency = numbers.latency(now);
-  const RadioFacts radio = robot.radio.value_or(RadioFacts{});
+  const RadioFacts radio = robot.radio_now();
   return {{"id", id},
           {"mesh", to_string(robot.mesh())},
           {"meshes", to_json(robot.on_mesh)},

@@ -115,7 +115,8 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
     {"topics.prefix",
      [](Value v, Config& c) {
        v.text(c.topics.prefix, is_topic_prefix,
-              "topic levels without wildcards, not empty, no / at either end, no $ in front");
+              "topic levels of at most 64 bytes, 128 in all, without wildcards, not empty, no / at "
+              "either end, no $ in front");
      }},
     {"topics.extra_publish",
      [](Value v, Config& c) { v.texts(c.topics.extra_publish, is_valid_filter, filter_words); }},

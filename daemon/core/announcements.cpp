@@ -26,11 +26,10 @@ std::string presence_json(const Robot& robot) {
       to_iso8601(presence.since), to_iso8601(robot.last_seen));
   if (presence.is_deaf) text += R"(,"deaf":true)";
   if (robot.is_contested()) text += R"(,"contested":true)";
-  if (const auto& radio = robot.radio) {
-    if (radio->rssi_dbm) text += fmt::format(R"(,"rssi_dbm":{})", *radio->rssi_dbm);
-    if (radio->ttl) text += fmt::format(R"(,"ttl":{})", *radio->ttl);
-    if (radio->hops) text += fmt::format(R"(,"hops":{})", *radio->hops);
-  }
+  const RadioFacts radio = robot.radio_now();
+  if (radio.rssi_dbm) text += fmt::format(R"(,"rssi_dbm":{})", *radio.rssi_dbm);
+  if (radio.ttl) text += fmt::format(R"(,"ttl":{})", *radio.ttl);
+  if (radio.hops) text += fmt::format(R"(,"hops":{})", *radio.hops);
   return text + "}";
 }
 

@@ -73,9 +73,7 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   if (!robot) return nullptr;
   --counts_[static_cast<std::size_t>(robot->presence().presence)];
   MeshPresence& there = robot->on_mesh[change.mesh];
-  const bool is_same_state =
-      there.presence == change.presence &&
-      (there.is_deaf != change.is_deaf || there.is_contested != change.is_contested);
+  const bool is_same_state = there.is_known && there.presence == change.presence;
   there.is_known = true;
   there.presence = change.presence;
   there.address = change.address;
@@ -97,6 +95,7 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   ++robot->on_mesh[report.mesh].up;
   robot->last_mesh = report.mesh;
   robot->radio = report.radio;
+  robot->radio_mesh = report.mesh;
   return robot;
 }
 

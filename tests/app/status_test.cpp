@@ -127,6 +127,7 @@ TEST(RobotRow, HasWhatIsKnownAndNullForTheRest) {
   EXPECT_EQ(row["deaf"], false);
   EXPECT_EQ(row["contested"], false);
   robot.radio = RadioFacts{-61, 2, 3};
+  robot.radio_mesh = robot.mesh();
   row = robot_row("r", robot, {.queue = 5}, {});
   EXPECT_EQ(row["rssi_dbm"], -61);
   EXPECT_EQ(row["hops"], 2);

@@ -101,6 +101,25 @@ TEST_F(GatewayTest, RetainsOnlyTypesThatTheConfigurationNames) {
   EXPECT_EQ(strict.traffic().not_retained, 1u);
 }
 
+TEST_F(GatewayTest, TakesTheLastLevelOfAForeignTopicForItsType) {
+  Gateway strict(TopicScheme("ntnu-slam", "pi1"),
+                 {.version = "0.1.0", .started = now.wall, .retain = {"battery"}}, broker,
+                 [](Mesh, const std::string&) { return std::optional<Presence>{}; });
+  strict.on_mesh_event(Report{.mesh = Mesh::thread,
+                              .robot = "r",
+                              .topic = "lab/r/battery",
+                              .payload = to_bytes("x"),
+                              .retain = true,
+                              .receipt = no_receipt},
+                       now);
+  std::optional<PassUp> passed;
+  while (auto action = strict.next_action())
+    if (auto* up = std::get_if<PassUp>(&*action)) passed = std::move(*up);
+  ASSERT_TRUE(passed);
+  EXPECT_TRUE(passed->retain);
+  EXPECT_EQ(passed->event.type, "battery");
+}
+
 TEST_F(GatewayTest, SaysOnceInABurstThatARobotRetainsTooMuch) {
   std::size_t notices = 0;
   for (int type = 0; type < 200; ++type) {
@@ -153,11 +172,40 @@ TEST_F(GatewayTest, SaysInThePresenceThatARobotIsDeafWhileItIs) {
   EXPECT_FALSE(presence(false, 9s).contains("deaf"));
 }
 
+TEST_F(GatewayTest, KeepsTheTimeOfTheStateWhenOnlyTheAddressChanges) {
+  broker_comes();
+  const auto since = [&](const std::string& address, std::chrono::seconds later) {
+    gateway.on_mesh_event(PresenceChange{Mesh::thread, "a", Presence::online, address},
+                          Now{now.mono + later, now.wall + later});
+    return json::parse(as_text(drain<Upload>().back().message.payload))["since"];
+  };
+  const json first = since("[fd00::1]:1", 0s);
+  EXPECT_EQ(since("[fd00::2]:1", 60s), first);
+}
+
+TEST_F(GatewayTest, TellsNoSignalOfAMeshThatTheRobotHasLeft) {
+  broker_comes();
+  Report report = update_from("a", {0x0a, 0x00, 0xec, 0xff});
+  report.mesh = Mesh::ble;
+  report.radio = RadioFacts{-61, 2, 3};
+  say(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"});
+  say(report);
+  say(PresenceChange{Mesh::thread, "a", Presence::online, "[fd00::1]:1"});
+  drain<Upload>();
+  say(PresenceChange{Mesh::ble, "a", Presence::offline, "0x0100"});
+  const auto uploads = drain<Upload>();
+  ASSERT_FALSE(uploads.empty());
+  const json state = json::parse(as_text(uploads.back().message.payload));
+  EXPECT_EQ(state["mesh"], "thread");
+  EXPECT_FALSE(state.contains("rssi_dbm"));
+}
+
 TEST_F(GatewayTest, AddsWhatTheRadioSaysToPresenceOnce) {
   broker_comes();
   say(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"});
   drain<Upload>();
   Report report = update_from("a", {0x0a, 0x00, 0xec, 0xff});
+  report.mesh = Mesh::ble;
   report.radio = RadioFacts{-61, 2, 3};
   say(report);
   const auto uploads = drain<Upload>();
