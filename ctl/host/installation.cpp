@@ -189,15 +189,27 @@ std::string change_bans(const Installation& installation, const std::string& who
                      file.string());
 }
 
+namespace {
+
+/// Returns whether systemd runs the service or is about to. `systemctl is-active` says no while the
+/// unit waits for its restart after a crash.
+bool is_service_running() {
+  const std::string state =
+      run_program({"systemctl", "show", "-P", "ActiveState", service_unit}).output;
+  return state == "active\n" || state == "activating\n" || state == "reloading\n";
+}
+
+}  // namespace
+
 ServicePause::ServicePause(const Installation& installation) {
   if (!installation.is_service()) return;
   for (auto& [number, former] : former_) former = std::signal(number, SIG_IGN);
-  was_active_ = run_program({"systemctl", "is-active", "--quiet", service_unit}).status == 0;
-  if (was_active_) run_or_fail({"systemctl", "stop", service_unit});
+  was_running_ = is_service_running();
+  if (was_running_) run_or_fail({"systemctl", "stop", service_unit});
 }
 
 ServicePause::~ServicePause() {
-  if (was_active_) run_program({"systemctl", "start", "--no-block", service_unit});
+  if (was_running_) run_program({"systemctl", "start", "--no-block", service_unit});
   for (const auto& [number, former] : former_)
     if (former != SIG_ERR) std::signal(number, former);
 }

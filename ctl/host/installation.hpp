@@ -61,7 +61,7 @@ class ServicePause {
   ServicePause& operator=(const ServicePause&) = delete;
 
  private:
-  bool was_active_ = false;
+  bool was_running_ = false;
   /// The handlers to restore; `SIG_ERR`: none.
   std::map<int, void (*)(int)> former_{
       {SIGINT, SIG_ERR}, {SIGTERM, SIG_ERR}, {SIGHUP, SIG_ERR}, {SIGPIPE, SIG_ERR}};

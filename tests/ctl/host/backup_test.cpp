@@ -57,6 +57,13 @@ class Backup : public testing::Test {
   fs::path root() const { return directory_.path(); }
   std::string archive() const { return root() / "backup.tar.gz"; }
   Installation installation() const { return Installation(root() / "etc/gateway.json"); }
+  /// A systemctl whose service is in this ActiveState; `calls` lists what it is told to do.
+  FakeProgram fake_systemctl(const std::string& state) const {
+    return {root() / "bin", "systemctl",
+            "case $1 in show) echo " + state + " ;; is-active) [ " + state +
+                " = active ] || exit 3 ;; *) echo \"$1\" >> " + (root() / "calls").string() +
+                " ;; esac"};
+  }
   void write(const std::string& name, const std::string& text) {
     std::ofstream(root() / name) << text;
   }
@@ -186,17 +193,33 @@ TEST_F(Backup, RestoresAStateDirectoryOnAnotherFilesystem) {
 }
 
 TEST_F(Backup, StartsTheServiceAgainAfterCtrlC) {
-  const FakeProgram systemctl(root() / "bin", "systemctl",
-                              "echo \"$1\" >> " + (root() / "calls").string());
+  const auto systemctl = fake_systemctl("active");
   {
     const ServicePause pause(Installation{service_configuration});
     for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) raise(number);
-    EXPECT_EQ(read("calls"), "is-active\nstop\n");
+    EXPECT_EQ(read("calls"), "stop\n");
   }
-  EXPECT_EQ(read("calls"), "is-active\nstop\nstart\n");
+  EXPECT_EQ(read("calls"), "stop\nstart\n");
   struct sigaction now {};
   ASSERT_EQ(sigaction(SIGINT, nullptr, &now), 0);
   EXPECT_EQ(now.sa_handler, SIG_DFL);
+}
+
+TEST_F(Backup, StopsAServiceThatIsAboutToStart) {
+  for (const char* const state : {"activating", "reloading"}) {
+    const auto systemctl = fake_systemctl(state);
+    { const ServicePause pause(Installation{service_configuration}); }
+    EXPECT_EQ(read("calls"), "stop\nstart\n") << state;
+    fs::remove(root() / "calls");
+  }
+}
+
+TEST_F(Backup, LeavesAStoppedServiceStopped) {
+  for (const char* const state : {"inactive", "failed"}) {
+    const auto systemctl = fake_systemctl(state);
+    { const ServicePause pause(Installation{service_configuration}); }
+    EXPECT_FALSE(fs::exists(root() / "calls")) << state;
+  }
 }
 
 TEST_F(Backup, ReportHasTheNewestPartOfALongJournal) {
