@@ -188,6 +188,20 @@ TEST_F(WebRoster, ForgetsWhatIsTakenBack) {
   EXPECT_TRUE(roster.texts().empty());
 }
 
+TEST_F(WebRoster, ForgetsWhenAWithdrawnGatewayHeardARobot) {
+  start("pi", "r");
+  const std::int64_t heard = now;
+  for (const std::string withdrawn : {"numbers", "state"}) {
+    hear("x", "state", {{"state", "online"}, {"since", iso(now)}});
+    pass(hour);
+    hear("x", "numbers", {{"robots", {{"r", {{"last_heard", iso(now)}}}}}});
+    EXPECT_EQ(roster.robot("r").heard_ms, now);
+    roster.on_document({"x", withdrawn}, "", now, false);
+    roster.update(now);
+    EXPECT_EQ(roster.robot("r").heard_ms, heard) << withdrawn;
+  }
+}
+
 TEST_F(WebRoster, IsBoundedWhateverNamesGatewaysHave) {
   constexpr int names = 100'000;
   const auto publish = [&](const std::string& rest, const char* payload) {

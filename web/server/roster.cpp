@@ -139,10 +139,12 @@ void Roster::on_robot_message(std::string_view robot, std::string_view gateway,
 
 void Roster::forget(std::string_view gateway, std::string_view rest) {
   const auto known = gateways_.find(gateway);
-  if (known != gateways_.end() && (rest == "state" || !known->second.state)) {
-    gateways_.erase(known);
-    for (const auto& [id, robot] : robots_)
-      if (robot.presence.contains(gateway)) touched_.insert(id);
+  const bool is_gone = known != gateways_.end() && (rest == "state" || !known->second.state);
+  if (is_gone) gateways_.erase(known);
+  if (is_gone || rest == "numbers") {
+    for (auto& [id, robot] : robots_)
+      if (robot.heard_ms.erase(std::string(gateway)) > 0 || robot.presence.contains(gateway))
+        touched_.insert(id);
   }
   if (!rest.starts_with(robots_level)) return;
   const auto robot = robots_.find(rest.substr(robots_level.size()));
