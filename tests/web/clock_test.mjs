@@ -32,6 +32,18 @@ for (const [name, aheads] of Object.entries({
     }
   });
 
+test('a state that a gateway sent hours ago does not move the clock', () => {
+  const model = modelWithPrefix();
+  model.take({ topic: 'p/gateway/g/state', payload: { state: 'offline' }, at: Date.now() - 5 * HOUR_MS });
+  assert.ok(Math.abs(model.now() - Date.now()) < 1000);
+});
+
+test('the greeting tells the time of the program', () => {
+  const model = new Model();
+  model.takeOwn('hello', { prefix: 'p', origins: {}, gateway: 'g', now: Date.now() + HOUR_MS });
+  assert.ok(Math.abs(model.now() - HOUR_MS - Date.now()) < 1000);
+});
+
 test('a late message does not move the clock', () => {
   const model = modelWithPrefix();
   hear(model, 0);

@@ -339,10 +339,12 @@ export class Model {
     this.revision++;
     if (message.topic.startsWith('$web/')) return this.takeOwn(message.topic.slice(5), message.payload);
     if (message.at && !message.retain) this.newest = Math.max(this.newest, message.at);
-    if (message.at && !message.retain) this.compareClocks(message.at - Date.now());
     const rest = message.topic.slice(this.prefix.length + 1).split('/');
     const branch = rest.shift();
-    if (!message.retain && (branch !== 'gateway' || rest[1] === 'commands')) this.liveFrom = Math.min(this.liveFrom, message.at);
+    // A gateway's states keep the time at which they came to the program, which a page that comes later may get hours after.
+    const isLive = message.at && !message.retain && (branch !== 'gateway' || rest[1] === 'commands');
+    if (isLive) this.liveFrom = Math.min(this.liveFrom, message.at);
+    if (isLive) this.compareClocks(message.at - Date.now());
     if (branch === 'robot') this.takeRobot(message, rest[0], rest.slice(1).join('/'));
     else if (branch === 'server') {
       this.note(message, 'to robot', rest[0], rest.slice(1).join('/'));
@@ -362,6 +364,7 @@ export class Model {
       this.origins = said.origins;
       this.takesToken = said.takes_token;
       this.version = said.version;
+      if (said.now) this.compareClocks(said.now - Date.now());
       // All states come again after this message, except those that were withdrawn.
       this.gateways.clear();
       this.gatewaysLeftOut = false;

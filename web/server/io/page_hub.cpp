@@ -248,7 +248,7 @@ void PageHub::on_refused(std::uint64_t command, const std::string& why) {
 std::string PageHub::greeting() const {
   std::string payload = site_;
   payload.pop_back();
-  payload += tokens_.empty() ? R"(,"takes_token":false})" : R"(,"takes_token":true})";
+  payload += fmt::format(R"(,"takes_token":{},"now":{}}})", !tokens_.empty(), now_ms());
   return own_message("hello", payload);
 }
 
