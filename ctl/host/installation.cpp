@@ -14,11 +14,13 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <optional>
 #include <string_view>
+#include <thread>
 #include <utility>
 
 #include "ctl/connection.hpp"
@@ -43,6 +45,8 @@ bool sync(const fs::path& path) {
 }
 
 constexpr std::size_t max_output_bytes = std::size_t{4} << 20;
+constexpr std::chrono::seconds lock_patience{10};
+constexpr std::chrono::milliseconds lock_retry{20};
 constexpr int exit_not_started = 127;  // as a shell reports it
 constexpr int exit_signal = 128;
 
@@ -141,15 +145,28 @@ std::vector<fs::path> Installation::files() const {
   return files;
 }
 
-DirectoryLock::DirectoryLock(const fs::path& directory)
-    : directory_(open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
-  if (directory_ >= 0 && flock(directory_, LOCK_EX) == 0) return;
-  const int error = errno;
-  if (directory_ >= 0) close(directory_);
-  throw Failure(fmt::format("{} can't be locked: {}", directory.string(), std::strerror(error)));
+/// Locks a file of its own: every user can open, and so lock, the directory.
+DirectoryLock::DirectoryLock(const fs::path& directory) {
+  const std::string name = directory / ".lock";
+  file_ = open(name.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0600);
+  if (file_ < 0)
+    throw Failure(fmt::format("{}: {}{}", name, std::strerror(errno),
+                              errno == EACCES ? "; type the command with sudo" : ""));
+  const auto until = std::chrono::steady_clock::now() + lock_patience;
+  while (flock(file_, LOCK_EX | LOCK_NB) != 0) {
+    const int error = errno;
+    if (error == EWOULDBLOCK && std::chrono::steady_clock::now() < until) {
+      std::this_thread::sleep_for(lock_retry);
+      continue;
+    }
+    close(file_);
+    throw Failure(fmt::format("{}: {}", name,
+                              error == EWOULDBLOCK ? "another slam-gatewayctl changes bans or keys"
+                                                   : std::strerror(error)));
+  }
 }
 
-DirectoryLock::~DirectoryLock() { close(directory_); }
+DirectoryLock::~DirectoryLock() { close(file_); }
 
 /// Returns the bans in force after a reload. Throws Failure when the configuration has a problem:
 /// then a reload changes nothing, and the bans may be missing here.

@@ -94,15 +94,14 @@ class WorkDirectory {
 /// Keeps other slam-gatewayctl programs from changing the directory's files until the destructor.
 class DirectoryLock {
  public:
-  /// Waits for the lock. Throws Failure when the directory can't be opened or locked.
+  /// Waits up to 10 s for the lock. Throws Failure without it, or without a right to the directory.
   explicit DirectoryLock(const std::filesystem::path& directory);
   ~DirectoryLock();
   DirectoryLock(const DirectoryLock&) = delete;
   DirectoryLock& operator=(const DirectoryLock&) = delete;
-  int directory() const { return directory_; }
 
  private:
-  int directory_;
+  int file_;
 };
 
 /// Adds `who` to `bans`, or removes it, in `gateway.d/bans.json`. Returns the result in words.

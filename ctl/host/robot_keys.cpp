@@ -78,13 +78,14 @@ void give_to_owner(int file, const fs::path& replaced) {
   if (fchown(file, owner, group) != 0) fail(replaced, "given to its owner");
 }
 
-void write_keys(const fs::path& path, const RobotKeys& keys, int directory) {
+void write_keys(const fs::path& path, const RobotKeys& keys) {
   const std::string text = write_key_file(keys);
   const std::string unfinished = path.string() + ".unfinished";
   unlink(unfinished.c_str());
   const Descriptor file(open(unfinished.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   if (file < 0) fail(path, "written");
   give_to_owner(file, path);
+  const Descriptor directory(open(path.parent_path().c_str(), O_RDONLY | O_CLOEXEC));
   const bool is_written =
       write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
       fsync(file) == 0 && rename(unfinished.c_str(), path.c_str()) == 0 && fsync(directory) == 0;
@@ -109,14 +110,14 @@ std::string identity_of(const Installation& installation, const std::string& rob
 
 nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task) {
   const fs::path path = keys_file(installation);
-  const DirectoryLock lock(path.parent_path());
-  RobotKeys keys = read_keys(path);
   nlohmann::ordered_json answer{{"file", path.string()}};
   if (task.kind == HostTask::Kind::key_list) {
     answer["robots"] = nlohmann::json::array();
-    for (const auto& [identity, key] : keys) answer["robots"].push_back(identity);
+    for (const auto& [identity, key] : read_keys(path)) answer["robots"].push_back(identity);
     return answer;
   }
+  const DirectoryLock lock(path.parent_path());
+  RobotKeys keys = read_keys(path);
   const std::string identity = identity_of(installation, task.who);
   answer["robot"] = task.who;
   answer["identity"] = identity;
@@ -133,7 +134,7 @@ nlohmann::ordered_json change_keys(const Installation& installation, const HostT
   } else if (keys.erase(identity) == 0) {
     throw Failure(fmt::format("{} has no key in {}", task.who, path.string()));
   }
-  write_keys(path, keys, lock.directory());
+  write_keys(path, keys);
   return answer;
 }
 

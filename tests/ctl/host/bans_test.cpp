@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bans are added and removed in the site's own file; no change is lost.
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <string>
@@ -41,6 +44,16 @@ TEST_F(Bans, LoseNoneThatIsAddedAtTheSameTime) {
     writers.emplace_back([&, i] { change_bans(installation, "r" + std::to_string(i), true); });
   for (std::thread& writer : writers) writer.join();
   EXPECT_EQ(bans().size(), 8U);
+}
+
+TEST_F(Bans, DoNotWaitForAUserWhoLocksTheDirectory) {
+  const int directory = open(directory_.path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  ASSERT_EQ(flock(directory, LOCK_EX), 0);
+  change_bans(Installation(configuration()), "tank", true);
+  close(directory);
+  EXPECT_EQ(bans(), std::vector<std::string>{"tank"});
+  EXPECT_EQ(std::filesystem::status(directory_ / ".lock").permissions(),
+            std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
 }
 
 /// Returns the message of the Failure.
