@@ -130,9 +130,9 @@ TEST_F(WebMetrics, TellAClockThatIsWrongAndCorrectTimesByIt) {
 }
 
 TEST_F(WebMetrics, EscapeWhatRobotsAreCalled) {
-  hear("g/numbers", R"({"robots":{"a\"b\\c\nd":{"up":1}}})");
+  hear("g/numbers", R"({"robots":{"a\"b\\c\nd":{"meshes":{"ble":{"up":1}}}}})");
   EXPECT_TRUE(has(
-      R"(slamgw_robot_messages_total{gateway="g",robot="a\"b\\c\nd",mesh="",direction="up"} 1)"));
+      R"(slamgw_robot_messages_total{gateway="g",robot="a\"b\\c\nd",mesh="ble",direction="up"} 1)"));
 }
 
 TEST_F(WebMetrics, TakeNonsenseForNothing) {

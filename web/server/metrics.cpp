@@ -164,7 +164,7 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
   }
 }
 
-/// Adds the counts of one mesh that the robot was on. Older gateways send only the sums.
+/// Adds the counts of one mesh that the robot was on.
 void add_counts(Exposition& out, const Labels& robot, const std::string& mesh, const json& counts) {
   Labels labels = robot;
   labels.emplace_back("mesh", mesh);
@@ -195,14 +195,10 @@ void add_quantiles(Exposition& out, Labels labels, const json& numbers) {
 
 void add_robot(Exposition& out, const Labels& robot, const json& numbers) {
   Labels labels = robot;
-  const std::string mesh = text(numbers, {"mesh"});
-  labels.emplace_back("mesh", mesh);
+  labels.emplace_back("mesh", text(numbers, {"mesh"}));
   const json* meshes = find(numbers, {"meshes"});
-  if (meshes != nullptr && meshes->is_object()) {
+  if (meshes != nullptr && meshes->is_object())
     for (const auto& [name, counts] : meshes->items()) add_counts(out, robot, name, counts);
-  } else {
-    add_counts(out, robot, mesh, numbers);
-  }
   add_rows(out, numbers,
            {{{"rate_hz"}, "slamgw_robot_rate_hertz", "Messages a second."},
             {{"rssi_dbm"}, "slamgw_robot_rssi_dbm", "Strength of the robot's signal."}},
