@@ -38,7 +38,7 @@ constexpr std::uint64_t archive_format = 1;
 struct Manifest {
   std::string configuration;
   fs::path state;
-  std::string gateway;  ///< the gateway's id; empty in older archives
+  std::string gateway;  ///< the gateway's id
 };
 
 void write_manifest(const fs::path& directory, const Manifest& manifest) {
@@ -250,7 +250,7 @@ std::string replace_files(const fs::path& unpacked, const std::vector<fs::path>&
 /// new topics, and messages retained under the old name stay at the broker.
 std::string words_on_new_name(const Manifest& manifest) {
   const std::string now = Installation(manifest.configuration).parsed().config.gateway_id;
-  if (manifest.gateway.empty() || manifest.gateway == now) return {};
+  if (manifest.gateway == now) return {};
   return fmt::format(
       "This gateway is called '{}' here, after its host; in the backup it was '{}'. To keep that "
       "name, write\n  {{\"gateway\": {{\"id\": \"{}\"}}}}\ninto {} and type: sudo systemctl "
