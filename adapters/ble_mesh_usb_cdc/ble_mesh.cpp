@@ -26,13 +26,15 @@ void BleMesh::on_start() { robots_.on_start(); }
 
 // --- The radio -----------------------------------------------------------------------------------
 
-void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
-  if (!provisioner_.on_keys(keys, now)) radio_->on_keys(keys, now);
+void BleMesh::on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now) {
+  provisioner_.on_keys(wanted, keys, now);
+  if (!wanted.is_refresh) radio_->on_keys(keys, now);
   settle(now);
 }
 
-void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
-  if (!provisioner_.on_keys_failed(why, now)) radio_->on_keys_failed(why, now);
+void BleMesh::on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now) {
+  provisioner_.on_keys_failed(wanted, why, now);
+  if (!wanted.is_refresh) radio_->on_keys_failed(why, now);
   settle(now);
 }
 

@@ -33,8 +33,9 @@ class BleMesh {
   /// Sets the TID that the first on/off Set follows. Call before the first command, with a random
   /// number: robots drop a TID that they saw within 6 s, also from the daemon before a restart.
   void begin_tids_after(std::uint8_t tid) { downlink_.begin_tids_after(tid); }
-  void on_keys(const MeshKeys& keys, TimePoint now);
-  void on_keys_failed(const std::string& why, TimePoint now);
+  /// `wanted` is the action that these keys answer.
+  void on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now);
+  void on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now);
   /// Restarts the radio with an address that no robot has heard; the radio forgets everything.
   /// Returns false if the radio is down or keeps its address.
   bool begin_new_life(TimePoint now);

@@ -68,8 +68,8 @@ struct ReopenPort {
 
 // Events that the radio reports.
 
-/// Make keys for a new mesh and store them; answered by Radio::on_keys or on_keys_failed. For a key
-/// refresh, the mesh itself asks for the keys and has them stored.
+/// Make keys for a new mesh and store them; answered by BleMesh::on_keys or on_keys_failed. For a
+/// key refresh, the mesh itself asks for the keys and has them stored.
 struct GenerateKeys {
   bool is_refresh = false;
 };

@@ -80,11 +80,11 @@ struct MeshdRig : EventLog {
                request);
   }
   void perform(MeshAction& action) {
-    if (std::holds_alternative<GenerateKeys>(action)) {
+    if (const auto* wanted = std::get_if<GenerateKeys>(&action)) {
       MeshKeys keys;
       keys.net_key.fill(++key_number);
       keys.app_key.fill(++key_number);
-      mesh->on_keys(keys, now);
+      mesh->on_keys(*wanted, keys, now);
     } else if (auto* store = std::get_if<StoreMesh>(&action)) {
       if (disk_problem.empty()) stored = std::move(store->database);
       mesh->on_stored(disk_problem, now);

@@ -226,7 +226,7 @@ class LifeReplay : public EventLog {
     std::visit(overloaded{
                    [&](WriteSerial& write) { answer(write.bytes); },
                    [&](ReopenPort&) { ADD_FAILURE() << "the link was given up"; },
-                   [&](GenerateKeys&) { mesh.on_keys(keys_, now); },
+                   [&](GenerateKeys& wanted) { mesh.on_keys(wanted, keys_, now); },
                    [&](StoreMesh& store) {
                      stored = std::move(store.database);
                      mesh.on_stored({}, now);

@@ -205,7 +205,7 @@ class MeshRig : public EventLog {
                      [&](GenerateKeys& wanted) {
                        ++key_requests;
                        if (answers_key_requests)
-                         mesh.on_keys(wanted.is_refresh ? new_keys() : test_keys(), now);
+                         mesh.on_keys(wanted, wanted.is_refresh ? new_keys() : test_keys(), now);
                      },
                      [&](StoreMesh& store) {
                        stored.push_back(std::move(store.database));

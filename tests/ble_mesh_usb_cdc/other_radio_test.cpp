@@ -113,10 +113,10 @@ struct OtherRadioRig : EventLog {
     }
   }
   void perform(MeshAction& action) {
-    if (std::holds_alternative<GenerateKeys>(action)) {
+    if (const auto* wanted = std::get_if<GenerateKeys>(&action)) {
       MeshKeys keys;
       keys.net_key.fill(1);
-      mesh.on_keys(keys, now);
+      mesh.on_keys(*wanted, keys, now);
     }
     if (auto* store = std::get_if<StoreMesh>(&action)) {
       stored = std::move(store->database);

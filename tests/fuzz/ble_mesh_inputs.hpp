@@ -104,7 +104,8 @@ class MeshInputs {
         if (write->bytes[0] == 9 && write->bytes[1] == 2) echo = write->bytes;
         last_command_ = write->bytes[1];
       }
-      if (std::holds_alternative<GenerateKeys>(*action)) mesh_.on_keys({}, now_);
+      if (const auto* wanted = std::get_if<GenerateKeys>(&*action))
+        mesh_.on_keys(*wanted, {}, now_);
       if (std::holds_alternative<OrderEnded>(*action)) ++answered_;
       auto* event = std::get_if<MeshEvent>(&*action);
       if (event != nullptr && std::holds_alternative<CommandOutcome>(*event)) ++ended_;

@@ -117,8 +117,8 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
       this->notify(Severity::notice,
                    "a new BLE mesh begins: " + file_.path() +
                        " holds its keys; keep a backup, without them every robot must join again");
-    problem.empty() ? this->driver()->on_keys(*keys, read_clocks())
-                    : this->driver()->on_keys_failed(problem, read_clocks());
+    problem.empty() ? this->driver()->on_keys(wanted, *keys, read_clocks())
+                    : this->driver()->on_keys_failed(wanted, problem, read_clocks());
   }
   void store(NodeDatabase database) {
     write_file(

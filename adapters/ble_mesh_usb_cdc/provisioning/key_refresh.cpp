@@ -15,15 +15,13 @@ RefreshStep KeyRefresh::step() const {
 }
 
 void KeyRefresh::begin() {
-  awaits_keys_ = true;
-  actions_.push(GenerateKeys{.is_refresh = true});
+  if (!std::exchange(awaits_keys_, true)) actions_.push(GenerateKeys{.is_refresh = true});
 }
 
-bool KeyRefresh::on_keys(const MeshKeys& keys) {
-  if (!std::exchange(awaits_keys_, false)) return false;
+void KeyRefresh::on_keys(const MeshKeys& keys) {
+  if (!std::exchange(awaits_keys_, false)) return;
   nodes_.change().refresh = RefreshState{RefreshStep::distributing, keys};
   begin_step(RefreshStep::distributing);
-  return true;
 }
 
 // --- The nodes -----------------------------------------------------------------------------------

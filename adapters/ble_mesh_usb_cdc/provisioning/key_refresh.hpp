@@ -17,14 +17,15 @@ class KeyRefresh : private ProvisionerPart {
   explicit KeyRefresh(const ProvisionerPart& shared)
       : ProvisionerPart(shared), radio_step_(step()) {}
 
-  /// Asks for new keys; answered by on_keys or on_keys_failed.
+  /// Asks for new keys, unless they are being made already; answered by on_keys or on_keys_failed.
   void begin();
-  /// Returns true if these keys are for the refresh, which begins when they are on disk.
-  bool on_keys(const MeshKeys& keys);
-  /// Returns true if the keys were for the refresh, which does not begin then.
-  bool on_keys_failed() { return std::exchange(awaits_keys_, false); }
+  /// The refresh begins when these keys are on disk. Ignores keys that begin() has not asked for.
+  void on_keys(const MeshKeys& keys);
+  void on_keys_failed() { awaits_keys_ = false; }
 
   bool is_on() const { return step() != RefreshStep::none; }
+  /// Returns true if a refresh is on, or its keys are being made.
+  bool is_ordered() const { return awaits_keys_ || is_on(); }
   RefreshStep step() const;
   /// Returns true if the node is configured and has not taken the present step.
   bool is_due(const Node& node) const;

@@ -63,7 +63,7 @@ void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint
 OrderAnswer OperatorOrders::measure(const MeasureHearingOrder& wanted, TimePoint now) {
   std::string problem = problem_with_mesh();
   if (problem.empty() && !wanted.is_question)
-    problem = refresh_.is_on() ? is_refreshing : survey_.begin(now);
+    problem = refresh_.is_ordered() ? is_refreshing : survey_.begin(now);
   if (!problem.empty()) return {{}, std::move(problem)};
   return {survey_.json(), {}};
 }
@@ -261,7 +261,7 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
 // --- The mesh ------------------------------------------------------------------------------------
 
 void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
-  if (refresh_.is_on()) return order_.refuse(is_refreshing);
+  if (refresh_.is_ordered()) return order_.refuse(is_refreshing);
   auto imported = decode_imported_mesh(wanted.text);
   if (!imported.has_value())
     return order_.refuse("the file can't be imported: " + imported.error().why);
@@ -280,7 +280,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
 /// The address is on disk before the other gateway gets it, so that it is not given away again.
 void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   if (is_refused(problem_with_mesh())) return;
-  if (refresh_.is_on()) return order_.refuse(is_refreshing);
+  if (refresh_.is_ordered()) return order_.refuse(is_refreshing);
   const NodeDatabase& database = *nodes_.database();
   if (wanted.address != 0) {
     if (std::ranges::find(database.gateways, wanted.address) == database.gateways.end())

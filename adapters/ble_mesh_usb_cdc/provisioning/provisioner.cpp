@@ -71,25 +71,22 @@ void Provisioner::on_iv_index(std::uint32_t iv_index, TimePoint now) {
   advance(now);
 }
 
-bool Provisioner::on_keys(const MeshKeys& keys, TimePoint now) {
-  if (refresh_.on_keys(keys)) {
-    advance(now);
-    return true;
+void Provisioner::on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now) {
+  if (wanted.is_refresh) {
+    refresh_.on_keys(keys);
+    return advance(now);
   }
   NodeDatabase fresh;
   fresh.keys = keys;
   nodes_.begin(std::move(fresh));
-  return false;
 }
 
-bool Provisioner::on_keys_failed(const std::string& why, TimePoint now) {
-  if (!refresh_.on_keys_failed()) {
-    nodes_.on_no_keys();
-    return false;
-  }
+void Provisioner::on_keys_failed(const GenerateKeys& wanted, const std::string& why,
+                                 TimePoint now) {
+  if (!wanted.is_refresh) return nodes_.on_no_keys();
+  refresh_.on_keys_failed();
   orders_.on_no_keys(why);
   advance(now);
-  return true;
 }
 
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {

@@ -36,11 +36,9 @@ class Provisioner {
   void on_iv_index(std::uint32_t iv_index, TimePoint now);
   /// The radio has asked for the keys of a new mesh.
   void on_keys_wanted() { nodes_.on_keys_wanted(); }
-  /// Takes new keys. Returns true if they are for a key refresh; else they belong to a new mesh and
-  /// are on disk.
-  bool on_keys(const MeshKeys& keys, TimePoint now);
-  /// Returns true if the keys were for a key refresh, which does not begin then.
-  bool on_keys_failed(const std::string& why, TimePoint now);
+  /// Takes the keys that `wanted` has asked for. Those of a new mesh are on disk.
+  void on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now);
+  void on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now);
   void on_stored(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// Call when `robots` of the configuration was read again.

@@ -61,7 +61,7 @@ TEST(BoardLink, AsksForKeysOnceHoweverOftenTheBoardRestartsMeanwhile) {
   rig.run_for(1s);
   rig.mesh.on_port_closed("unplugged", rig.now);
   rig.open();
-  rig.mesh.on_keys(test_keys(), rig.now);
+  rig.mesh.on_keys({}, test_keys(), rig.now);
   rig.run_for(1s);
   EXPECT_EQ(rig.key_requests, 1);
   EXPECT_TRUE(rig.is_up());
@@ -107,7 +107,7 @@ TEST(BoardLink, RefusesWhenKeysCannotBeStored) {
   MeshRig rig({}, std::nullopt);
   rig.answers_key_requests = false;
   rig.start();
-  rig.mesh.on_keys_failed("disk full", rig.now);
+  rig.mesh.on_keys_failed({}, "disk full", rig.now);
   rig.run_for(1s);
   EXPECT_FALSE(rig.is_up());
   EXPECT_TRUE(rig.has_notice("disk full"));

@@ -132,7 +132,7 @@ TEST(LineTrouble, ABoardThatWasFreshAndGotItsKeysElsewhereIsNotCleared) {
   rig.mesh.on_port_closed("unplugged", rig.now);
   rig.board.unicast = 1;
   rig.board.subnets = {{std::uint16_t{0}, Bytes(16, 0x77)}};
-  rig.mesh.on_keys(test_keys(), rig.now);
+  rig.mesh.on_keys({}, test_keys(), rig.now);
   rig.start();
   rig.run_for(5min);
   EXPECT_FALSE(rig.is_up());

@@ -465,8 +465,8 @@ TEST(Orders, ImportWaitsForTheFirstKeys) {
     ASSERT_EQ(rig.key_requests, 1);
     rig.order(ImportOrder{encode_node_database(foreign)});
     EXPECT_EQ(rig.answer(), "the mesh's keys are being made; try again");
-    is_disk_full ? rig.mesh.on_keys_failed("no space", rig.now)
-                 : rig.mesh.on_keys(test_keys(), rig.now);
+    is_disk_full ? rig.mesh.on_keys_failed({}, "no space", rig.now)
+                 : rig.mesh.on_keys({}, test_keys(), rig.now);
     rig.run_for(1s);
     rig.order(ImportOrder{encode_node_database(foreign)});
     rig.run_for(1s);
@@ -485,7 +485,7 @@ TEST(Orders, ImportEndsThoughTheBoardAsksForKeysMeanwhile) {
   ASSERT_EQ(rig.key_requests, 1);
   rig.answers_stores = true;
   rig.mesh.on_stored("", rig.now);
-  rig.mesh.on_keys_failed("mesh.json exists", rig.now);
+  rig.mesh.on_keys_failed({}, "mesh.json exists", rig.now);
   rig.run_for(2s);
   EXPECT_EQ(rig.answer()["nodes"], 0) << rig.answer();
   EXPECT_TRUE(rig.is_up());
