@@ -264,7 +264,14 @@ void CobsMesh::on_port_closed(const std::string& why, TimePoint) {
 
 void CobsMesh::on_names(RobotNames names, TimePoint) {
   names_ = std::move(names);
-  if (settings_.cobs_content != CobsContent::lien) return;
+  if (settings_.cobs_content == CobsContent::lien) rename_peers();
+  for (auto& [address, peer] : peers_) {
+    if (!names_.bans().has(peer.id) || !std::exchange(peer.is_online, false)) continue;
+    emit(PresenceChange{Mesh::ble, peer.id, Presence::offline, peer.address});
+  }
+}
+
+void CobsMesh::rename_peers() {
   std::vector<Peer*> renamed;
   for (auto& [address, peer] : peers_) {
     const std::string id = names_.of_ble(address);
@@ -296,6 +303,7 @@ void CobsMesh::on_frame(const Bytes& encoded, TimePoint now) {
   switch (settings_.cobs_content) {
     case CobsContent::positions: {
       Peer& peer = peers_.at(only_peer);
+      if (names_.bans().has(peer.id)) break;
       on_heard(peer, now);
       report(peer, settings_.sensor_update_type, *decoded, 0);
       break;

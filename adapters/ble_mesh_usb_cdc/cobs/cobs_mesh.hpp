@@ -135,8 +135,8 @@ class CobsMesh {
   void on_port_open(TimePoint now);
   void on_port_closed(const std::string& why, TimePoint now);
   void on_bytes(ByteView bytes, TimePoint now);
-  /// Renames older robots. With positions, the only robot's name is a setting, and this call
-  /// changes nothing.
+  /// Renames older robots; with positions, the only robot's name is a setting. Banned robots go
+  /// offline.
   void on_names(RobotNames names, TimePoint now);
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
@@ -174,6 +174,7 @@ class CobsMesh {
   void on_lien_frame(const LienFrame& frame, TimePoint now);
   void on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id);
   void add_configured(bool is_start);
+  void rename_peers();
   Peer& lien_peer(std::uint8_t address);
   void on_heard(Peer& peer, TimePoint now);
   void reply(std::uint8_t address, const Bytes& data);

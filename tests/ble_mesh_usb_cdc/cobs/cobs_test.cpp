@@ -242,6 +242,28 @@ TEST_F(CobsMeshTest, WhatABannedLienRobotSaysIsDropped) {
   EXPECT_TRUE(all<PresenceChange>().empty());
 }
 
+TEST_F(CobsMeshTest, ABannedRobotGoesOfflineWithEitherContent) {
+  const std::pair<CobsContent, const char*> cases[] = {
+      {CobsContent::positions, "02 0a 03 ec ff 01 00"},
+      {CobsContent::lien, "01 02 02 01 01 03 09 1f 00"}};
+  for (const auto& [content, frame] : cases) {
+    const std::string robot = content == CobsContent::positions ? "nr1" : "old2";
+    make(content);
+    hear(frame);
+    ASSERT_EQ(mesh->presence_of(robot), Presence::online);
+    mesh->on_names(RobotNames({{"old2", 0x0002, {}}}, Bans({robot})), now);
+    drain();
+    EXPECT_EQ(all<PresenceChange>().back().presence, Presence::offline);
+    events.clear();
+    hear(frame);
+    EXPECT_TRUE(events.empty());
+    EXPECT_EQ(mesh->presence_of(robot), Presence::offline);
+    mesh->on_names(RobotNames({{"old2", 0x0002, {}}}), now);
+    hear(frame);
+    EXPECT_EQ(mesh->presence_of(robot), Presence::online);
+  }
+}
+
 TEST_F(CobsMeshTest, SimpleLienMessagesGoUpByName) {
   make(CobsContent::lien);
   hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");
