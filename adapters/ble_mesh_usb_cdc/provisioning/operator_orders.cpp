@@ -304,6 +304,7 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   if (order_.is(Kind::refresh_keys)) return on_refresh_stored(problem);
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
+    if (!is_import) std::erase(nodes_.change().gateways, order_->address);
     if (is_import) nodes_.begin(std::move(order_->before));
     return order_.refuse(problem);
   }

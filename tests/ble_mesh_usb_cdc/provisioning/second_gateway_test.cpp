@@ -116,6 +116,18 @@ TEST(SecondGateway, ItsAddressIsOnDiskBeforeItIsHandedOutAndNoRobotGetsIt) {
   EXPECT_EQ(named.on_disk().find_address(0x22), nullptr);
 }
 
+TEST(SecondGateway, ARefusedExportKeepsNoAddress) {
+  FirstRig first;
+  first.store_problem = "no space";
+  first.order(ExportOrder{});
+  EXPECT_EQ(error_of(first), "no space");
+  first.store_problem.clear();
+  first.run_for(6s);
+  EXPECT_TRUE(first.on_disk().gateways.empty());
+  first.order(RefreshKeysOrder{});
+  EXPECT_EQ(first.answer()["step"], "distributing") << error_of(first);
+}
+
 TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
   FirstRig first;
   const json exported = first.export_mesh();
