@@ -47,7 +47,7 @@ class NodeTable {
     is_changed_ = true;
     return *database_;
   }
-  /// Takes a mesh that is on disk: a new one, or the former one if the disk did not take another.
+  /// Takes a new mesh that is on disk, or none if the disk did not take the first one.
   void begin(std::optional<NodeDatabase> database);
   /// Replaces the mesh by another one, which must then be written.
   void replace(NodeDatabase database);

@@ -270,7 +270,8 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   auto merged = merge_imported_mesh(own, std::move(*imported), settings_.address);
   if (!merged.has_value())
     return order_.refuse("the file can't be imported: " + merged.error().why);
-  if (!nodes_.is_saved()) return order_.refuse("the mesh is being changed right now; try again");
+  if (!nodes_.is_saved() || !admission_.is_idle())
+    return order_.refuse("the mesh is being changed right now; try again");
   if (nodes_.awaits_keys()) return order_.refuse("the mesh's keys are being made; try again");
   order_.set(Kind::import_mesh, now + Admission::order_time_limit);
   order_->before = std::move(own);
@@ -304,8 +305,11 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   if (order_.is(Kind::refresh_keys)) return on_refresh_stored(problem);
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
-    if (!is_import) std::erase(nodes_.change().gateways, order_->address);
-    if (is_import) nodes_.begin(std::move(order_->before));
+    if (is_import) {
+      undo_import();
+    } else {
+      std::erase(nodes_.change().gateways, order_->address);
+    }
     return order_.refuse(problem);
   }
   if (!nodes_.is_saved()) return;
@@ -315,6 +319,15 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   nodes_.announce_change();
   warn_of_unheard_robots();
   order_.answer(fmt::format(R"({{"nodes":{}}})", database.nodes.size()));
+}
+
+/// Puts the former mesh back, but keeps what the radio has reported since the import.
+void OperatorOrders::undo_import() {
+  if (!order_->before) return nodes_.begin({});
+  NodeDatabase& before = *order_->before;
+  before.life = nodes_.database()->life;
+  before.iv_index = nodes_.database()->iv_index;
+  nodes_.replace(std::move(before));
 }
 
 /// Warns if this radio does not hear the address that robots of another gateway's mesh publish to.

@@ -72,6 +72,7 @@ class OperatorOrders : private ProvisionerPart {
   const Node* node_to_ask(OpenOrder::Kind kind, const std::string& robot, Duration limit,
                           TimePoint now);
   void answer_export(std::uint16_t address);
+  void undo_import();
   void warn_of_unheard_robots();
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   std::string link_is_down() const { return "the BLE link is down: " + link_.down_reason; }

@@ -508,6 +508,39 @@ TEST(Orders, ImportRefusesAnotherMeshAndWhatCannotBeStored) {
   EXPECT_EQ(rig.answer().size(), 1u);
 }
 
+TEST(Orders, ARefusedImportKeepsWhatTheRadioDidMeanwhile) {
+  JoinedRig rig;
+  rig.board.forgets = true;
+  NodeDatabase more = rig.on_disk();
+  Node& node = more.nodes.emplace_back();
+  node.uuid.fill(5);
+  node.address = 0x0300;
+  rig.answers_stores = false;
+  rig.order(ImportOrder{encode_node_database(more)});
+  rig.say(rig.board.restart());
+  rig.run_for(1s);
+  EXPECT_FALSE(rig.is_up()) << "its next address is not on disk";
+  rig.mesh.on_stored("no space", rig.now);
+  rig.answers_stores = true;
+  rig.run_for(10s);
+  EXPECT_EQ(rig.answer(), "no space");
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  EXPECT_EQ(rig.on_disk().nodes.size(), 1u);
+}
+
+TEST(Orders, ImportWaitsForADeviceThatIsJoining) {
+  JoinedRig rig;
+  rig.add(2);
+  while (rig.board.count(0x63) < 2) {
+    rig.say(rig.board.devices.beacons());
+    rig.run_for(5ms);
+  }
+  rig.order(ImportOrder{encode_node_database(test_database())});
+  EXPECT_EQ(rig.answer(), "the mesh is being changed right now; try again");
+  EXPECT_TRUE(rig.all_configured(30s));
+}
+
 TEST(Orders, ResetBoardClearsItAndSetsItUpAgain) {
   JoinedRig rig;
   rig.order(ResetBoardOrder{});
