@@ -206,8 +206,8 @@ class Radio {
   /// Erases keys, addresses and sequence numbers. Call only on an operator's order. Answered by
   /// RadioCleared.
   virtual void clear(TimePoint now) = 0;
-  /// Restarts the radio, which empties its replay list. Returns false if that is not possible now,
-  /// or if the radio has no list to empty.
+  /// Restarts the radio as soon as it can, which empties its replay list. Returns false if the link
+  /// is down, or if the radio has no list to empty.
   virtual bool restart(TimePoint now) = 0;
 
   /// Drain until empty after each call.

@@ -131,6 +131,7 @@ void BoardLink::on_port_open(TimePoint now) {
 void BoardLink::on_port_closed(const std::string& why, TimePoint) {
   stage_ = Stage::closed;
   in_flight_.reset();
+  is_restart_wanted_ = false;
   go_down(why);
 }
 
@@ -318,6 +319,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
 void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
   // The board has lost everything in RAM, and with it the answer to the command in flight.
   ++counters_.restarts;
+  is_restart_wanted_ = false;
   has_restarted_ = has_restarted_ || is_up_;
   if (is_up_)
     go_down(event.hardware_error == 0 ? "the serial board restarted"
@@ -448,7 +450,7 @@ bool BoardLink::clear_board(TimePoint now) {
 }
 
 bool BoardLink::restart_board(TimePoint now) {
-  if (stage_ != Stage::running) return false;
+  if (!is_up_) return false;
   is_restart_wanted_ = true;
   send_next(now);
   return true;
@@ -561,7 +563,6 @@ void BoardLink::go_down(const std::string& why) {
   traffic_.on_link_down();
   hold_until_.reset();
   if (stage_ == Stage::closed) is_clear_wanted_ = has_restarted_ = false;
-  is_restart_wanted_ = false;
   const bool was_up = std::exchange(is_up_, false);
   if (was_up) notified_.clear();
   if (std::exchange(down_reason_, why) == why && !was_up) return;

@@ -162,8 +162,8 @@ class BoardLink {
   /// Sends State Clear: the board forgets keys, addresses and sequence numbers and is started up
   /// again. Call only on an operator's order. Returns false if no board can be cleared now.
   bool clear_board(TimePoint now);
-  /// Restarts the board, as switching it off and on would, after the command in flight. Returns
-  /// false unless the board was started up.
+  /// Restarts the board, as switching it off and on would, after the command in flight and when the
+  /// line is in step. Returns false if the link is down.
   bool restart_board(TimePoint now);
   /// Starts the board up with the mesh's changed keys. A board that has the former keys is cleared.
   void change_keys(const RadioKeys& keys, TimePoint now);

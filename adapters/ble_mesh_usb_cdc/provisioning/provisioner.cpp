@@ -131,8 +131,7 @@ void Provisioner::scan_or_restart(TimePoint now) {
   }
   if (!conversations_.wants_restart() || !conversations_.is_idle() || !admission_.is_idle()) return;
   conversations_.on_restart();
-  is_restarting_ = true;
-  radio_.restart(now);
+  is_restarting_ = radio_.restart(now);
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {

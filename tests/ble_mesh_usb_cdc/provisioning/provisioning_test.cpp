@@ -505,6 +505,29 @@ TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWas
   EXPECT_EQ(roomy.board.count(0x0e), 0u) << "the board's replay list has room";
 }
 
+TEST(Provisioning, RestartsTheBoardWhenTheLineIsInStepAgain) {
+  NodeDatabase database = test_database();
+  for (std::uint16_t i = 0; i < 50; ++i)
+    database.retire(static_cast<std::uint16_t>(0x0100 + i), 1, Uuid{});
+  database.next_address = 0x0132;
+  ProvisioningRig rig({}, database);
+  rig.board.forgets = true;
+  rig.add(1).deaf_to = {"80", "00"};
+  rig.start();
+  bool is_spoilt = false;
+  rig.spoil = [&](Bytes& bytes) {  // the line loses step right after the end of the conversation
+    const bool is_end = to_hex(bytes).starts_with("05849d00");
+    if (is_end && !std::exchange(is_spoilt, true))
+      std::ranges::copy(hex("03 84 00 84"), std::back_inserter(bytes));
+  };
+  while (!is_spoilt && rig.now.time_since_epoch() < 60s) rig.pass(100ms);
+  ASSERT_TRUE(is_spoilt);
+  rig.board.devices.devices[0].deaf_to.clear();
+  rig.run_for(5s);
+  EXPECT_EQ(rig.board.count(0x0e), 1u);
+  EXPECT_TRUE(rig.all_configured(30s));
+}
+
 TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {
   NodeDatabase database = test_database();
   for (std::uint16_t i = 0; i < 40; ++i) {
