@@ -103,7 +103,6 @@ std::optional<std::vector<std::uint16_t>> read_groups(const Json& json, const ch
   return groups;
 }
 
-constexpr std::uint32_t keys_only_version = 1;
 constexpr std::uint32_t format_version = 2;
 constexpr std::uint32_t max_ttl = 127;
 constexpr std::uint32_t max_interval_ms = 320;
@@ -352,12 +351,10 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
   const auto version = read_count(json, "version", format_version);
   const auto net_key = read_octets(json, "net_key");
   const auto app_key = read_octets(json, "app_key");
-  if (!version || *version < keys_only_version || !net_key || !app_key)
-    return DecodeError::bad_value;
+  if (version != format_version || !net_key || !app_key) return DecodeError::bad_value;
   NodeDatabase database;
   database.keys = {*net_key, *app_key};
   if (!read_life(json, database.life)) return DecodeError::bad_value;
-  if (*version == keys_only_version) return database;
   const auto iv_index = read_count(json, "iv_index", UINT32_MAX);
   const auto next_address = read_text(json, "next_address");
   if (!iv_index || !next_address || !read_nodes(json, database) || !read_removed(json, database) ||

@@ -192,7 +192,7 @@ TEST_F(BoardAdapterTest, GivesAReplacementBoardTheStoredKeys) {
 }
 
 TEST_F(BoardAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
-  std::ofstream(directory / "mesh.json") << "{\"version\": 1, \"net_";
+  std::ofstream(directory / "mesh.json") << "{\"version\": 2, \"net_";
   make_adapter();
   plug();
   adapter->start();
@@ -201,7 +201,7 @@ TEST_F(BoardAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
   EXPECT_FALSE(listener.is_up());
   io.poll();
   EXPECT_TRUE(board.commands.empty());
-  EXPECT_EQ(mesh_file(), "{\"version\": 1, \"net_");
+  EXPECT_EQ(mesh_file(), "{\"version\": 2, \"net_");
 }
 
 TEST_F(BoardAdapterTest, StaysOffWhenTheKeyFileCannotBeRead) {

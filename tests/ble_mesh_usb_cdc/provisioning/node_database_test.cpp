@@ -79,16 +79,6 @@ TEST(NodeDatabase, KeepsARobotWhoseNameNoBrokerTakes) {
   EXPECT_EQ(again->nodes.at(0).device_key, full_database().nodes[0].device_key);
 }
 
-TEST(NodeDatabase, ReadsTheFileOfVersionOne) {
-  const auto old = decode_node_database(
-      R"({"version": 1, "net_key": "11111111111111111111111111111111",
-          "app_key": "22222222222222222222222222222222"})");
-  ASSERT_TRUE(old.has_value());
-  EXPECT_EQ(old->keys.net_key[0], 0x11);
-  EXPECT_EQ(old->next_address, 0x0100);
-  EXPECT_TRUE(old->nodes.empty());
-}
-
 TEST(NodeDatabase, ReadsNodesOfWhichOnlyTheTtlIsKnown) {
   const auto old = decode_node_database(
       R"({"version": 2, "net_key": "11111111111111111111111111111111",
@@ -107,10 +97,11 @@ TEST(NodeDatabase, RefusesEveryDamage) {
   for (std::size_t size = 0; size + 2 < whole.size(); ++size)
     EXPECT_FALSE(decode_node_database(whole.substr(0, size)).has_value()) << size;
   for (const std::string_view text :
-       {"[]", "null", "{}", R"({"version":2})", R"({"version":1,"net_key":1,"app_key":2})",
-        R"({"version":1,"net_key":"zz","app_key":""})", R"({"version":"2"})"})
+       {"[]", "null", "{}", R"({"version":2})", R"({"version":2,"net_key":1,"app_key":2})",
+        R"({"version":2,"net_key":"zz","app_key":""})", R"({"version":"2"})"})
     EXPECT_FALSE(decode_node_database(text).has_value()) << text;
   const std::pair<std::string_view, std::string_view> damages[] = {
+      {"\"version\": 2", "\"version\": 1"},
       {"\"version\": 2", "\"version\": 3"},
       {"a1a1", "g1a1"},
       {"\"0x0102\"", "\"0x0100\""},  // two nodes at one address
