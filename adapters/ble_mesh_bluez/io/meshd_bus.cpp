@@ -219,7 +219,6 @@ struct MeshdBus::Objects {
   static constexpr std::uint64_t open = SD_BUS_VTABLE_UNPRIVILEGED;
   static constexpr sd_bus_vtable application[] = {
       SD_BUS_VTABLE_START(0), SD_BUS_METHOD("JoinComplete", "t", "", on_join_complete, open),
-      SD_BUS_METHOD("JoinFailed", "s", "", do_nothing, open),
       SD_BUS_PROPERTY("CompanyID", "q", get_u16<*gateway_model.company>, 0, constant),
       SD_BUS_PROPERTY("ProductID", "q", get_u16<1>, 0, constant),
       SD_BUS_PROPERTY("VersionID", "q", get_u16<1>, 0, constant),

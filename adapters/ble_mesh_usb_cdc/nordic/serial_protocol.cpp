@@ -221,7 +221,7 @@ EventResult decode_event(ByteView frame) {
       params.read(4);  // initial TTL, hops, features
       return finish(params, Heartbeat{params.read_u16_le()});
   }
-  return Event{OtherEvent{opcode}};
+  return Event{OtherEvent{}};
 }
 
 std::string_view to_string(Status status) {

@@ -173,9 +173,7 @@ struct CommandResponse {
 struct TxComplete {};
 
 /// Any other opcode; its parameters are not kept.
-struct OtherEvent {
-  std::uint8_t opcode = 0;
-};
+struct OtherEvent {};
 
 // Events while the board scans for new devices and provisions one. A context is one of the board's
 // two provisioning links.
