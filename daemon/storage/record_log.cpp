@@ -548,11 +548,15 @@ void RecordLog::save_all_erased(bool is_durable) {
   const bool is_needed =
       std::ranges::any_of(segments_, [](const auto& one) { return !one.second.unsaved.empty(); });
   if (is_needed && write_tally() && is_durable) fdatasync(tally_file_.get());
-  for (auto& [number, segment] : segments_) {
-    const bool is_dead = segment.live == 0 && &segment != &newest();
-    if (!segment.unsaved.empty() && !is_dead) save_erased(number, segment, is_durable);
-  }
+  const auto save_lists = [&](bool of_dead) {
+    for (auto& [number, segment] : segments_) {
+      const bool is_dead = segment.live == 0 && &segment != &newest();
+      if (is_dead == of_dead && !segment.unsaved.empty()) save_erased(number, segment, is_durable);
+    }
+  };
+  save_lists(false);
   remove_dead_segments();
+  save_lists(true);  // of segments that could not be removed
 }
 
 void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_durable) {
@@ -567,9 +571,17 @@ void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_dura
   if (!is_durable || fdatasync(list.get()) == 0) segment.unsaved.clear();
 }
 
-/// Keeps the newest segment, because its header has the highest key.
+/// Keeps the newest segment, because its header has the highest key. Keeps all segments while the
+/// records that replace theirs cannot be made durable.
 void RecordLog::remove_dead_segments() {
-  if (segments_.empty()) return;
+  const auto is_dead = [](const auto& one) { return one.second.live == 0; };
+  if (segments_.empty() || std::none_of(segments_.begin(), std::prev(segments_.end()), is_dead))
+    return;
+  try {
+    if (!unsynchronised_.empty()) synchronise();
+  } catch (const LogError&) {
+    return;
+  }
   for (auto one = segments_.begin(); std::next(one) != segments_.end();) {
     if (one->second.live > 0) {
       ++one;
@@ -663,7 +675,8 @@ std::optional<RecordLog::Tally> RecordLog::read_tally() {
 }
 
 void RecordLog::synchronise() {
-  for (const std::uint32_t number : std::exchange(unsynchronised_, {})) {
+  for (; !unsynchronised_.empty(); unsynchronised_.erase(unsynchronised_.begin())) {
+    const std::uint32_t number = *unsynchronised_.begin();
     const auto segment = segments_.find(number);
     if (segment == segments_.end()) continue;
     if (fdatasync(segment->second.file.get()) != 0) fail(path_of(number));

@@ -102,7 +102,8 @@ class RecordLog {
   /// Returns true when the tally and the newest segment are in their places.
   bool is_in_place() const;
 
-  /// Makes durable what earlier commits have written without `is_durable`. Throws LogError.
+  /// Makes durable what earlier commits have written without `is_durable`. Throws LogError; the
+  /// next call then tries again.
   void synchronise();
 
  private:

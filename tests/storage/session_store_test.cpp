@@ -5,9 +5,11 @@
 
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <thread>
 
 #include "daemon/storage/disk_session_store.hpp"
+#include "daemon/storage/record_log.hpp"
 #include "tests/storage/faulty_disk.hpp"
 #include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -216,6 +218,62 @@ TEST(DiskSessionStore, WorksWithoutADirectoryAndSaysSo) {
   EXPECT_TRUE(process.says("not kept"));
   process.save("r1", to_bytes("x"));
   process.store.stop();
+}
+
+std::set<std::string> segments_in(const std::string& directory) {
+  std::set<std::string> found;
+  for (const auto& entry : std::filesystem::directory_iterator(directory))
+    if (entry.path().extension() == ".log") found.insert(entry.path());
+  return found;
+}
+
+TEST(RecordLog, KeepsReplacedRecordsUntilTheNewOnesAreDurable) {
+  const FaultyDisk disk;
+  for (const bool moves_records : {false, true}) {
+    const TempDir directory;
+    RecordLog log(directory.path() + "/log", 1);
+    log.open(false);
+    log.put(1, Bytes(4000, 1));
+    if (moves_records) log.put(2, Bytes(10, 2));
+    log.commit(false);
+    log.synchronise();
+    const std::string first = *segments_in(directory.path() + "/log").begin();
+    FaultyDisk::fails_syncs = true;
+    log.put(1, Bytes(10, 1));
+    log.commit(false);
+    EXPECT_EQ(segments_in(directory.path() + "/log").size(), moves_records ? 3U : 2U);
+    EXPECT_THROW(log.synchronise(), LogError);
+    log.put(3, Bytes(10, 3));
+    log.commit(false);
+    EXPECT_TRUE(std::filesystem::exists(first)) << "it is still the only durable copy";
+    FaultyDisk::fails_syncs = false;
+    log.synchronise();
+    log.put(4, Bytes(10, 4));
+    log.commit(false);
+    EXPECT_FALSE(std::filesystem::exists(first));
+  }
+}
+
+TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  {
+    RecordLog log(directory.path() + "/log", 1);
+    log.open(false);
+    log.put(1, Bytes(10, 1));
+    log.commit(false);
+    log.put(2, Bytes(10, 2));
+    log.commit(false);
+    FaultyDisk::fails_syncs = true;
+    log.erase(1);
+    log.commit(false);
+    FaultyDisk::fails_syncs = false;
+  }
+  EXPECT_EQ(segments_in(directory.path() + "/log").size(), 2U);
+  RecordLog next(directory.path() + "/log", 1);
+  next.open(false);
+  EXPECT_FALSE(next.has(1));
+  EXPECT_TRUE(next.has(2));
 }
 
 }  // namespace
