@@ -172,6 +172,7 @@ void Upstream::on_connected(const BrokerLimits& limits) {
   limits_ = limits;
   if (limits_.max_packet_bytes == 0) limits_.max_packet_bytes.reset();  // a protocol error
   place().attempt = 0;
+  place().version.on_connected();
   up_since_ = std::chrono::steady_clock::now();
   rivals_.on_up(up_since_);
   unanswered_.clear();

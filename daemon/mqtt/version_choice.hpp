@@ -37,6 +37,11 @@ class VersionChoice {
     return true;
   }
 
+  /// Closings before a connection with MQTT 5 say nothing about the broker's version.
+  void on_connected() {
+    if (version_ == MqttVersion::v5) closings_ = 0;
+  }
+
   /// Call when a connection was lost. After a guess, MQTT 5 is tried again; then one more closing
   /// decides.
   void on_lost() {

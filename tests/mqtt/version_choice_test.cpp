@@ -41,6 +41,15 @@ TEST(VersionChoice, CountsClosingsInARowOnly) {
   EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed));
 }
 
+TEST(VersionChoice, CountsNoClosingFromBeforeAConnection) {
+  VersionChoice choice;
+  choice.on_failed(ConnectAnswer::closed);
+  choice.on_connected();
+  choice.on_lost();
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed)) << "the broker has shown that it knows 5";
+  EXPECT_EQ(choice.version(), MqttVersion::v5);
+}
+
 TEST(VersionChoice, TriesTheNewVersionFirstAfterAGuess) {
   VersionChoice choice;
   choice.on_failed(ConnectAnswer::closed);
