@@ -508,9 +508,15 @@ void RecordLog::append(const Changes& puts, bool is_durable) {
       (is_durable && fdatasync(segment.file.get()) != 0)) {
     // How much of it the disk has is unknown, so nothing more is written to this segment.
     const int error = errno;
+    const std::string path = path_of(number);
     needs_segment_ = true;
-    if (ftruncate(segment.file.get(), segment.bytes) != 0) errno = error;
-    throw LogError(path_of(number), error);
+    std::ignore = ftruncate(segment.file.get(), segment.bytes);
+    if (is_new) {  // else each retry would leave a file and a descriptor
+      ::unlink(path.c_str());
+      next_segment_ = number;
+      segments_.erase(next_segment_);
+    }
+    throw LogError(path, error);
   }
   if (is_new && is_durable) synchronise_directory(directory_);
   if (!is_durable) unsynchronised_.insert(number);

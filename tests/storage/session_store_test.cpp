@@ -276,5 +276,30 @@ TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
   EXPECT_TRUE(next.has(2));
 }
 
+TEST(RecordLog, LeavesNoFileForEachFailedCommit) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  {
+    RecordLog log(directory.path() + "/log", 1);
+    log.open(false);
+    log.put(1, Bytes(10, 1));
+    log.commit(true);
+    FaultyDisk::fails_syncs = true;
+    for (int attempt = 0; attempt < 20; ++attempt) {
+      log.put(2, Bytes(10, 2));
+      EXPECT_THROW(log.commit(true), LogError);
+    }
+    EXPECT_LE(segments_in(directory.path() + "/log").size(), 2U);
+    FaultyDisk::fails_syncs = false;
+    log.put(3, Bytes(10, 3));
+    log.commit(true);
+  }
+  RecordLog next(directory.path() + "/log", 1);
+  EXPECT_EQ(next.open(false).lost_at_most, 0U);
+  EXPECT_TRUE(next.has(1));
+  EXPECT_FALSE(next.has(2));
+  EXPECT_TRUE(next.has(3));
+}
+
 }  // namespace
 }  // namespace slamgw::test
