@@ -14,8 +14,11 @@ FairQueue::Key FairQueue::key_of(std::string_view topic) {
 }
 
 std::size_t FairQueue::bytes_in_flow(std::string_view topic) const {
-  const auto flow = flows_.find(key_of(topic));
-  return flow == flows_.end() ? 0 : flow->second.bytes;
+  const Key key = key_of(topic);
+  const auto flow = flows_.find(key);
+  const auto aside = aside_bytes_.find(key);
+  return (flow == flows_.end() ? 0 : flow->second.bytes) +
+         (aside == aside_bytes_.end() ? 0 : aside->second);
 }
 
 FairQueue::Item& FairQueue::add(Item item) {
@@ -60,12 +63,17 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
 void FairQueue::set_aside(Item& item) {
   withdraw(item);
   aside_.insert(&item);
+  aside_bytes_[key_of(item.message.topic)] += item.cost();
   item.wait = Item::Wait::aside;
 }
 
 void FairQueue::withdraw(Item& item) {
   const Item::Wait wait = std::exchange(item.wait, Item::Wait::none);
-  if (wait == Item::Wait::aside) aside_.erase(&item);
+  if (wait == Item::Wait::aside) {
+    aside_.erase(&item);
+    const auto bytes = aside_bytes_.find(key_of(item.message.topic));
+    if ((bytes->second -= item.cost()) == 0) aside_bytes_.erase(bytes);
+  }
   if (wait != Item::Wait::queued) return;
   --queued_;
   if (item.is_durable()) --durable_queued_;

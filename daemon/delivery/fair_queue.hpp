@@ -113,7 +113,7 @@ class FairQueue {
   std::size_t queued() const { return queued_; }
   /// Returns the number of queued items that are on disk.
   std::size_t durable_queued() const { return durable_queued_; }
-  /// Returns the sum of OutboxItem::cost() that is queued in the flow of `topic`.
+  /// Returns the sum of OutboxItem::cost() that is queued or set aside in the flow of `topic`.
   std::size_t bytes_in_flow(std::string_view topic) const;
 
  private:
@@ -128,6 +128,7 @@ class FairQueue {
   Items items_;
   Flows flows_;  // none is empty
   Rows aside_;
+  std::unordered_map<Key, std::size_t> aside_bytes_;    // by flow; none is 0
   std::deque<Flow*, RecyclingAllocator<Flow*>> turns_;  // each flow once
   std::size_t queued_ = 0;
   std::size_t durable_queued_ = 0;

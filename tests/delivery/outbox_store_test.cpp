@@ -77,6 +77,21 @@ TEST_F(OutboxStoreTest, DeletesDeliveredMessagesInBatches) {
   EXPECT_LE(store.commits - before, 2000 / Backlog::forget_batch + 3);
 }
 
+TEST_F(OutboxStoreTest, AFailingStoreLeavesRoomBesideMessagesThatAreSetAside) {
+  store_backlog("robot/a/x", 1, 1);
+  store.is_failing = true;
+  link_up();  // the stored message is asked for, and is not read
+  std::uint64_t receipt = 1;
+  while (outbox->statistics().refused == 0 && receipt < 100'000)
+    submit_bytes("robot/a/x", Bytes(1024), ++receipt);
+  EXPECT_TRUE(has_fired(receipt, ReceiptOutcome::refused));
+  EXPECT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes / 2 + (2u << 20));
+  EXPECT_GE(outbox->queued_bytes(), Outbox::max_queued_bytes / 2 - (2u << 20));
+  submit_bytes("robot/b/x", Bytes(1024), ++receipt);
+  ASSERT_FALSE(under_way.empty());
+  EXPECT_EQ(under_way.back().message.topic, "robot/b/x");
+}
+
 TEST_F(OutboxStoreTest, AFreshMessageQueuesBehindItsTopicAndPassesOthers) {
   store_backlog("a", 1, 1000);
   link_up();
