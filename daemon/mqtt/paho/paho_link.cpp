@@ -85,10 +85,9 @@ int connack_code_of(const mqtt::token& token) {
   return std::max(0, token.get_return_code());
 }
 
-// Sequence numbers travel through Paho as the user context of a token.
-void* as_context(std::uint64_t sequence) { return reinterpret_cast<void*>(sequence); }
-std::uint64_t sequence_of(const mqtt::token& token) {
-  return reinterpret_cast<std::uint64_t>(token.get_user_context());
+/// Sequence numbers travel through Paho as the user context of a token, with 32 bits on some hosts.
+void* as_context(std::uint64_t sequence) {
+  return reinterpret_cast<void*>(static_cast<std::uintptr_t>(sequence));
 }
 
 }  // namespace
@@ -122,7 +121,7 @@ class PahoLink::PublishListener final : public mqtt::iaction_listener {
 
   void on_success(const mqtt::token& token) override {
     if (token.get_message_id() == 0)  // QoS 0
-      return session_.on_written(sequence_of(token));
+      return session_.on_written(session_.sequence_of(token));
     finish(token, refusal_of(token));
   }
 
@@ -133,12 +132,12 @@ class PahoLink::PublishListener final : public mqtt::iaction_listener {
 
  private:
   void finish(const mqtt::token& token, std::optional<int> refusal) {
-    session_.post_to_loop(
-        [&link = session_, sequence = sequence_of(token), refusal](MqttLinkListener& listener) {
-          link.on_acknowledged();
-          if (!refusal) return listener.on_published(sequence);
-          listener.on_publish_refused(sequence, {*refusal, explain_publish_refusal(*refusal)});
-        });
+    session_.post_to_loop([&link = session_, sequence = session_.sequence_of(token),
+                           refusal](MqttLinkListener& listener) {
+      link.on_acknowledged();
+      if (!refusal) return listener.on_published(sequence);
+      listener.on_publish_refused(sequence, {*refusal, explain_publish_refusal(*refusal)});
+    });
   }
 
   PahoLink& session_;
@@ -315,12 +314,18 @@ void PahoLink::publish_all() {
     unwritten_ += unacknowledged;
     if (unacknowledged > 1) socket_.gather();
     for (const Publication& publication : publications) {
+      highest_ = publication.sequence;
       client_->publish(publish_form_->fill(publication.message), as_context(publication.sequence),
                        *publish_listener_);
     }
   } catch (const mqtt::exception& error) {
     report_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
   }
+}
+
+std::uint64_t PahoLink::sequence_of(const mqtt::token& token) const {
+  const auto context = reinterpret_cast<std::uintptr_t>(token.get_user_context());
+  return restore_sequence(static_cast<std::uint32_t>(context), highest_);
 }
 
 void PahoLink::on_written(std::uint64_t sequence) {

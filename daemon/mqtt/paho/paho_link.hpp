@@ -51,6 +51,12 @@ class Handover {
   std::vector<Item> items_;
 };
 
+/// Returns the sequence number with these lower 32 bits. It is at most `highest`, and less than
+/// 2^32 below it.
+constexpr std::uint64_t restore_sequence(std::uint32_t lower, std::uint64_t highest) {
+  return highest - (static_cast<std::uint32_t>(highest) - lower);
+}
+
 /// Decides when to wake Paho's send thread with another request. The thread can miss its signal and
 /// then sleeps for up to a second on a message (eclipse-paho/paho.mqtt.c 1.3.x). A request is due
 /// when messages are in flight, and none was acknowledged or published for a while. Pure.
@@ -77,7 +83,6 @@ class SendNudge {
     if (sample_left_ > 0 && --sample_left_ == 0) usual_ += (now - sample_begin_ - usual_) / 8;
     on_progress(now);
   }
-  void clear() { *this = {}; }
 
   /// Returns nothing when no message is in flight.
   std::optional<TimePoint> deadline() const {
@@ -197,6 +202,7 @@ class PahoLink final : public MqttLink,
 
   void publish_all();
   // On Paho's threads:
+  std::uint64_t sequence_of(const mqtt::token& token) const;
   void on_written(std::uint64_t sequence);
 
   using Event = std::function<void(MqttLinkListener&)>;
@@ -222,6 +228,7 @@ class PahoLink final : public MqttLink,
   Handover<Event> events_;     // to the loop
   BrokerSocket socket_;
   Handover<Publication> publications_;     // to the lane
+  std::atomic<std::uint64_t> highest_{0};  // sequence number that Paho was given; they rise
   std::atomic<std::size_t> unwritten_{0};  // QoS 0 messages that Paho has
   Handover<std::uint64_t> written_;        // QoS 0 messages that were written, to the loop
   std::atomic<std::size_t> inbound_waiting_{0};

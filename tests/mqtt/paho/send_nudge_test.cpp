@@ -60,11 +60,12 @@ TEST(SendNudge, AsksABrokerThatIsFarAwayForNothing) {
   EXPECT_FALSE(nudge.take(now + milliseconds(24)));
 }
 
-TEST(SendNudge, ForgetsALostConnection) {
-  SendNudge nudge;
-  nudge.on_publish(TimePoint{});
-  nudge.clear();
-  EXPECT_FALSE(nudge.deadline());
+TEST(PahoSequence, IsRestoredFromItsLowerHalf) {
+  for (const std::uint64_t highest :
+       {1ULL, 0x7fffffffULL, 0x80000001ULL, 0x100000002ULL, 0x300000000ULL})
+    for (std::uint64_t sequence = highest - std::min<std::uint64_t>(highest, 512);
+         sequence <= highest; ++sequence)
+      EXPECT_EQ(restore_sequence(static_cast<std::uint32_t>(sequence), highest), sequence);
 }
 
 }  // namespace
