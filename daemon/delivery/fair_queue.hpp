@@ -109,7 +109,6 @@ class FairQueue {
   /// Adds `shift` to each row.
   void renumber(std::uint64_t shift);
 
-  std::size_t size() const { return items_.size(); }
   std::size_t queued() const { return queued_; }
   /// Returns the number of queued items that are on disk.
   std::size_t durable_queued() const { return durable_queued_; }

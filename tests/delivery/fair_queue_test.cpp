@@ -31,11 +31,11 @@ std::vector<std::string> take_topics(FairQueue& queue) {
 TEST(FairQueue, FlowsTakeTurnsAndEachKeepsItsOrder) {
   FairQueue queue;
   for (const char* topic : {"r/1/a", "r/1/b", "r/1/a", "r/2/a", "r/3/a", "r/2/b"})
-    queue.enqueue(queue.add(item(topic, queue.size() + 1)));
+    queue.enqueue(queue.add(item(topic, queue.items().size() + 1)));
   const std::vector<std::string> expected{"r/1/a", "r/2/a", "r/3/a", "r/1/b", "r/2/b", "r/1/a"};
   EXPECT_EQ(take_topics(queue), expected);
   EXPECT_EQ(queue.queued(), 0u);
-  EXPECT_EQ(queue.size(), 6u) << "they are under way";
+  EXPECT_EQ(queue.items().size(), 6u) << "they are under way";
 }
 
 TEST(FairQueue, WhatComesBackHasItsPlaceByItsRow) {
