@@ -303,7 +303,7 @@ static inline size_t slam_sn_unsettled_(const struct slam_sn_client* client) {
 
 // Notes the id that the gateway gave to a topic. If another name had this id before, that name
 // loses it.
-static inline void slam_sn_learn_(struct slam_sn_client* client, uint16_t id, const char* name,
+static inline bool slam_sn_learn_(struct slam_sn_client* client, uint16_t id, const char* name,
                                   size_t size) {
   struct slam_sn_heard_topic* place = NULL;
   bool is_in_table = false;
@@ -326,7 +326,8 @@ static inline void slam_sn_learn_(struct slam_sn_client* client, uint16_t id, co
       heard->id = 0;
     }
   }
-  if (is_in_table) return;
+  if (is_in_table) return true;
+  if (size > SLAM_SN_MAX_NAME) return false;
   if (place == NULL) {
     place = &client->heard[client->next_heard];
     client->next_heard = (uint8_t)((client->next_heard + 1u) % SLAM_SN_MAX_HEARD);
@@ -334,6 +335,7 @@ static inline void slam_sn_learn_(struct slam_sn_client* client, uint16_t id, co
   place->id = id;
   place->size = (uint8_t)size;
   for (i = 0; i < size; ++i) place->name[i] = name[i];
+  return true;
 }
 
 // Fills in the topic of a PUBLISH; `id` points to its two octets. Returns false for an unknown one.
@@ -659,15 +661,10 @@ static inline bool slam_sn_on_settled_(struct slam_sn_client* client, unsigned r
 static inline bool slam_sn_on_register_(struct slam_sn_client* client, const uint8_t* body,
                                         size_t size) {
   const uint16_t id = slam_sn_read_(body);
-  const size_t name_size = size - 4u;
-  uint8_t code = SLAM_SN_ACCEPTED;
   if (id == 0 || id == 0xffffu) return false;
-  if (name_size > SLAM_SN_MAX_NAME) {
-    code = SLAM_SN_NOT_SUPPORTED;
-  } else {
-    slam_sn_learn_(client, id, (const char*)body + 4, name_size);
-  }
-  slam_sn_write_answer_(client, SLAM_SN_REGACK_, id, slam_sn_read_(body + 2), code);
+  const bool is_known = slam_sn_learn_(client, id, (const char*)body + 4, size - 4u);
+  slam_sn_write_answer_(client, SLAM_SN_REGACK_, id, slam_sn_read_(body + 2),
+                        is_known ? SLAM_SN_ACCEPTED : SLAM_SN_NOT_SUPPORTED);
   return true;
 }
 

@@ -276,6 +276,15 @@ TEST(SnClient, ForgetsTheOldestOfTooManyTopics) {
   EXPECT_EQ(robot.sent(), Hex{"070b0002000103"});
 }
 
+TEST(SnClient, KnowsTheTopicsOfItsTableHoweverLongTheirNamesAre) {
+  SnRobot robot;
+  robot.get_ready();
+  const std::string name(SLAM_SN_MAX_NAME + 10, 'x');
+  robot.topics[0].name = name.c_str();
+  robot.hear(to_hex(Bytes{SLAM_SN_MAX_NAME + 16}) + "0a 00 02 00 01" + to_hex(to_bytes(name)));
+  EXPECT_EQ(robot.sent(), Hex{"070b0002000100"});
+}
+
 TEST(SnClient, PingsWhenTheGatewayHasNotAnsweredForAWhile) {
   SnRobot robot;
   robot.get_ready();
