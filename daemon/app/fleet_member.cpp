@@ -82,13 +82,17 @@ void FleetMember::stop() {
 void FleetMember::on_broker_link(bool is_up) {
   if (!is_up) {
     up_since_.reset();
-    held_before_.clear();
     has_kept_orphans_ = false;
     last_alive_.on_broker_down();
     return host_.on_broker_down();
   }
   up_since_ = read_clocks().mono;
-  last_alive_.on_broker_up(upstream_.broker().addresses().front().uri());
+  const std::string uri = upstream_.broker().addresses().front().uri();
+  if (std::exchange(broker_uri_, uri) != uri) {
+    neighbours_.on_other_broker();
+    taken_.clear();
+  }
+  last_alive_.on_broker_up(uri);
   gateway_driver_->hear_all_commands(neighbours_.is_first());
   for (const auto& [robot, presence] : adopted_)
     submit_({scheme_.presence_topic(robot), to_bytes(presence), Qos::at_least_once, true});
@@ -168,6 +172,7 @@ bool FleetMember::on_presence(const std::string& gateway, const std::string& rob
     return false;
   }
   neighbours_.on_presence(gateway, robot, message.payload);
+  if (neighbours_.is_heard_elsewhere(robot)) held_before_.erase(robot);
   if (lost_.contains(robot) && has_moved(robot)) give_up(robot);
   return true;
 }
@@ -208,7 +213,10 @@ void FleetMember::handle(const UnsubscribeRequest& request) {
   host_->unsubscribe(request.robot, request.filter);
 }
 
+/// Also withdraws the note that the robot's former gateway may have left.
 void FleetMember::handle(const SessionCleaned& cleaned) {
+  if (neighbours_.robots().contains(cleaned.robot))
+    submit_({names_.note_topic(cleaned.robot), {}, Qos::at_least_once, true});
   host_->begin_clean(cleaned.robot, read_clocks());
 }
 
@@ -274,6 +282,7 @@ void FleetMember::keep(const std::string& robot, std::optional<TimePoint> unheld
 /// Ends the robot's service here. Messages that have not been on the air go to its next gateway.
 void FleetMember::give_up(const std::string& robot) {
   lost_.erase(robot);
+  held_before_.erase(robot);
   adopted_.erase(robot);
   for (const WaitingMessage& waiting : meshes_.give_up(robot)) {
     if (waiting.command != CommandId::none)
@@ -286,6 +295,7 @@ void FleetMember::give_up(const std::string& robot) {
 
 void FleetMember::perform(RobotForgotten& action) {
   lost_.erase(action.robot);
+  held_before_.erase(action.robot);
   adopted_.erase(action.robot);
   host_->forget(action.robot);
 }
@@ -409,9 +419,12 @@ std::string FleetMember::adopt(const std::string& robot) {
 void FleetMember::on_lost(const sessions::SessionLost& lost) {
   switch (lost.why) {
     case sessions::LossReason::taken: break;
-    case sessions::LossReason::broker_gone: held_before_.insert(lost.robot); return;
+    case sessions::LossReason::broker_gone:
+      if (!neighbours_.is_heard_elsewhere(lost.robot)) held_before_.insert(lost.robot);
+      return;
     case sessions::LossReason::let_go: return;
   }
+  held_before_.erase(lost.robot);
   lost_.insert(lost.robot);
   if (has_moved(lost.robot)) give_up(lost.robot);
 }

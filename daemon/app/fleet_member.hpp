@@ -123,6 +123,7 @@ class FleetMember {
   boost::asio::steady_timer newcomer_timer_;
   LogThrottle newcomer_lines_;
   std::optional<TimePoint> up_since_;  ///< when the broker came online
+  std::string broker_uri_;             ///< of the last connection
   bool has_kept_orphans_ = false;
   bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
   TimePoint last_running_ = read_clocks().mono;

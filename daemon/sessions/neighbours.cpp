@@ -62,9 +62,10 @@ void Neighbours::on_presence(const std::string& gateway, const std::string& robo
   if (known == robots_.end() && robots_.size() >= max_robots) return;
   RobotPresence shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since"),
                       std::string(as_text(document))};
-  // An `offline` does not replace the presence that another gateway shows.
+  // An `offline` does not replace the presence that another gateway shows, unless that one is gone.
   const bool is_older = known != robots_.end() && known->second.gateway != gateway &&
-                        shown.state == "offline" && known->second.state != "offline";
+                        shown.state == "offline" && known->second.state != "offline" &&
+                        !is_gone(known->second.gateway);
   if (is_older) return;
   if (known != robots_.end() && known->second.gateway != gateway)
     former_[robot] = std::move(known->second);
@@ -87,6 +88,12 @@ void Neighbours::on_withdrawn(const std::string& gateway, const std::string& rob
   }
 }
 
+void Neighbours::on_other_broker() {
+  gateways_.clear();
+  robots_.clear();
+  former_.clear();
+}
+
 bool Neighbours::is_served_elsewhere(const std::string& robot) const {
   const auto found = robots_.find(robot);
   return found != robots_.end() && is_online(found->second.gateway);
@@ -94,6 +101,10 @@ bool Neighbours::is_served_elsewhere(const std::string& robot) const {
 
 bool Neighbours::is_heard_elsewhere(const std::string& robot) const {
   return is_served_elsewhere(robot) && robots_.at(robot).state != "offline";
+}
+
+bool Neighbours::is_gone(const std::string& gateway) const {
+  return gateways_.contains(gateway) && !is_online(gateway);
 }
 
 bool Neighbours::is_online(const std::string& gateway) const {

@@ -51,6 +51,9 @@ class Neighbours {
   /// Takes the presence of a robot at a gateway; empty when it was withdrawn.
   void on_presence(const std::string& gateway, const std::string& robot, ByteView document);
 
+  /// Forgets all gateways and robots, because this gateway uses another broker.
+  void on_other_broker();
+
   /// Returns the robots of gateways that are not online.
   std::vector<Orphan> orphans() const;
   /// Returns true when another living gateway shows the robot.
@@ -69,6 +72,8 @@ class Neighbours {
   void on_withdrawn(const std::string& gateway, const std::string& robot);
   unsigned rank() const;
   bool is_online(const std::string& gateway) const;
+  /// Returns true for a gateway that was known as online and is not now.
+  bool is_gone(const std::string& gateway) const;
 
   const std::string own_id_;
   std::map<std::string, State> gateways_;        ///< without this one

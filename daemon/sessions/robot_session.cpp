@@ -145,7 +145,7 @@ void RobotSession::on_attach_failed(TimePoint now) {
   retry_ = std::min(retry_ * 2, longest_retry);
 }
 
-void RobotSession::on_detached(bool is_broker_gone, TimePoint now) {
+void RobotSession::on_detached(bool is_broker_gone, TimePoint unheld_since, TimePoint now) {
   if (is_broker_gone) {
     opens_at_ = {};
     retry_ = first_retry;
@@ -161,7 +161,7 @@ void RobotSession::on_detached(bool is_broker_gone, TimePoint now) {
     blame_unanswered();
   }
   // While the marker is out, the broker may still have messages from before this connection.
-  unheld_since_ = marker_.empty() ? now : now - 2 * stale_after;
+  unheld_since_ = marker_.empty() ? unheld_since : now - 2 * stale_after;
   drop_unfenced();
   actions_.push(SessionLost{robot_, is_broker_gone ? LossReason::broker_gone : LossReason::taken});
 }
@@ -470,8 +470,8 @@ void RobotSession::pass_on(Unfenced& one) {
       return;
     }
     handed_on->waited += one.message.waited;
-    if (state_ == State::sorting)
-      actions_.push(RefuseStale{robot_, std::move(*handed_on), true});
+    if (one.is_stale || state_ == State::sorting)
+      actions_.push(RefuseStale{robot_, std::move(*handed_on), state_ == State::sorting});
     else
       actions_.push(TakeMessage{robot_, std::move(*handed_on), false});
   } else if (one.is_stale && !one.message.retain) {

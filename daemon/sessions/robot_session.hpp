@@ -138,8 +138,9 @@ class RobotSession {
   void on_attached(bool is_present, bool is_v5, TimePoint now);
   void on_attach_failed(TimePoint now);
   /// `is_broker_gone`: the broker was lost, so no other client has taken the session. All CONNECTs
-  /// fail then, so a failed one does not delay the next.
-  void on_detached(bool is_broker_gone, TimePoint now);
+  /// fail then, so a failed one does not delay the next. `unheld_since`: when the session may have
+  /// been lost.
+  void on_detached(bool is_broker_gone, TimePoint unheld_since, TimePoint now);
   /// Call when the broker was lost: a session that was lost just before was not taken by another
   /// client, and that loss does not count. Returns false when there was no such loss.
   bool forgive_loss(TimePoint now);

@@ -184,9 +184,11 @@ void RobotSessions::on_broker_down(const Now& now) {
   opening_ = 0;
   for (auto& [robot, entry] : sessions_) {
     RobotSession& session = *entry.session;
-    if (session.is_held() || session.forgive_loss(now.mono)) kept_[robot] = now.mono;
+    const bool is_forgiven = session.forgive_loss(now.mono);
+    if (session.is_held() || is_forgiven) kept_[robot] = now.mono;
     if (session.is_connected()) actions_.push(CloseSession{robot, false});
-    session.on_detached(/*is_broker_gone=*/true, now);
+    session.on_detached(/*is_broker_gone=*/true, lost_since(now.mono), now);
+    if (is_forgiven) actions_.push(SessionLost{robot, LossReason::broker_gone});
     session.grant_waiting();
     session.end_note({});
   }
@@ -232,7 +234,7 @@ void RobotSessions::on_detached(const std::string& robot, const Now& now) {
   if (!session->is_held()) return;
   --held_;
   ++lost_;
-  session->on_detached(/*is_broker_gone=*/false, now);
+  session->on_detached(/*is_broker_gone=*/false, lost_since(now.mono), now);
   settle(robot, *session, now);
 }
 
@@ -262,6 +264,25 @@ void RobotSessions::on_stop() {
 }
 
 // --- Time ----------------------------------------------------------------------------------------
+
+void RobotSessions::on_tick(TimePoint now) {
+  if (has_stood_still(now)) {
+    stood_still_since_ = *last_tick_;
+    catching_up_until_ = now + catching_up;
+  }
+  last_tick_ = now;
+}
+
+bool RobotSessions::has_stood_still(TimePoint now) const {
+  return last_tick_ && now - *last_tick_ > longest_pause;
+}
+
+/// Returns since when no gateway may have held a session that is lost now: a process that stood
+/// still notices the loss only when it goes on.
+TimePoint RobotSessions::lost_since(TimePoint now) const {
+  if (has_stood_still(now)) return *last_tick_;
+  return now < catching_up_until_ ? stood_still_since_ : now;
+}
 
 std::optional<TimePoint> RobotSessions::deadline() const {
   if (wakes_.empty()) return std::nullopt;

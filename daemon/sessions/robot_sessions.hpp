@@ -30,6 +30,10 @@ class RobotSessions {
   /// After the broker is back, robots that were not heard are attached this much later, so that a
   /// gateway that hears them comes first.
   static constexpr std::chrono::seconds unheard_delay{5};
+  /// Between two calls of on_tick(): after a longer pause, sessions may have been lost long ago.
+  /// The losses are noticed within `catching_up`.
+  static constexpr std::chrono::seconds longest_pause{3};
+  static constexpr std::chrono::seconds catching_up{5};
 
   /// Returns true when another living gateway shows the robot as its own.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
@@ -83,6 +87,9 @@ class RobotSessions {
   /// Closes all connections at the daemon's end; the broker keeps the sessions.
   void on_stop();
 
+  /// Call each second: a longer pause means that the process stood still.
+  void on_tick(TimePoint now);
+
   std::optional<SessionAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(const Now& now);
@@ -99,6 +106,8 @@ class RobotSessions {
   void want(const std::string& robot, RobotSession& session, TimePoint now);
   void open_next();
   void after_opening();
+  bool has_stood_still(TimePoint now) const;
+  TimePoint lost_since(TimePoint now) const;
   void end_forgetting(const std::string& robot);
   /// Has on_deadline() visit the session at `when`, or earlier.
   void wake_at(const std::string& robot, TimePoint when);
@@ -125,6 +134,9 @@ class RobotSessions {
   bool is_silent_ = false;
   bool is_v5_ = false;
   bool is_stopping_ = false;
+  std::optional<TimePoint> last_tick_;
+  TimePoint stood_still_since_{};
+  TimePoint catching_up_until_{};
   std::set<std::pair<TimePoint, std::string>> wakes_;  ///< sessions to visit again, each once
   std::map<std::string, TimePoint> kept_;              ///< robots to attach unheard, and when
   /// Robots whose sessions the broker must forget: each is opened clean, and then closed. True

@@ -32,6 +32,28 @@ TEST_F(NeighboursOfRoomB, ALivingGatewayServesWhatItShows) {
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
 }
 
+/// Another gateway that answers for its robots shows them as offline.
+TEST_F(NeighboursOfRoomB, TakesTheWordOfAGatewayThatAnswersForOneThatHasDied) {
+  state("room-a", online);
+  state("room-c", online);
+  shows("room-c", "r1");
+  state("room-c", offline);
+  shows("room-a", "r1", offline);
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
+  neighbours.on_presence("room-c", "r1", {});
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
+  EXPECT_FALSE(neighbours.is_heard_elsewhere("r1"));
+}
+
+TEST_F(NeighboursOfRoomB, OfAnotherBrokerAreNotKnown) {
+  state("room-a", online);
+  shows("room-a", "r1");
+  EXPECT_FALSE(neighbours.is_first());
+  neighbours.on_other_broker();
+  EXPECT_TRUE(neighbours.is_first());
+  EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
+}
+
 TEST_F(NeighboursOfRoomB, ItsOwnWordsSayNothing) {
   state("room-b", online);
   shows("room-b", "r1");

@@ -144,6 +144,17 @@ TEST_F(ContestedSession, Rule5_AForeignClientThatComesTwiceAMinuteIsNoticed) {
   EXPECT_EQ(said().contested, std::vector{true});
 }
 
+/// Else a shared mesh would leave the robot unacknowledged for the whole outage.
+TEST_F(ContestedSession, Rule11_ALossJustBeforeTheBrokersIsToldAsTheBrokers) {
+  attach(true);
+  sessions.on_detached("r1", now);
+  EXPECT_EQ(drain<SessionLost>().at(0).why, LossReason::taken);
+  sessions.on_broker_down(now);
+  const auto lost = drain<SessionLost>();
+  ASSERT_EQ(lost.size(), 1U);
+  EXPECT_EQ(lost[0].why, LossReason::broker_gone);
+}
+
 TEST_F(ContestedSession, Rule11_ABrokerThatEndsAgainAndAgainIsNoClientThatTakesSessions) {
   for (int i = 0; i < 3; ++i) {
     attach(true);

@@ -100,6 +100,29 @@ TEST_F(RobotSessionRulesUp, Rule7_AMarkerThatDoesNotComeBackIsGivenUp) {
   EXPECT_EQ(fenced().size(), 1U);
 }
 
+/// The gateway that it was meant for may have died before it took it.
+TEST_F(RobotSessionRulesUp, Rule7_WhatWasHandedOnGetsOldToo) {
+  sessions.keep("r1", now.mono - seconds{60}, {}, now);
+  pass({});
+  sessions.on_attached("r1", true, now);
+  forget_actions();
+  arrives({mailbox, encode_waiting({command("old"), CommandId{7}}), Qos::at_least_once, false});
+  sessions.on_fence("r1", 1, now);
+  EXPECT_TRUE(drain<TakeMessage>().empty());
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_ALossThatIsNoticedAfterAStandstillCountsFromItsBeginning) {
+  attach(true);
+  sessions.on_tick(now.mono);
+  forget_actions();
+  now.mono += std::chrono::minutes{10};
+  sessions.on_detached("r1", now);
+  sessions.on_tick(now.mono);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(drain<SendMarker>().size(), 1U) << "what waited may be ten minutes old";
+}
+
 TEST_F(RobotSessionRulesUp, Rule7_ARetainedMessageIsNotStale) {
   subscribe("ntnu-slam/server/r1/run");
   sessions.keep("r1", now.mono - seconds{60}, {}, now);

@@ -175,6 +175,7 @@ void SessionHost::await_tick() {
   tick_.expires_after(MosquittoClient::tick_interval);
   tick_.async_wait([this](boost::system::error_code error) {
     if (error || is_stopped_) return;
+    driver_->on_tick(read_clocks().mono);
     std::vector<std::shared_ptr<RobotLink>> links;
     for (const auto& [robot, link] : links_) links.push_back(link);
     for (const auto& link : links) link->on_tick();
