@@ -289,12 +289,10 @@ void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, Tim
 }
 
 void SnGateway::on_broker_message(const RobotMessage& message, TimePoint now) {
-  supervision_.expire_commands(now);
   ClientSession* session = clients_.find_robot(message.robot);
-  if (session) {
-    downlink_.on_broker_message(*session, message, now);
-    return supervision_.advance(*session, now);
-  }
+  if (session) downlink_.on_broker_message(*session, message, now);
+  supervision_.expire_commands(now);  // also this one, if it has waited too long on its way
+  if (session) return supervision_.advance(*session, now);
   if (roaming_.keep(message, now)) return;
   commands_.refuse(message.message, message.command, "the robot is not connected");
 }
@@ -387,6 +385,15 @@ std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoi
       unsent.push_back({std::move(message.message), message.command});
   }
   return unsent;
+}
+
+/// The note may have been lost while another gateway held the robot's session, or with the broker's
+/// retained messages.
+void SnGateway::on_session_held(const std::string& robot) {
+  ClientSession* session = clients_.find_robot(robot);
+  if (!session || session->is_clean) return;
+  session->note_hash = Restoring::unknown_note_hash;
+  output_.mark_changed(*session);
 }
 
 void SnGateway::forget(const std::string& robot, TimePoint now) {

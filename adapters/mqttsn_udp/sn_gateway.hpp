@@ -69,6 +69,8 @@ class SnGateway {
   /// a request to the broker. Returns the messages that were never on the air; commands that were
   /// on the air end as `timeout`.
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
+  /// Call when this gateway holds the robot's session at the broker: tells its note again.
+  void on_session_held(const std::string& robot);
   /// Ends the session of a robot that an operator wants forgotten.
   void forget(const std::string& robot, TimePoint now);
   /// Answers NoteRequest with the note of the robot's former gateway; empty: there is none.

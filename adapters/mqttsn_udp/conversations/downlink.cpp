@@ -341,6 +341,9 @@ void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
   } else if (const auto id = session.topics.id_of(outgoing.message->topic)) {
     session.topics.find(*id)->is_known = false;
   }
+  // Such a command was reported as sent, so nothing would withdraw it before the robot wakes.
+  const bool is_sent_once = outgoing.command && outgoing.qos == Qos::at_most_once;
+  if (is_sent_once && session.state() == ClientState::asleep) return;
   outgoing.was_refused_once = true;
   outgoing.msg_id = 0;
   session.delivery.queue.push_front(std::move(outgoing));

@@ -91,8 +91,8 @@ class Restoring : Conversation {
   /// it is known already, there is no room, or its client id or address is now another robot's.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
-  /// Stands for the hash of a note from before a restart. Another gateway may have changed the note
-  /// since, so only a change here is a reason for a new one.
+  /// Stands for the hash of a note that the broker may not have any more: one from before a
+  /// restart, or from before another gateway held the robot's session.
   static constexpr std::uint64_t unknown_note_hash = 1;
 
  private:

@@ -198,6 +198,8 @@ std::string MqttsnAdapter::kept_name(const std::string& listen) const {
   return name;
 }
 
+void MqttsnAdapter::on_session_held(const std::string& robot) { driver_->on_session_held(robot); }
+
 std::vector<WaitingMessage> MqttsnAdapter::give_up(const std::string& robot) {
   return driver_->give_up(robot, read_clocks());
 }

@@ -37,6 +37,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void start() override;
   void stop_listening() override;
   void stop() override;
+  void on_session_held(const std::string& robot) override;
   std::vector<WaitingMessage> give_up(const std::string& robot) override;
   void forget(const std::string& robot) override;
   void on_note(const std::string& robot, ByteView note) override;

@@ -234,6 +234,37 @@ TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
   EXPECT_EQ(rig.outcomes[2].after, std::chrono::seconds(4));
 }
 
+TEST(SnGateway, DoesNotSendACommandThatCameTooLate) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  ConnectedRig rig;
+  rig.subscribe(1, command, 1);
+  rig.sent_to(1);
+  rig.robot_message(
+      {"r1",
+       {command, to_bytes("go"), Qos::at_least_once, false, {}, std::chrono::seconds(29)},
+       CommandId{7}});
+  EXPECT_TRUE(rig.is_silent(1));
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+}
+
+/// It was told as sent, so its sender does not expect it hours later.
+TEST(SnGateway, DoesNotKeepACommandOfQos0ForTheNextTimeThatASleeperWakes) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  ConnectedRig rig;
+  rig.subscribe(1, command, 0);
+  rig.sleep(1, 300);
+  rig.broker(command, "go", 0);
+  rig.send(1, Pingreq{"r1"});
+  rig.sent_to(1);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent);
+  rig.send(1, Puback{1, 0, ReturnCode::invalid_topic_id});
+  rig.pass_s(100);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
+}
+
 TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig;

@@ -27,6 +27,20 @@ TEST(Notes, TellOnceWhatARobotThatKeepsItsSessionHasSetUp) {
   EXPECT_FALSE(note->peer);
 }
 
+TEST(Notes, AreToldAgainWhenTheSessionIsHeld) {
+  ConnectedRig rig(false);
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 1U);
+  rig.gateway.on_session_held("r1");
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 2U) << "the first may have been lost";
+  EXPECT_EQ(rig.notes[1].note, rig.notes[0].note);
+  rig.connect(2, "r2");
+  rig.gateway.on_session_held("r2");
+  rig.pass_s(2);
+  EXPECT_EQ(rig.notes.size(), 2U) << "a clean session has none";
+}
+
 TEST(Notes, ChangeOnlyWithWhatAnotherGatewayNeeds) {
   ConnectedRig rig(false);
   const auto id = rig.register_topic(1, own_topic);
