@@ -417,12 +417,9 @@ std::string FleetMember::adopt(const std::string& robot) {
 /// Does not give the robot up at once: the broker may just have closed one connection, and the
 /// robot's next message takes the session back.
 void FleetMember::on_lost(const sessions::SessionLost& lost) {
-  switch (lost.why) {
-    case sessions::LossReason::taken: break;
-    case sessions::LossReason::broker_gone:
-      if (!neighbours_.is_heard_elsewhere(lost.robot)) held_before_.insert(lost.robot);
-      return;
-    case sessions::LossReason::let_go: return;
+  if (lost.why == sessions::LossReason::broker_gone) {
+    if (!neighbours_.is_heard_elsewhere(lost.robot)) held_before_.insert(lost.robot);
+    return;
   }
   held_before_.erase(lost.robot);
   lost_.insert(lost.robot);

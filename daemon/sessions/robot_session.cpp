@@ -41,14 +41,12 @@ void RobotSession::open() {
 }
 
 void RobotSession::close(bool is_forgotten) {
-  const bool was_held = is_held();
   is_wanted_ = false;
   if (is_connected()) actions_.push(CloseSession{robot_, is_forgotten});
   drop_unfenced();
   grant_waiting();
   end_note({});
   state_ = State::detached;
-  if (was_held) actions_.push(SessionLost{robot_, LossReason::let_go});
 }
 
 void RobotSession::drop_unfenced() {

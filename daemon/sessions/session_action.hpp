@@ -52,8 +52,8 @@ struct SessionHeld {
   std::string robot;
   bool was_present = false;
 };
-enum class LossReason : std::uint8_t { taken, broker_gone, let_go };
-/// This gateway no longer serves the robot.
+enum class LossReason : std::uint8_t { taken, broker_gone };
+/// Another client or the loss of the broker has ended the session.
 struct SessionLost {
   std::string robot;
   LossReason why = LossReason::taken;

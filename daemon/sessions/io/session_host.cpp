@@ -30,7 +30,6 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
       resolve_timer_(io),
       asker_(std::make_shared<Asker>()) {
   asker_->host = this;
-  [[maybe_unused]] static const int once = mosquitto_lib_init();
   await_tick();
 }
 
