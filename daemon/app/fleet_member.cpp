@@ -91,6 +91,7 @@ void FleetMember::on_broker_link(bool is_up) {
   if (std::exchange(broker_uri_, uri) != uri) {
     neighbours_.on_other_broker();
     taken_.clear();
+    sends_retained_ = false;
   }
   last_alive_.on_broker_up(uri);
   gateway_driver_->hear_all_commands(neighbours_.is_first());

@@ -36,12 +36,13 @@ void LastAlive::read(const std::string& broker_uri) {
   const Duration wall_age = std::chrono::duration_cast<Duration>(now.wall - changed);
   before_start_ = now.mono - std::max<Duration>(up - std::chrono::seconds{seconds}, wall_age);
   online_ = before_start_;
+  online_uri_ = uri;
 }
 
 void LastAlive::on_broker_up(const std::string& uri) {
   const TimePoint now = read_clocks().mono;
-  const bool was_long_offline = online_ && now - *online_ > 2 * interval;
-  write_from_ = was_long_offline ? now + interval : now;
+  const bool was_elsewhere = online_ && (now - *online_ > 2 * interval || uri != online_uri_);
+  write_from_ = was_elsewhere ? now + 2 * interval : now;
   broker_uri_ = uri;
   keep_writing();
 }
@@ -63,6 +64,7 @@ void LastAlive::write() {
   const TimePoint now = read_clocks().mono;
   if (broker_uri_.empty() || now < write_from_) return;
   online_ = now;
+  online_uri_ = broker_uri_;
   const auto up = std::chrono::floor<std::chrono::seconds>(now.time_since_epoch());
   std::string text = fmt::format("{} {}\n", up.count(), broker_uri_);
   boost::asio::post(disk_, [path = path_, text = std::move(text)] {

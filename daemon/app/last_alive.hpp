@@ -25,8 +25,8 @@ class LastAlive {
   /// Returns when the process before this one was last online, within `interval`. Returns nothing
   /// if that may be long ago: no such process, another broker, a reboot, or a clock set back.
   std::optional<TimePoint> before_start() const { return before_start_; }
-  /// Writes the file from now on, on a thread of its own. After a long time offline it waits for
-  /// `interval`: until the robots' sessions are held, a process that ends leaves the old time.
+  /// Writes the file from now on, on a thread of its own. After a long time offline, or at another
+  /// broker, it waits: until the robots' sessions are held, a process that ends leaves the old time.
   void on_broker_up(const std::string& uri);
   /// Leaves the file alone until the broker is back.
   void on_broker_down();
@@ -42,6 +42,7 @@ class LastAlive {
   std::optional<TimePoint> before_start_;
   std::string broker_uri_;           ///< empty while the broker is offline
   std::optional<TimePoint> online_;  ///< the newest time known; nothing on a new host
+  std::string online_uri_;           ///< the broker of that time
   TimePoint write_from_{};
   boost::asio::steady_timer timer_;
   boost::asio::thread_pool disk_{1};

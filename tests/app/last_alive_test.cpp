@@ -133,6 +133,16 @@ TEST_F(LastAliveTest, LeavesTheOldTimeToAProcessThatEndsAtOnce) {
   EXPECT_TRUE(is_still_old());
 }
 
+TEST_F(LastAliveTest, LeavesTheTimeAloneWhenItComesBackFromAnotherBroker) {
+  LastAlive alive(io, directory.path(), broker);
+  alive.on_broker_up("mqtt://second:1883");
+  ASSERT_TRUE(test::eventually(io, [&] { return !test::read_file(file()).empty(); }));
+  alive.on_broker_down();
+  alive.on_broker_up(broker);
+  alive.stop();
+  EXPECT_NE(test::read_file(file()).find("mqtt://second:1883"), std::string::npos);
+}
+
 TEST_F(LastAliveTest, WritesAtOnceAfterAShortTimeOffline) {
   ended(up(), 0s);
   test::write_file(file(), std::to_string(up().count() - 1) + " " + broker + "\n");
