@@ -94,6 +94,8 @@ class Output {
   void end(PingEnded ping) { actions_.push(std::move(ping)); }
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
   void count(Count what) { ++counts_[static_cast<std::size_t>(what)]; }
+  /// Has the session's note told again if it is another one.
+  void mark_noteworthy(const ClientSession& session) { noteworthy_.mark(session); }
   /// Call when something in the session has changed that must survive a restart.
   void mark_changed(const ClientSession& session) {
     changed_.mark(session);

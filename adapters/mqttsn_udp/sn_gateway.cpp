@@ -393,7 +393,7 @@ void SnGateway::on_session_held(const std::string& robot) {
   ClientSession* session = clients_.find_robot(robot);
   if (!session || session->is_clean) return;
   session->note_hash = Restoring::unknown_note_hash;
-  output_.mark_changed(*session);
+  output_.mark_noteworthy(*session);
 }
 
 void SnGateway::forget(const std::string& robot, TimePoint now) {

@@ -46,6 +46,13 @@ std::size_t least_useful(const Delivery& delivery) {
   return unsent != delivery.queue.end() ? index_of(unsent) : 0;
 }
 
+/// Returns true for a command of QoS 0 that waits for its registration: it was reported as sent, so
+/// nothing else withdraws it.
+bool is_sent_and_old(const Outgoing& waiting, TimePoint now) {
+  return waiting.command && waiting.command->is_reported &&
+         waiting.command->came + limits::command_patience <= now;
+}
+
 /// Remembers a failed QoS 2 command, so that a late PUBREC does not lead to its execution.
 void remember_abandoned(Delivery& delivery, const Outgoing& outgoing) {
   if (!outgoing.command || outgoing.qos != Qos::exactly_once || outgoing.msg_id == 0) return;
@@ -139,6 +146,10 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
   bool must_commands_wait = false;
   bool is_held = false;
   for (std::size_t i = 0; i < delivery.queue.size(); ++i) {
+    if (is_sent_and_old(delivery.queue[i], now)) {
+      delivery.queue.take(i);
+      return true;
+    }
     const bool is_command = delivery.queue[i].command != nullptr;
     if (is_command && must_commands_wait) continue;
     switch (registration_.prepare(session, delivery.queue[i], now)) {
@@ -341,9 +352,6 @@ void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
   } else if (const auto id = session.topics.id_of(outgoing.message->topic)) {
     session.topics.find(*id)->is_known = false;
   }
-  // Such a command was reported as sent, so nothing would withdraw it before the robot wakes.
-  const bool is_sent_once = outgoing.command && outgoing.qos == Qos::at_most_once;
-  if (is_sent_once && session.state() == ClientState::asleep) return;
   outgoing.was_refused_once = true;
   outgoing.msg_id = 0;
   session.delivery.queue.push_front(std::move(outgoing));
