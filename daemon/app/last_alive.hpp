@@ -26,7 +26,8 @@ class LastAlive {
   /// if that may be long ago: no such process, another broker, a reboot, or a clock set back.
   std::optional<TimePoint> before_start() const { return before_start_; }
   /// Writes the file from now on, on a thread of its own. After a long time offline, or at another
-  /// broker, it waits: until the robots' sessions are held, a process that ends leaves the old time.
+  /// broker, it waits: until the robots' sessions are held, a process that ends leaves the old
+  /// time.
   void on_broker_up(const std::string& uri);
   /// Leaves the file alone until the broker is back.
   void on_broker_down();
