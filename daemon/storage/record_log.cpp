@@ -327,8 +327,10 @@ RecordLog::Summary RecordLog::open(bool skips_unreadable) {
     ++segments_.at(entry.segment).live;
     set(entry);
   }
-  for (auto& [number, segment] : segments_)
+  for (auto& [number, segment] : segments_) {
+    unsynchronised_.insert(number);  // the former process may have been killed before it did
     if (!segment.unsaved.empty()) save_erased(number, segment, false);
+  }
   remove_dead_segments();
   if (!write_tally()) fail(directory_);
   summary.strays = strays_;
@@ -685,7 +687,13 @@ void RecordLog::synchronise() {
     const std::uint32_t number = *unsynchronised_.begin();
     const auto segment = segments_.find(number);
     if (segment == segments_.end()) continue;
-    if (fdatasync(segment->second.file.get()) != 0) fail(path_of(number));
+    const int file = segment->second.file.get();
+    if (std::exchange(segment->second.is_unsure, true)) {
+      const auto octets = read_file(file, false);
+      if (!octets || !write_at(file, *octets, 0)) fail(path_of(number));
+    }
+    if (fdatasync(file) != 0) fail(path_of(number));
+    segment->second.is_unsure = false;
     const OwnedFile list = open_file(path_of(number) + ".erased", O_WRONLY);
     if (list.get() >= 0 && fdatasync(list.get()) != 0) fail(path_of(number) + ".erased");
   }

@@ -113,6 +113,9 @@ class RecordLog {
     std::uint32_t records = 0;           ///< ever written
     std::uint32_t live = 0;              ///< not erased: entries of the index
     std::vector<std::uint32_t> unsaved;  ///< entries to add to the list of erased records
+    /// The disk did not take it when it was last synchronised. Linux then takes its pages for
+    /// written, so they must be written again.
+    bool is_unsure = false;
   };
   /// The place of a key's record.
   struct Entry {

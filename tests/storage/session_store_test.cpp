@@ -254,6 +254,29 @@ TEST(RecordLog, KeepsReplacedRecordsUntilTheNewOnesAreDurable) {
   }
 }
 
+/// Linux reports a failed write once, and then takes the pages for written.
+TEST(RecordLog, WritesASegmentAgainThatTheDiskDidNotTake) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  RecordLog log(directory.path() + "/log", 1);
+  log.open(false);
+  log.put(1, Bytes(10, 1));
+  log.commit(false);
+  const std::string segment = *segments_in(directory.path() + "/log").begin();
+  FaultyDisk::fails_syncs = true;
+  EXPECT_THROW(log.synchronise(), LogError);
+  FaultyDisk::fails_syncs = false;
+  const auto long_ago = std::filesystem::last_write_time(segment) - std::chrono::hours(1);
+  std::filesystem::last_write_time(segment, long_ago);
+  log.synchronise();
+  EXPECT_GT(std::filesystem::last_write_time(segment), long_ago);
+  std::filesystem::last_write_time(segment, long_ago);
+  log.put(2, Bytes(10, 2));
+  log.commit(false);
+  log.synchronise();
+  EXPECT_EQ(std::filesystem::last_write_time(segment), long_ago) << "once is enough";
+}
+
 TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
   const FaultyDisk disk;
   const TempDir directory;
