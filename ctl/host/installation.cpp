@@ -209,11 +209,12 @@ std::string change_bans(const Installation& installation, const std::string& who
 namespace {
 
 /// Returns whether systemd runs the service or is about to. `systemctl is-active` says no while the
-/// unit waits for its restart after a crash.
+/// unit waits for its restart after a crash, and while systemd ends it before that.
 bool is_service_running() {
   const std::string state =
       run_program({"systemctl", "show", "-P", "ActiveState", service_unit}).output;
-  return state == "active\n" || state == "activating\n" || state == "reloading\n";
+  return state == "active\n" || state == "activating\n" || state == "reloading\n" ||
+         state == "deactivating\n";
 }
 
 }  // namespace

@@ -206,7 +206,7 @@ TEST_F(Backup, StartsTheServiceAgainAfterCtrlC) {
 }
 
 TEST_F(Backup, StopsAServiceThatIsAboutToStart) {
-  for (const char* const state : {"activating", "reloading"}) {
+  for (const char* const state : {"activating", "reloading", "deactivating"}) {
     const auto systemctl = fake_systemctl(state);
     { const ServicePause pause(Installation{service_configuration}); }
     EXPECT_EQ(read("calls"), "stop\nstart\n") << state;
