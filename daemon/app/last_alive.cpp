@@ -27,9 +27,9 @@ void LastAlive::read(const std::string& broker_uri) {
   std::int64_t seconds = 0;
   std::string uri;
   if (::stat(path_.c_str(), &file) != 0) return;
-  const Now now = read_clocks();
-  online_ = now.mono - std::chrono::hours(1);
+  online_.emplace();  // of a time and a broker that are not known
   if (!(std::ifstream(path_) >> seconds >> uri) || uri != broker_uri) return;
+  const Now now = read_clocks();
   const auto up = std::chrono::floor<std::chrono::seconds>(now.mono.time_since_epoch());
   const auto changed = std::chrono::system_clock::from_time_t(file.st_mtime);
   if (seconds < 0 || seconds > up.count() || changed > now.wall) return;

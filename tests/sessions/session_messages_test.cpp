@@ -108,7 +108,9 @@ TEST_F(RobotSessionRulesUp, Rule7_WhatWasHandedOnGetsOldToo) {
   forget_actions();
   arrives({mailbox, encode_waiting({command("old"), CommandId{7}}), Qos::at_least_once, false});
   sessions.on_fence("r1", 1, now);
-  EXPECT_TRUE(drain<TakeMessage>().empty());
+  const auto stale = drain<RefuseStale>();
+  ASSERT_EQ(stale.size(), 1U);
+  EXPECT_EQ(as_text(stale[0].message.payload), "old");
 }
 
 TEST_F(RobotSessionRulesUp, Rule7_ALossThatIsNoticedAfterAStandstillCountsFromItsBeginning) {

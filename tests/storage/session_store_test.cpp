@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <set>
 #include <thread>
 
@@ -220,6 +221,24 @@ TEST(DiskSessionStore, WorksWithoutADirectoryAndSaysSo) {
   process.store.stop();
 }
 
+/// A log whose segments hold one commit each, on a disk that may fail.
+struct SmallLog {
+  SmallLog() { reopen(); }
+  RecordLog::Summary reopen() {
+    log.reset();
+    return log.emplace(path, 1).open(false);
+  }
+  void write(std::uint64_t key, std::size_t octets = 10) {
+    log->put(key, Bytes(octets, 1));
+    log->commit(false);
+  }
+
+  const FaultyDisk disk;
+  const TempDir directory;
+  const std::string path = directory.path() + "/log";
+  std::optional<RecordLog> log;
+};
+
 std::set<std::string> segments_in(const std::string& directory) {
   std::set<std::string> found;
   for (const auto& entry : std::filesystem::directory_iterator(directory))
@@ -228,100 +247,74 @@ std::set<std::string> segments_in(const std::string& directory) {
 }
 
 TEST(RecordLog, KeepsReplacedRecordsUntilTheNewOnesAreDurable) {
-  const FaultyDisk disk;
   for (const bool moves_records : {false, true}) {
-    const TempDir directory;
-    RecordLog log(directory.path() + "/log", 1);
-    log.open(false);
-    log.put(1, Bytes(4000, 1));
-    if (moves_records) log.put(2, Bytes(10, 2));
-    log.commit(false);
-    log.synchronise();
-    const std::string first = *segments_in(directory.path() + "/log").begin();
+    SmallLog small;
+    if (moves_records) small.log->put(2, Bytes(10, 2));
+    small.write(1, 4000);
+    small.log->synchronise();
+    const std::string first = *segments_in(small.path).begin();
     FaultyDisk::fails_syncs = true;
-    log.put(1, Bytes(10, 1));
-    log.commit(false);
-    EXPECT_EQ(segments_in(directory.path() + "/log").size(), moves_records ? 3U : 2U);
-    EXPECT_THROW(log.synchronise(), LogError);
-    log.put(3, Bytes(10, 3));
-    log.commit(false);
+    small.write(1);
+    EXPECT_EQ(segments_in(small.path).size(), moves_records ? 3U : 2U);
+    EXPECT_THROW(small.log->synchronise(), LogError);
+    small.write(3);
     EXPECT_TRUE(std::filesystem::exists(first)) << "it is still the only durable copy";
     FaultyDisk::fails_syncs = false;
-    log.synchronise();
-    log.put(4, Bytes(10, 4));
-    log.commit(false);
+    small.log->synchronise();
+    small.write(4);
     EXPECT_FALSE(std::filesystem::exists(first));
   }
 }
 
 /// Linux reports a failed write once, and then takes the pages for written.
 TEST(RecordLog, WritesASegmentAgainThatTheDiskDidNotTake) {
-  const FaultyDisk disk;
-  const TempDir directory;
-  RecordLog log(directory.path() + "/log", 1);
-  log.open(false);
-  log.put(1, Bytes(10, 1));
-  log.commit(false);
-  const std::string segment = *segments_in(directory.path() + "/log").begin();
+  SmallLog small;
+  small.write(1);
+  const std::string segment = *segments_in(small.path).begin();
   FaultyDisk::fails_syncs = true;
-  EXPECT_THROW(log.synchronise(), LogError);
+  EXPECT_THROW(small.log->synchronise(), LogError);
   FaultyDisk::fails_syncs = false;
   const auto long_ago = std::filesystem::last_write_time(segment) - std::chrono::hours(1);
   std::filesystem::last_write_time(segment, long_ago);
-  log.synchronise();
+  small.log->synchronise();
   EXPECT_GT(std::filesystem::last_write_time(segment), long_ago);
   std::filesystem::last_write_time(segment, long_ago);
-  log.put(2, Bytes(10, 2));
-  log.commit(false);
-  log.synchronise();
+  small.write(2);
+  small.log->synchronise();
   EXPECT_EQ(std::filesystem::last_write_time(segment), long_ago) << "once is enough";
 }
 
 TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
-  const FaultyDisk disk;
-  const TempDir directory;
-  {
-    RecordLog log(directory.path() + "/log", 1);
-    log.open(false);
-    log.put(1, Bytes(10, 1));
-    log.commit(false);
-    log.put(2, Bytes(10, 2));
-    log.commit(false);
-    FaultyDisk::fails_syncs = true;
-    log.erase(1);
-    log.commit(false);
-    FaultyDisk::fails_syncs = false;
-  }
-  EXPECT_EQ(segments_in(directory.path() + "/log").size(), 2U);
-  RecordLog next(directory.path() + "/log", 1);
-  next.open(false);
-  EXPECT_FALSE(next.has(1));
-  EXPECT_TRUE(next.has(2));
+  SmallLog small;
+  small.write(1);
+  small.write(2);
+  FaultyDisk::fails_syncs = true;
+  small.log->erase(1);
+  small.log->commit(false);
+  FaultyDisk::fails_syncs = false;
+  EXPECT_EQ(segments_in(small.path).size(), 2U);
+  small.reopen();
+  EXPECT_FALSE(small.log->has(1));
+  EXPECT_TRUE(small.log->has(2));
 }
 
 TEST(RecordLog, LeavesNoFileForEachFailedCommit) {
-  const FaultyDisk disk;
-  const TempDir directory;
-  {
-    RecordLog log(directory.path() + "/log", 1);
-    log.open(false);
-    log.put(1, Bytes(10, 1));
-    log.commit(true);
-    FaultyDisk::fails_syncs = true;
-    for (int attempt = 0; attempt < 20; ++attempt) {
-      log.put(2, Bytes(10, 2));
-      EXPECT_THROW(log.commit(true), LogError);
-    }
-    EXPECT_LE(segments_in(directory.path() + "/log").size(), 2U);
-    FaultyDisk::fails_syncs = false;
-    log.put(3, Bytes(10, 3));
-    log.commit(true);
+  SmallLog small;
+  small.log->put(1, Bytes(10, 1));
+  small.log->commit(true);
+  FaultyDisk::fails_syncs = true;
+  for (int attempt = 0; attempt < 20; ++attempt) {
+    small.log->put(2, Bytes(10, 2));
+    EXPECT_THROW(small.log->commit(true), LogError);
   }
-  RecordLog next(directory.path() + "/log", 1);
-  EXPECT_EQ(next.open(false).lost_at_most, 0U);
-  EXPECT_TRUE(next.has(1));
-  EXPECT_FALSE(next.has(2));
-  EXPECT_TRUE(next.has(3));
+  EXPECT_LE(segments_in(small.path).size(), 2U);
+  FaultyDisk::fails_syncs = false;
+  small.log->put(3, Bytes(10, 3));
+  small.log->commit(true);
+  EXPECT_EQ(small.reopen().lost_at_most, 0U);
+  EXPECT_TRUE(small.log->has(1));
+  EXPECT_FALSE(small.log->has(2));
+  EXPECT_TRUE(small.log->has(3));
 }
 
 }  // namespace

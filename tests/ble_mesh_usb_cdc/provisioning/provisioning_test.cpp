@@ -485,15 +485,24 @@ TEST(Provisioning, ANodeThatJoinsAgainGetsAddressesForAllItsElements) {
   EXPECT_EQ(rig.board.devices.devices[0].address, 0x0103);
 }
 
+/// A board whose replay list of 40 is full, of robots that were reset, and a robot that is not
+/// heard.
+struct FullReplayListRig : ProvisioningRig {
+  FullReplayListRig() : ProvisioningRig({}, with_retired_addresses()) {
+    board.forgets = true;
+    add(1).deaf_to = {"80", "00"};
+    start();
+  }
+  static NodeDatabase with_retired_addresses() {
+    NodeDatabase database = test_database();
+    for (int i = 0; i < 50; ++i) database.retire(static_cast<std::uint16_t>(0x0100 + i), 1, Uuid{});
+    database.next_address = 0x0132;
+    return database;
+  }
+};
+
 TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWasUsed) {
-  NodeDatabase database = test_database();
-  for (int i = 0; i < 50; ++i)  // of robots that were reset: a list of 40 is full
-    database.retire(static_cast<std::uint16_t>(0x0100 + i), 1, Uuid{});
-  database.next_address = 0x0132;
-  ProvisioningRig rig({}, database);
-  rig.board.forgets = true;
-  rig.add(1).deaf_to = {"80", "00"};
-  rig.start();
+  FullReplayListRig rig;
   rig.pass(120s);
   EXPECT_EQ(rig.board.count(0x0e), 1u) << "once, however long it stays silent";
   rig.board.devices.devices[0].deaf_to.clear();
@@ -506,14 +515,7 @@ TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWas
 }
 
 TEST(Provisioning, RestartsTheBoardWhenTheLineIsInStepAgain) {
-  NodeDatabase database = test_database();
-  for (std::uint16_t i = 0; i < 50; ++i)
-    database.retire(static_cast<std::uint16_t>(0x0100 + i), 1, Uuid{});
-  database.next_address = 0x0132;
-  ProvisioningRig rig({}, database);
-  rig.board.forgets = true;
-  rig.add(1).deaf_to = {"80", "00"};
-  rig.start();
+  FullReplayListRig rig;
   bool is_spoilt = false;
   rig.spoil = [&](Bytes& bytes) {  // the line loses step right after the end of the conversation
     const bool is_end = to_hex(bytes).starts_with("05849d00");

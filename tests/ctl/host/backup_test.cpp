@@ -57,12 +57,12 @@ class Backup : public testing::Test {
   fs::path root() const { return directory_.path(); }
   std::string archive() const { return root() / "backup.tar.gz"; }
   Installation installation() const { return Installation(root() / "etc/gateway.json"); }
-  /// A systemctl whose service is in this ActiveState; `calls` lists what it is told to do.
+  /// Makes a `systemctl` that shows `state` as the service's ActiveState. It writes the other verbs
+  /// to the file `calls`.
   FakeProgram fake_systemctl(const std::string& state) const {
     return {root() / "bin", "systemctl",
-            "case $1 in show) echo " + state + " ;; is-active) [ " + state +
-                " = active ] || exit 3 ;; *) echo \"$1\" >> " + (root() / "calls").string() +
-                " ;; esac"};
+            "case $1 in show) echo " + state + " ;; *) echo \"$1\" >> " +
+                (root() / "calls").string() + " ;; esac"};
   }
   void write(const std::string& name, const std::string& text) {
     std::ofstream(root() / name) << text;
