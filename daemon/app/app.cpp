@@ -313,9 +313,7 @@ void App::publish_stats_regularly() {
     warn_of_lost_messages();
     publish_stats();
     traffic_log_.write_overdue(read_clocks().mono);
-    for (const auto& summary :
-         {presence_lines_.summary(), unproven_lines_.summary(), command_lines_.summary()})
-      if (summary) log_notice(*summary);
+    for (const Notice& summary : notice_lines_.summaries()) log_notice(summary);
     flush_log();
     publish_stats_regularly();
   });
@@ -370,9 +368,7 @@ void App::perform(MeshStep& step) {
 }
 
 void App::perform(Notice& notice) {
-  const TimePoint now = read_clocks().mono;
-  if (presence_lines_.may_write(notice, now) && command_lines_.may_write(notice, now))
-    log_notice(notice);
+  if (notice_lines_.may_write(notice, read_clocks().mono)) log_notice(notice);
 }
 
 void App::perform(OrderJoining& action) {

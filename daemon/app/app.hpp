@@ -28,7 +28,7 @@
 #include "daemon/mqtt/upstream.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
 #include "daemon/observability/link_log.hpp"
-#include "daemon/observability/presence_lines.hpp"
+#include "daemon/observability/notice_lines.hpp"
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_log.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
@@ -139,8 +139,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   LinkLog broker_log_;
   UnprovenLines unproven_lines_;
   TrafficLog traffic_log_;
-  PresenceLines presence_lines_{unproven_lines_};
-  CommandLines command_lines_;
+  NoticeLines notice_lines_{unproven_lines_};
   Trace trace_;
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;

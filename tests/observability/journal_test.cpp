@@ -12,7 +12,7 @@
 
 #include "daemon/observability/journal_sink.hpp"
 #include "daemon/observability/log_fields.hpp"
-#include "daemon/observability/presence_lines.hpp"
+#include "daemon/observability/notice_lines.hpp"
 #include "daemon/observability/traffic_log.hpp"
 #include "daemon/observability/traffic_sampler.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -98,24 +98,25 @@ std::string latency_of(const TrafficEntry& entry) {
   return "none";
 }
 
-TEST(PresenceLines, AreNoFloodFromACrowdAndNothingElseIsLeftOut) {
+TEST(NoticeLines, OfPresenceAreNoFloodFromACrowdAndNothingElseIsLeftOut) {
   UnprovenLines unproven;
-  PresenceLines lines(unproven);
+  NoticeLines lines(unproven);
   const TimePoint now{1h};
   const Notice presence{Severity::info, "r1 is online", "r1", Occasion::robot_presence};
   std::int64_t written = 0;
   for (int i = 0; i < 20000; ++i) written += lines.may_write(presence, now) ? 1 : 0;
-  EXPECT_EQ(written, PresenceLines::lines_at_once);
+  EXPECT_EQ(written, NoticeLines::presence_at_once);
   EXPECT_TRUE(lines.may_write(Notice{Severity::warning, "text", {}}, now));
-  const auto summary = lines.summary();
-  ASSERT_TRUE(summary);
-  EXPECT_EQ(summary->text.find("18500 more robots"), 0u) << summary->text;
-  EXPECT_FALSE(lines.summary());
+  const auto summaries = lines.summaries();
+  ASSERT_EQ(summaries.size(), 1u);
+  EXPECT_EQ(summaries[0].text.find("18500 more robots"), 0u) << summaries[0].text;
+  EXPECT_TRUE(lines.summaries().empty());
   EXPECT_TRUE(lines.may_write(presence, now + 1s));
 }
 
-TEST(CommandLines, AreNoFloodFromABrokerAndAllOfAnOperator) {
-  CommandLines lines;
+TEST(NoticeLines, OfCommandsAreNoFloodFromABrokerAndAllOfAnOperator) {
+  UnprovenLines unproven;
+  NoticeLines lines(unproven);
   const TimePoint now{1h};
   Notice command{Severity::info, "r1 cmd delivered", "r1", Occasion::command_outcome};
   command.audit = AuditFacts{"broker: planner", "command cmd", "delivered"};
@@ -126,13 +127,13 @@ TEST(CommandLines, AreNoFloodFromABrokerAndAllOfAnOperator) {
     written += lines.may_write(command, now) ? 1 : 0;
     EXPECT_TRUE(lines.may_write(order, now));
   }
-  EXPECT_EQ(written, CommandLines::lines_at_once);
+  EXPECT_EQ(written, NoticeLines::commands_at_once);
   EXPECT_TRUE(lines.may_write(Notice{Severity::warning, "text", {}}, now));
-  const auto summary = lines.summary();
-  ASSERT_TRUE(summary);
-  EXPECT_EQ(summary->text.find("19000 more commands"), 0u) << summary->text;
-  EXPECT_TRUE(summary->audit) << "the trail shows its gap";
-  EXPECT_FALSE(lines.summary());
+  const auto summaries = lines.summaries();
+  ASSERT_EQ(summaries.size(), 1u);
+  EXPECT_EQ(summaries[0].text.find("19000 more commands"), 0u) << summaries[0].text;
+  EXPECT_TRUE(summaries[0].audit) << "the trail shows its gap";
+  EXPECT_TRUE(lines.summaries().empty());
   EXPECT_TRUE(lines.may_write(command, now + 1s));
 }
 
@@ -180,7 +181,7 @@ TEST(UnprovenLines, PassAgainWhenTheFloodIsOver) {
 
 TEST(UnprovenLines, TakeNoneOfTheProvenOnes) {
   UnprovenLines unproven;
-  PresenceLines presence(unproven);
+  NoticeLines presence(unproven);
   TrafficSampler sampler(TrafficLogMode::sampled, unproven);
   const TimePoint now{1h};
   Notice stranger{Severity::info, "r1 is online", "r1", Occasion::robot_presence, {}, false};

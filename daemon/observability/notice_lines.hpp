@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/observability/traffic_sampler.hpp"
@@ -41,52 +42,43 @@ class BoundedLines {
   std::uint64_t left_out_ = 0;
 };
 
-class PresenceLines {
+class NoticeLines {
  public:
   /// Enough for a thousand robots that come at once and 500 that go.
-  static constexpr unsigned lines_at_once = 1500;
-  static constexpr unsigned lines_per_second = 20;
+  static constexpr unsigned presence_at_once = 1500;
+  static constexpr unsigned presence_per_second = 20;
+  static constexpr unsigned commands_at_once = 1000;
+  static constexpr unsigned commands_per_second = 50;
 
   /// `unproven` must outlive this object.
-  explicit PresenceLines(UnprovenLines& unproven) : unproven_(unproven) {}
+  explicit NoticeLines(UnprovenLines& unproven) : unproven_(unproven) {}
 
-  /// Returns false when there were too many such lines. Notices about proven clients that are not
-  /// about presence always pass.
+  /// Returns false when there were too many such lines. Lines about an operator's commands, and
+  /// notices that are about neither presence nor commands, always pass if their client is proven.
   bool may_write(const Notice& notice, TimePoint now) {
     if (!notice.is_proven) return unproven_.may_write(notice.robot, now);
-    return notice.occasion != Occasion::robot_presence || lines_.may_write(now);
+    if (notice.occasion == Occasion::robot_presence) return presence_.may_write(now);
+    const bool is_brokers_command = notice.occasion == Occasion::command_outcome && notice.audit &&
+                                    !is_operator(notice.audit->who);
+    return !is_brokers_command || commands_.may_write(now);
   }
-  /// Returns a notice about the lines left out since the last call. Call every few seconds.
-  std::optional<Notice> summary() {
-    return lines_.summary("robots came or went", Occasion::robot_presence);
+  /// Returns notices about the lines left out since the last call. Call every few seconds.
+  std::vector<Notice> summaries() {
+    std::vector<Notice> all;
+    if (auto notice = presence_.summary("robots came or went", Occasion::robot_presence))
+      all.push_back(std::move(*notice));
+    if (auto notice = unproven_.summary()) all.push_back(std::move(*notice));
+    if (auto notice = commands_.summary("commands ended", Occasion::command_outcome)) {
+      notice->audit = AuditFacts{std::string(broker_sender), "commands", "not listed"};
+      all.push_back(std::move(*notice));
+    }
+    return all;
   }
 
  private:
   UnprovenLines& unproven_;
-  BoundedLines lines_{lines_at_once, lines_per_second};
-};
-
-/// Bounds lines about how commands ended. Lines about an operator's commands always pass.
-class CommandLines {
- public:
-  static constexpr unsigned lines_at_once = 1000;
-  static constexpr unsigned lines_per_second = 50;
-
-  /// Returns false when there were too many such lines.
-  bool may_write(const Notice& notice, TimePoint now) {
-    const bool is_bounded = notice.occasion == Occasion::command_outcome && notice.audit &&
-                            !is_operator(notice.audit->who);
-    return !is_bounded || lines_.may_write(now);
-  }
-  /// As PresenceLines::summary().
-  std::optional<Notice> summary() {
-    auto notice = lines_.summary("commands ended", Occasion::command_outcome);
-    if (notice) notice->audit = AuditFacts{std::string(broker_sender), "commands", "not listed"};
-    return notice;
-  }
-
- private:
-  BoundedLines lines_{lines_at_once, lines_per_second};
+  BoundedLines presence_{presence_at_once, presence_per_second};
+  BoundedLines commands_{commands_at_once, commands_per_second};
 };
 
 }  // namespace slamgw
