@@ -1,10 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/bytes.hpp"
 
+#include <array>
 #include <boost/algorithm/hex.hpp>
+#include <boost/endian/conversion.hpp>
 #include <iterator>
 
 namespace slamgw {
+
+namespace {
+
+using boost::endian::order;
+
+template <class Number, order byte_order>
+Number load(ByteReader& reader) {
+  const ByteView octets = reader.read(sizeof(Number));
+  return octets.empty()
+             ? Number{0}
+             : boost::endian::endian_load<Number, sizeof(Number), byte_order>(octets.data());
+}
+
+template <order byte_order, class Number>
+ByteWriter& store(ByteWriter& writer, Number value) {
+  std::array<std::uint8_t, sizeof(Number)> octets{};
+  boost::endian::endian_store<Number, sizeof(Number), byte_order>(octets.data(), value);
+  return writer.write(octets);
+}
+
+}  // namespace
 
 std::string_view as_text(ByteView bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
@@ -20,13 +43,9 @@ Bytes to_bytes(std::string_view text) {
 }
 
 std::string to_hex(ByteView bytes) {
-  constexpr std::string_view digits = "0123456789abcdef";
   std::string text;
   text.reserve(bytes.size() * 2);
-  for (const std::uint8_t byte : bytes) {
-    text += digits[byte >> 4];
-    text += digits[byte & 0x0f];
-  }
+  boost::algorithm::hex_lower(bytes.begin(), bytes.end(), std::back_inserter(text));
   return text;
 }
 
@@ -53,63 +72,28 @@ ByteView ByteReader::read(std::size_t count) {
 
 ByteView ByteReader::read_rest() { return read(rest_.size()); }
 
-std::uint8_t ByteReader::read_u8() {
-  const ByteView b = read(1);
-  return b.empty() ? std::uint8_t{0} : b[0];
-}
+std::uint8_t ByteReader::read_u8() { return load<std::uint8_t, order::big>(*this); }
+std::uint16_t ByteReader::read_u16_be() { return load<std::uint16_t, order::big>(*this); }
+std::uint16_t ByteReader::read_u16_le() { return load<std::uint16_t, order::little>(*this); }
+std::int16_t ByteReader::read_i16_le() { return load<std::int16_t, order::little>(*this); }
+std::uint32_t ByteReader::read_u32_le() { return load<std::uint32_t, order::little>(*this); }
+std::uint64_t ByteReader::read_u64_le() { return load<std::uint64_t, order::little>(*this); }
 
-std::uint16_t ByteReader::read_u16_be() {
-  const ByteView b = read(2);
-  return b.empty() ? std::uint16_t{0} : static_cast<std::uint16_t>(b[0] << 8 | b[1]);
-}
-
-std::uint16_t ByteReader::read_u16_le() {
-  const ByteView b = read(2);
-  return b.empty() ? std::uint16_t{0} : static_cast<std::uint16_t>(b[1] << 8 | b[0]);
-}
-
-std::int16_t ByteReader::read_i16_le() { return static_cast<std::int16_t>(read_u16_le()); }
-
-std::uint32_t ByteReader::read_u32_le() {
-  const std::uint32_t low = read_u16_le();
-  const std::uint32_t high = read_u16_le();
-  return ok_ ? high << 16 | low : 0;
-}
-
-std::uint64_t ByteReader::read_u64_le() {
-  const std::uint64_t low = read_u32_le();
-  return std::uint64_t{read_u32_le()} << 32 | low;
-}
-
-ByteWriter& ByteWriter::write_u8(std::uint8_t value) {
-  bytes_.push_back(value);
-  return *this;
-}
-
+ByteWriter& ByteWriter::write_u8(std::uint8_t value) { return store<order::big>(*this, value); }
 ByteWriter& ByteWriter::write_u16_be(std::uint16_t value) {
-  bytes_.push_back(static_cast<std::uint8_t>(value >> 8));
-  bytes_.push_back(static_cast<std::uint8_t>(value));
-  return *this;
+  return store<order::big>(*this, value);
 }
-
 ByteWriter& ByteWriter::write_u16_le(std::uint16_t value) {
-  bytes_.push_back(static_cast<std::uint8_t>(value));
-  bytes_.push_back(static_cast<std::uint8_t>(value >> 8));
-  return *this;
+  return store<order::little>(*this, value);
 }
-
 ByteWriter& ByteWriter::write_i16_le(std::int16_t value) {
-  return write_u16_le(static_cast<std::uint16_t>(value));
+  return store<order::little>(*this, value);
 }
-
 ByteWriter& ByteWriter::write_u32_le(std::uint32_t value) {
-  write_u16_le(static_cast<std::uint16_t>(value));
-  return write_u16_le(static_cast<std::uint16_t>(value >> 16));
+  return store<order::little>(*this, value);
 }
-
 ByteWriter& ByteWriter::write_u64_le(std::uint64_t value) {
-  write_u32_le(static_cast<std::uint32_t>(value));
-  return write_u32_le(static_cast<std::uint32_t>(value >> 32));
+  return store<order::little>(*this, value);
 }
 
 ByteWriter& ByteWriter::write(ByteView bytes) {

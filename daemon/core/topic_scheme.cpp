@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/topic_scheme.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <initializer_list>
+#include <boost/algorithm/string/replace.hpp>
 #include <utility>
 
 #include "daemon/core/utf8.hpp"
@@ -42,12 +44,8 @@ std::optional<TopicScheme::RobotAndType> parse_below(std::string_view root,
   return TopicScheme::RobotAndType{robot.level, *robot.rest};
 }
 
-std::string with_client_id(std::string filter, std::string_view client_id) {
-  for (std::size_t at = filter.find("%c"); at != std::string::npos;
-       at = filter.find("%c", at + client_id.size())) {
-    filter.replace(at, 2, client_id);
-  }
-  return filter;
+std::string with_client_id(const std::string& filter, std::string_view client_id) {
+  return boost::algorithm::replace_all_copy(filter, "%c", client_id);
 }
 
 /// True when every topic that `inner` can match is matched by `outer`. A leading wildcard does not
@@ -65,16 +63,6 @@ bool filter_covers(std::string_view outer, std::string_view inner) {
     outer = *o.rest;
     inner = *i.rest;
   }
-}
-
-/// Joins the parts with one allocation.
-std::string joined(std::initializer_list<std::string_view> parts) {
-  std::size_t size = 0;
-  for (const std::string_view part : parts) size += part.size();
-  std::string text;
-  text.reserve(size);
-  for (const std::string_view part : parts) text += part;
-  return text;
 }
 
 }  // namespace
@@ -118,11 +106,11 @@ TopicScheme::TopicScheme(std::string prefix, std::string gateway_id)
       hears_root_(prefix_ + "/fleet/all/") {}
 
 std::string TopicScheme::robot_topic(std::string_view robot, std::string_view type) const {
-  return joined({robot_root_, robot, "/", type});
+  return fmt::format("{}{}/{}", robot_root_, robot, type);
 }
 
 std::string TopicScheme::command_topic(std::string_view robot, std::string_view type) const {
-  return joined({command_root_, robot, "/", type});
+  return fmt::format("{}{}/{}", command_root_, robot, type);
 }
 
 std::string TopicScheme::command_filter(std::string_view robot) const {
@@ -164,20 +152,20 @@ std::optional<std::string_view> TopicScheme::gateway_of_hears(std::string_view t
 }
 
 std::string TopicScheme::presence_topic(std::string_view robot) const {
-  return joined({gateway_root_, "robots/", robot});
+  return fmt::format("{}robots/{}", gateway_root_, robot);
 }
 
 std::string TopicScheme::presence_topic_at(const std::string& gateway,
                                            std::string_view robot) const {
-  return joined({gateways_root_, gateway, "/robots/", robot});
+  return fmt::format("{}{}/robots/{}", gateways_root_, gateway, robot);
 }
 
 std::string TopicScheme::outcome_topic(std::string_view robot) const {
-  return joined({gateway_root_, "commands/", robot});
+  return fmt::format("{}commands/{}", gateway_root_, robot);
 }
 
 std::string TopicScheme::rejected_topic(std::string_view robot, std::string_view type) const {
-  return joined({gateway_root_, "rejected/", robot, "/", type});
+  return fmt::format("{}rejected/{}/{}", gateway_root_, robot, type);
 }
 
 TopicPolicy::TopicPolicy(TopicScheme scheme, std::vector<std::string> extra_publish,
