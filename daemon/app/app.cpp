@@ -43,7 +43,6 @@ Gateway::Settings gateway_settings(const Config& config, const Now& started) {
   Gateway::Settings settings{SLAMGW_VERSION, config.update_mode, started.wall};
   settings.retain = config.topics.retain;
   settings.describes_robots = config.topics.home_assistant;
-  settings.probes_rights = true;
   return settings;
 }
 

@@ -41,7 +41,7 @@ Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker
           {settings_.version, settings_.started, settings_.update_mode, settings_.describes_robots},
           broker_, directory_, actions_),
       commands_(scheme_, directory_, actions_, settings_.max_open_commands),
-      rights_(scheme_) {}
+      rights_(scheme_, broker_, actions_) {}
 
 void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
   std::visit([&](auto& what) { handle(std::move(what), now); }, event);
@@ -200,22 +200,15 @@ void Gateway::hear_all_commands(bool does_hear) {
 }
 
 void Gateway::on_broker_link(const Now& now) {
-  rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   if (broker_.is_up)
     for (const std::string& filter : own_filters_) actions_.push(SubscribeAtBroker{filter});
-  if (broker_.is_up && settings_.probes_rights)
-    for (const std::string& filter : rights_.filters()) actions_.push(SubscribeAtBroker{filter});
+  rights_.on_broker_link();
   presence_.on_broker_link(now);
   commands_.on_broker_link(presence_.settled_at());
 }
 
 void Gateway::on_subscribe_result(const std::string& filter, bool is_granted, const Now& now) {
-  if (rights_.is_own(filter)) {
-    if (auto question = rights_.on_subscribe_result(filter, is_granted, now))
-      return probe_rights({std::move(*question)});
-    return probe_rights({});
-  }
-  if (is_granted) return;
+  if (rights_.on_subscribe_result(filter, is_granted, now) || is_granted) return;
   actions_.push(
       Notice{Severity::warning,
              fmt::format("the broker refused the subscription to '{}': its access control list "
@@ -225,8 +218,7 @@ void Gateway::on_subscribe_result(const std::string& filter, bool is_granted, co
 }
 
 void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
-  if (presence_.take(message, now)) return;
-  if (rights_.take(message)) return probe_rights({});
+  if (presence_.take(message, now) || rights_.take(message)) return;
   const auto target = scheme_.parse_command_topic(message.topic);
   if (!target || message.retain || target->type == RightsProbe::level) return;
   commands_.on_stray_command(std::move(message), now);
@@ -265,20 +257,14 @@ void Gateway::on_stop(const Now& now) {
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
-  const auto next = earlier(commands_.deadline(), presence_.deadline());
-  return broker_.is_up ? earlier(next, rights_.deadline()) : next;
+  return earlier(commands_.deadline(), earlier(presence_.deadline(), rights_.deadline()));
 }
 
 void Gateway::on_deadline(const Now& now) {
   commands_.on_deadline(now);
   for (Report& will : presence_.take_due_wills(now)) pass_up(std::move(will), now);
   presence_.on_deadline(now);
-  if (broker_.is_up) probe_rights(rights_.on_tick(now));
-}
-
-void Gateway::probe_rights(std::vector<BrokerMessage> messages) {
-  for (BrokerMessage& message : messages) actions_.push(Upload{std::move(message), no_receipt});
-  if (auto notice = rights_.next_notice()) actions_.push(std::move(*notice));
+  rights_.on_deadline(now);
 }
 
 }  // namespace slamgw

@@ -31,7 +31,6 @@ class Gateway {
     UpdateMode update_mode = UpdateMode::positions;
     WallTime started{};  ///< "since" in `state`
     std::size_t max_open_commands = CommandLedger::default_max_open;
-    bool probes_rights = false;               ///< checks the broker's access list (RightsProbe)
     std::vector<std::string> retain = {"*"};  ///< `topics.retain`
     bool describes_robots = false;            ///< `topics.home_assistant`
   };
@@ -120,7 +119,6 @@ class Gateway {
   bool is_copy(const Report& report, const Now& now);
   void pass_up(Report report, const Now& now);
   void reject(TrafficEvent event, bool retain, Robot* robot, const Now& now);
-  void probe_rights(std::vector<BrokerMessage> messages);
 
   TopicScheme scheme_;
   const std::string all_commands_ = scheme_.command_topic("+", "+");  ///< as a filter

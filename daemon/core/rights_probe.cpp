@@ -6,12 +6,11 @@
 #include <algorithm>
 #include <utility>
 
-#include "daemon/core/protocol_machine.hpp"
-
 namespace slamgw {
 
-RightsProbe::RightsProbe(const TopicScheme& scheme)
-    : places_{{{fmt::format("{}/gateway/{}/{}", scheme.prefix(), scheme.gateway_id(), level),
+RightsProbe::RightsProbe(const TopicScheme& scheme, const BrokerLink& broker,
+                         GatewayActions& actions)
+    : broker_(broker), actions_(actions), places_{{{fmt::format("{}/gateway/{}/{}", scheme.prefix(), scheme.gateway_id(), level),
                 {"states, outcomes and numbers of this gateway do not reach the broker, or cannot "
                  "be read back",
                  fmt::format("topic readwrite {}/gateway/#", scheme.prefix())}},
@@ -22,71 +21,69 @@ RightsProbe::RightsProbe(const TopicScheme& scheme)
                              "{0}/server/+/{1})",
                              scheme.prefix(), level)}}}} {}
 
-std::vector<std::string> RightsProbe::filters() const {
-  std::vector<std::string> filters;
-  for (const Place& place : places_) filters.push_back(place.topic);
-  return filters;
+RightsProbe::Place* RightsProbe::find(std::string_view topic) {
+  const auto place = std::ranges::find(places_, topic, &Place::topic);
+  return place == places_.end() ? nullptr : &*place;
 }
 
-bool RightsProbe::is_own(const std::string& filter) const {
-  return std::ranges::any_of(places_, [&](const Place& place) { return place.topic == filter; });
-}
-
-void RightsProbe::on_broker_link(bool is_probing) {
-  is_probing_ = is_probing;
-  for (Place& place : places_)
+void RightsProbe::on_broker_link() {
+  for (Place& place : places_) {
     if (place.state == State::waiting) place.state = State::idle;
+    if (broker_.is_up) actions_.push(SubscribeAtBroker{place.topic});
+  }
 }
 
-std::optional<BrokerMessage> RightsProbe::on_subscribe_result(const std::string& filter,
-                                                              bool granted, const Now& now) {
-  const auto place = std::find_if(places_.begin(), places_.end(),
-                                  [&](const Place& p) { return p.topic == filter; });
-  if (place == places_.end()) return std::nullopt;
-  if (granted) return ask(*place, now);
-  place->state = State::unheard;
+bool RightsProbe::on_subscribe_result(const std::string& filter, bool is_granted, const Now& now) {
+  Place* const place = find(filter);
+  if (!place) return false;
   place->sent = now.mono;
-  return std::nullopt;
+  if (is_granted)
+    ask(*place, now);
+  else
+    place->state = State::unheard;
+  report_changes();
+  return true;
 }
 
 /// The wall clock in the nonce tells this process's messages from those of a former process; the
 /// number tells them from each other.
-BrokerMessage RightsProbe::ask(Place& place, const Now& now) {
+void RightsProbe::ask(Place& place, const Now& now) {
   const auto since_epoch = now.wall.time_since_epoch();
   place.nonce = fmt::format(
       "{}-{}", std::chrono::duration_cast<std::chrono::microseconds>(since_epoch).count(),
       ++asked_);
-  place.state = place.state == State::unheard ? State::unheard : State::waiting;
-  place.sent = now.mono;
-  return {place.topic, to_bytes(place.nonce), Qos::at_most_once, false};
+  if (place.state != State::unheard) place.state = State::waiting;
+  actions_.push(
+      Upload{{place.topic, to_bytes(place.nonce), Qos::at_most_once, false}, no_receipt});
 }
 
 bool RightsProbe::take(const BrokerMessage& message) {
-  const auto place = std::find_if(places_.begin(), places_.end(),
-                                  [&](const Place& p) { return p.topic == message.topic; });
-  if (place == places_.end()) return false;
+  Place* const place = find(message.topic);
+  if (!place) return false;
   if (place->nonce.empty() || as_text(message.payload) != place->nonce) return true;
   place->state = State::heard;
   place->nonce.clear();
+  report_changes();
   return true;
 }
 
-std::vector<BrokerMessage> RightsProbe::on_tick(const Now& now) {
-  std::vector<BrokerMessage> messages;
-  if (!is_probing_) return messages;
+/// Probes again from the subscription on, because a broker may have refused it.
+void RightsProbe::on_deadline(const Now& now) {
+  if (!broker_.is_up) return;
   for (Place& place : places_) {
     if (place.state == State::waiting && now.mono - place.sent >= patience)
       place.state = State::unheard;
-    if (place.state == State::unheard && now.mono - place.sent >= retry)
-      messages.push_back(ask(place, now));
+    if (place.state != State::unheard || now.mono - place.sent < retry) continue;
+    place.sent = now.mono;
+    actions_.push(SubscribeAtBroker{place.topic});
   }
-  return messages;
+  report_changes();
 }
 
 std::optional<TimePoint> RightsProbe::deadline() const {
   std::optional<TimePoint> next;
+  if (!broker_.is_up) return next;
   for (const Place& place : places_) {
-    if (!is_probing_) break;
     if (place.state == State::waiting) next = earlier(next, place.sent + patience);
     if (place.state == State::unheard) next = earlier(next, place.sent + retry);
   }
@@ -100,19 +97,20 @@ std::vector<MissingRight> RightsProbe::missing() const {
   return missing;
 }
 
-std::optional<Notice> RightsProbe::next_notice() {
+void RightsProbe::report_changes() {
   std::vector<MissingRight> now_missing = missing();
-  if (now_missing == reported_) return std::nullopt;
+  if (now_missing == reported_) return;
   reported_ = std::move(now_missing);
   if (reported_.empty())
-    return Notice{Severity::notice,
-                  "the broker's access control list gives all rights that this gateway needs",
-                  {},
-                  Occasion::broker_link};
+    return actions_.push(
+        Notice{Severity::notice,
+               "the broker's access control list gives all rights that this gateway needs",
+               {},
+               Occasion::broker_link});
   std::string text = "the broker's access control list lacks rights for this gateway's user";
   for (const MissingRight& right : reported_)
     text += fmt::format("; {}: {}", right.what, right.grant);
-  return Notice{Severity::warning, std::move(text), {}, Occasion::broker_link};
+  actions_.push(Notice{Severity::warning, std::move(text), {}, Occasion::broker_link});
 }
 
 }  // namespace slamgw

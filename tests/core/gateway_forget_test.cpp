@@ -53,7 +53,7 @@ class GatewayForget : public testing::Test {
   Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
   BrokerLink broker{true, {}, {}};
   Gateway gateway{TopicScheme("p", "g"),
-                  {.version = "1", .probes_rights = true},
+                  {.version = "1"},
                   broker,
                   [](Mesh, const std::string&) { return Presence::online; }};
   bool may_read_commands = true;

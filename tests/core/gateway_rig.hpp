@@ -15,6 +15,10 @@
 
 namespace slamgw::test {
 
+inline bool is_of_rights_probe(const SubscribeAtBroker& subscribe) {
+  return subscribe.filter.ends_with("/probe");
+}
+
 class GatewayRig : public testing::Test {
  protected:
   template <class Action>

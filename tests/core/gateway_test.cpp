@@ -222,7 +222,8 @@ TEST_F(GatewayTest, SaysEverythingAgainWhenTheBrokerComesBack) {
 TEST_F(GatewayTest, RenewsItsOwnSubscriptionsAtEachConnection) {
   const auto filters = [this] {
     std::vector<std::string> asked;
-    for (const auto& each : drain<SubscribeAtBroker>()) asked.push_back(each.filter);
+    for (const auto& each : drain<SubscribeAtBroker>())
+      if (!test::is_of_rights_probe(each)) asked.push_back(each.filter);
     return asked;
   };
   gateway.subscribe_own("ntnu-slam/gateway/+/state");

@@ -8,82 +8,117 @@ namespace {
 
 using namespace std::chrono_literals;
 
+/// The test is the broker. It grants subscriptions and does not bring back what was published.
 class RightsProbeTest : public testing::Test {
  protected:
   Now after(Duration time) const { return {TimePoint{} + 1h + time, WallTime{} + 1h}; }
-  void connect() {
-    probe_.on_broker_link(true);
-    for (const std::string& filter : probe_.filters())
-      if (auto message = probe_.on_subscribe_result(filter, true, after(0s)))
-        sent_.push_back(*message);
+  void link_is(bool is_up) {
+    broker_.is_up = is_up;
+    probe_.on_broker_link();
+    drain(0s);
+  }
+  void pass(Duration until) {
+    probe_.on_deadline(after(until));
+    drain(until);
+  }
+  void drain(Duration now) {
+    while (const auto action = actions_.pop()) {
+      if (const auto* what = std::get_if<SubscribeAtBroker>(&*action))
+        probe_.on_subscribe_result(what->filter, grants_, after(now));
+      if (const auto* what = std::get_if<Upload>(&*action)) sent_.push_back(what->message);
+      if (const auto* what = std::get_if<Notice>(&*action)) notices_.push_back(what->severity);
+    }
+  }
+  /// The broker brings back what was sent.
+  void take(const BrokerMessage& message) {
+    EXPECT_TRUE(probe_.take(message));
+    drain(0s);
   }
 
-  RightsProbe probe_{TopicScheme("lab", "gw1")};
+  BrokerLink broker_;
+  GatewayActions actions_;
+  RightsProbe probe_{TopicScheme("lab", "gw1"), broker_, actions_};
+  bool grants_ = true;
   std::vector<BrokerMessage> sent_;
+  std::vector<Severity> notices_;
 };
 
+using Notices = std::vector<Severity>;
+
 TEST_F(RightsProbeTest, FindsNothingMissingWhereBothMessagesComeBack) {
-  connect();
+  link_is(true);
   ASSERT_EQ(sent_.size(), 2U);
   EXPECT_EQ(sent_[0].topic, "lab/gateway/gw1/probe");
   EXPECT_EQ(sent_[1].topic, "lab/server/gw1/probe");
-  for (const BrokerMessage& message : sent_) EXPECT_TRUE(probe_.take(message));
-  EXPECT_TRUE(probe_.on_tick(after(1h)).empty());
+  for (const BrokerMessage& message : std::vector(sent_)) take(message);
+  pass(1h);
+  EXPECT_EQ(sent_.size(), 2U);
   EXPECT_TRUE(probe_.missing().empty());
-  EXPECT_FALSE(probe_.next_notice());
+  EXPECT_TRUE(notices_.empty());
 }
 
 TEST_F(RightsProbeTest, NamesTheLineThatGrantsWhatIsMissing) {
-  connect();
-  probe_.take(sent_[0]);
-  EXPECT_TRUE(probe_.on_tick(after(9s)).empty());
+  link_is(true);
+  take(sent_[0]);
+  pass(9s);
   EXPECT_TRUE(probe_.missing().empty()) << "not before its time";
-  probe_.on_tick(after(10s));
+  pass(10s);
   ASSERT_EQ(probe_.missing().size(), 1U);
   EXPECT_NE(probe_.missing()[0].grant.find("topic read lab/server/#"), std::string::npos);
-  const auto notice = probe_.next_notice();
-  ASSERT_TRUE(notice);
-  EXPECT_EQ(notice->severity, Severity::warning);
-  EXPECT_FALSE(probe_.next_notice()) << "once";
+  EXPECT_EQ(notices_, Notices{Severity::warning});
+  pass(11s);
+  EXPECT_EQ(notices_.size(), 1U) << "once";
 }
 
 TEST_F(RightsProbeTest, SeesWhenTheListWasCorrected) {
-  connect();
-  probe_.take(sent_[0]);
-  probe_.on_tick(after(10s));
-  EXPECT_TRUE(probe_.next_notice());
-  const auto again = probe_.on_tick(after(60s));
-  ASSERT_EQ(again.size(), 1U);
-  EXPECT_EQ(again[0].topic, "lab/server/gw1/probe");
+  link_is(true);
+  take(sent_[0]);
+  pass(10s);
+  pass(60s);
+  ASSERT_EQ(sent_.size(), 3U);
+  EXPECT_EQ(sent_[2].topic, "lab/server/gw1/probe");
   EXPECT_EQ(probe_.missing().size(), 1U) << "until it is heard";
-  probe_.take(again[0]);
+  take(sent_[2]);
   EXPECT_TRUE(probe_.missing().empty());
-  const auto notice = probe_.next_notice();
-  ASSERT_TRUE(notice);
-  EXPECT_EQ(notice->severity, Severity::notice);
+  EXPECT_EQ(notices_, (Notices{Severity::warning, Severity::notice}));
 }
 
 TEST_F(RightsProbeTest, TakesARefusedSubscriptionAtItsWord) {
-  probe_.on_broker_link(true);
-  EXPECT_FALSE(probe_.on_subscribe_result("lab/server/gw1/probe", false, after(0s)));
-  EXPECT_EQ(probe_.missing().size(), 1U);
+  grants_ = false;
+  link_is(true);
+  EXPECT_EQ(probe_.missing().size(), 2U);
+  EXPECT_TRUE(sent_.empty());
   EXPECT_FALSE(probe_.on_subscribe_result("lab/server/other/#", false, after(0s)));
 }
 
+TEST_F(RightsProbeTest, SubscribesAgainWhereTheBrokerRefusedIt) {
+  grants_ = false;
+  link_is(true);
+  pass(59s);
+  EXPECT_EQ(probe_.deadline(), after(60s).mono);
+  grants_ = true;  // the access list was corrected
+  pass(60s);
+  ASSERT_EQ(sent_.size(), 2U);
+  for (const BrokerMessage& message : std::vector(sent_)) take(message);
+  EXPECT_TRUE(probe_.missing().empty());
+}
+
 TEST_F(RightsProbeTest, KnowsItsOwnMessagesOnly) {
-  connect();
+  link_is(true);
   BrokerMessage old = sent_[1];
   old.payload.push_back('x');
-  EXPECT_TRUE(probe_.take(old)) << "nobody else's business all the same";
-  probe_.on_tick(after(10s));
+  take(old);
+  pass(10s);
   EXPECT_EQ(probe_.missing().size(), 2U);
   EXPECT_FALSE(probe_.take({"lab/server/gw1/cmd", {}, Qos::at_most_once, false}));
 }
 
 TEST_F(RightsProbeTest, WaitsForNothingWhileTheBrokerIsAway) {
-  connect();
-  probe_.on_broker_link(false);
-  EXPECT_TRUE(probe_.on_tick(after(1h)).empty());
+  link_is(true);
+  link_is(false);
+  EXPECT_FALSE(probe_.deadline());
+  pass(1h);
+  EXPECT_EQ(sent_.size(), 2U);
   EXPECT_TRUE(probe_.missing().empty());
 }
 
