@@ -36,10 +36,7 @@ Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker
       settings_(std::move(settings)),
       broker_(broker),
       directory_{RobotRegistry(), RobotNames(), {}, std::move(presence_on), {}},
-      presence_(
-          scheme_,
-          {settings_.version, settings_.started, settings_.update_mode, settings_.describes_robots},
-          broker_, directory_, actions_),
+      presence_(scheme_, settings_, broker_, directory_, actions_),
       commands_(scheme_, directory_, actions_, settings_.max_open_commands),
       rights_(scheme_, broker_, actions_) {}
 

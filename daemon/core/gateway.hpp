@@ -26,14 +26,7 @@ namespace slamgw {
 
 class Gateway {
  public:
-  struct Settings {
-    std::string version;
-    UpdateMode update_mode = UpdateMode::positions;
-    WallTime started{};  ///< "since" in `state`
-    std::size_t max_open_commands = CommandLedger::default_max_open;
-    std::vector<std::string> retain = {"*"};  ///< `topics.retain`
-    bool describes_robots = false;            ///< `topics.home_assistant`
-  };
+  using Settings = GatewaySettings;
   struct Traffic {
     std::uint64_t up = 0;            ///< robots' messages that went to the outbox
     std::uint64_t rejected = 0;      ///< payloads that `payload.update` could not read

@@ -25,15 +25,15 @@ constexpr std::string_view last_will_state = R"({"state":"offline"})";
 
 }  // namespace
 
-PresencePublisher::PresencePublisher(const TopicScheme& scheme, About about,
+PresencePublisher::PresencePublisher(const TopicScheme& scheme, GatewaySettings& settings,
                                      const BrokerLink& broker, RobotDirectory& directory,
                                      GatewayActions& actions)
     : scheme_(scheme),
-      about_(std::move(about)),
+      settings_(settings),
       broker_(broker),
       directory_(directory),
       actions_(actions),
-      leftovers_(scheme_.presence_topic({})) {}
+      own_presence_(scheme_.presence_topic({})) {}
 
 void PresencePublisher::on_broker_link(const Now& now) {
   is_state_heard_ = false;
@@ -43,7 +43,7 @@ void PresencePublisher::on_broker_link(const Now& now) {
   if (!broker_.is_up) return;
   up_since_ = now.mono;
   if (!waiting_wills_.empty()) wills_due_ = now.mono + will_patience;
-  leftovers_.on_broker_up(now.mono);
+  if (leftovers_ && !leftovers_due_) leftovers_due_ = now.mono + leftover_grace;
   publish_state();
   for (const std::string& topic : std::exchange(to_clear_, {})) clear_retained(topic);
   for (auto& [id, robot] : directory_.registry.robots()) robot.is_described_with_signal.reset();
@@ -51,10 +51,11 @@ void PresencePublisher::on_broker_link(const Now& now) {
 }
 
 bool PresencePublisher::take(const BrokerMessage& message, const Now& now) {
-  if (leftovers_.take(message)) return true;
-  if (message.topic != scheme_.state_topic()) return false;
-  on_own_state(message, now);
-  return true;
+  const bool is_presence = message.topic.starts_with(own_presence_);
+  const bool is_state = message.topic == scheme_.state_topic();
+  if (is_presence) on_own_presence(message);
+  if (is_state) on_own_state(message, now);
+  return is_presence || is_state;
 }
 
 void PresencePublisher::on_presence(const PresenceChange& change, const Now& now) {
@@ -105,17 +106,17 @@ void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint 
 /// a signal, the document keeps it: a robot on two meshes has a signal only in some of its
 /// messages.
 void PresencePublisher::describe(const std::string& id, Robot& robot) {
-  if (!about_.describes_robots) return;
+  if (!settings_.describes_robots) return;
   auto& described = robot.is_described_with_signal;
   const bool has_signal = described.value_or(false) || (robot.radio && robot.radio->rssi_dbm);
   if (described == has_signal) return;
   described = has_signal;
   publish_retained(home_assistant_topic(scheme_, id),
-                   home_assistant_document(scheme_, id, about_.update_mode, has_signal));
+                   home_assistant_document(scheme_, id, settings_.update_mode, has_signal));
 }
 
 void PresencePublisher::describe_robots(bool is_wanted, const Now& now) {
-  if (std::exchange(about_.describes_robots, is_wanted) == is_wanted) return;
+  if (std::exchange(settings_.describes_robots, is_wanted) == is_wanted) return;
   if (is_wanted) return announce_all(now);
   for (auto& [id, robot] : directory_.registry.robots())
     if (std::exchange(robot.is_described_with_signal, std::nullopt))
@@ -155,8 +156,9 @@ void PresencePublisher::on_own_state(const BrokerMessage& message, const Now& no
 void PresencePublisher::publish_state() {
   if (is_stopping_)
     return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
-  Json state{
-      {"state", "online"}, {"version", about_.version}, {"since", to_iso8601(about_.started)}};
+  Json state{{"state", "online"},
+             {"version", settings_.version},
+             {"since", to_iso8601(settings_.started)}};
   if (is_store_full_) state["store"] = "full";
   publish_retained(scheme_.state_topic(), state.dump());
 }
@@ -233,8 +235,9 @@ std::string PresencePublisher::drop(const std::string& robot) {
 /// Clears the retained presence, and the document for Home Assistant unless another gateway shows
 /// the robot: then the document is that gateway's.
 void PresencePublisher::withdraw(const std::string& robot) {
+  if (leftovers_) leftovers_->erase(robot);
   clear_retained(scheme_.presence_topic(robot));
-  if (about_.describes_robots && !directory_.places.is_elsewhere(robot))
+  if (settings_.describes_robots && !directory_.places.is_elsewhere(robot))
     clear_retained(home_assistant_topic(scheme_, robot));
 }
 
@@ -260,7 +263,7 @@ std::optional<TimePoint> PresencePublisher::settled_at() const {
 
 std::optional<TimePoint> PresencePublisher::deadline() const {
   if (!broker_.is_up) return std::nullopt;
-  return earlier(leftovers_.deadline(), earlier(wills_due_, announce_at_));
+  return earlier(leftovers_due_, earlier(wills_due_, announce_at_));
 }
 
 void PresencePublisher::on_deadline(const Now& now) {
@@ -269,10 +272,19 @@ void PresencePublisher::on_deadline(const Now& now) {
   end_leftovers(now);
 }
 
+void PresencePublisher::on_own_presence(const BrokerMessage& message) {
+  const bool is_leftover =
+      message.retain && !message.payload.empty() && message.payload.size() <= max_leftover_octets;
+  if (leftovers_ && is_leftover && leftovers_->size() < max_leftovers)
+    leftovers_->insert_or_assign(message.topic.substr(own_presence_.size()),
+                                 std::string(as_text(message.payload)));
+}
+
 /// Marks leftovers that were not heard as offline; the time is unknown.
 void PresencePublisher::end_leftovers(const Now& now) {
-  const auto leftovers = leftovers_.finish(now.mono);
-  if (!leftovers) return;
+  if (!leftovers_due_ || now.mono < *leftovers_due_) return;
+  leftovers_due_.reset();
+  const auto leftovers = std::exchange(leftovers_, std::nullopt);
   for (const auto& [id, text] : *leftovers) {
     if (directory_.registry.find(id)) continue;
     if (directory_.places.is_elsewhere(id)) {

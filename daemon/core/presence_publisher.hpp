@@ -13,13 +13,22 @@
 #include <vector>
 
 #include "daemon/core/broker_link.hpp"
+#include "daemon/core/command_ledger.hpp"
 #include "daemon/core/gateway_actions.hpp"
-#include "daemon/core/leftover_robots.hpp"
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/robot_directory.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw {
+
+struct GatewaySettings {
+  std::string version;
+  UpdateMode update_mode = UpdateMode::positions;
+  WallTime started{};  ///< "since" in `state`
+  std::size_t max_open_commands = CommandLedger::default_max_open;
+  std::vector<std::string> retain = {"*"};  ///< `topics.retain`
+  bool describes_robots = false;            ///< `topics.home_assistant`
+};
 
 class PresencePublisher {
  public:
@@ -32,15 +41,16 @@ class PresencePublisher {
   /// Wills that may wait; further wills are published at once.
   static constexpr std::size_t max_waiting_wills = 10000;
 
-  struct About {
-    std::string version;
-    WallTime started{};  ///< "since" in `state`
-    UpdateMode update_mode = UpdateMode::positions;
-    bool describes_robots = false;  ///< `topics.home_assistant`
-  };
+  /// An earlier process may have left robots as online. Time from the first connection to the
+  /// broker in which living robots are heard again: BLE robots send a health status every 10 s;
+  /// sessions of MQTT-SN clients are restored at the start.
+  static constexpr std::chrono::seconds leftover_grace{40};
+  static constexpr std::size_t max_leftovers = 10000;
+  /// Ten times the size of a presence that the gateway writes; no gateway wrote a larger one.
+  static constexpr std::size_t max_leftover_octets = 4096;
 
   /// The references must outlive this object.
-  PresencePublisher(const TopicScheme& scheme, About about, const BrokerLink& broker,
+  PresencePublisher(const TopicScheme& scheme, GatewaySettings& settings, const BrokerLink& broker,
                     RobotDirectory& directory, GatewayActions& actions);
 
   void on_broker_link(const Now& now);
@@ -90,6 +100,7 @@ class PresencePublisher {
   void on_own_state(const BrokerMessage& message, const Now& now);
   bool knows_others(TimePoint now) const;
   void announce_unheld(const Now& now);
+  void on_own_presence(const BrokerMessage& message);
   void end_leftovers(const Now& now);
   void withdraw(const std::string& robot);
   void describe(const std::string& id, Robot& robot);
@@ -97,11 +108,14 @@ class PresencePublisher {
   void publish_retained(std::string topic, std::string_view payload);
 
   const TopicScheme& scheme_;
-  About about_;
+  GatewaySettings& settings_;
   const BrokerLink& broker_;
   RobotDirectory& directory_;
   GatewayActions& actions_;
-  LeftoverRobots leftovers_;
+  const std::string own_presence_;  ///< the beginning of the topics of this gateway's presence
+  /// Presence that an earlier process retained, by robot; nothing once `leftover_grace` is over.
+  std::optional<std::map<std::string, std::string>> leftovers_{std::in_place};
+  std::optional<TimePoint> leftovers_due_;
   std::optional<TimePoint> up_since_;     ///< when the broker came online
   std::optional<TimePoint> announce_at_;  ///< when to announce robots whose sessions are not held
   std::map<std::string, Report> waiting_wills_;  ///< by robot

@@ -10,7 +10,9 @@ namespace slamgw {
 
 RightsProbe::RightsProbe(const TopicScheme& scheme, const BrokerLink& broker,
                          GatewayActions& actions)
-    : broker_(broker), actions_(actions), places_{{{fmt::format("{}/gateway/{}/{}", scheme.prefix(), scheme.gateway_id(), level),
+    : broker_(broker),
+      actions_(actions),
+      places_{{{fmt::format("{}/gateway/{}/{}", scheme.prefix(), scheme.gateway_id(), level),
                 {"states, outcomes and numbers of this gateway do not reach the broker, or cannot "
                  "be read back",
                  fmt::format("topic readwrite {}/gateway/#", scheme.prefix())}},
@@ -53,8 +55,7 @@ void RightsProbe::ask(Place& place, const Now& now) {
       "{}-{}", std::chrono::duration_cast<std::chrono::microseconds>(since_epoch).count(),
       ++asked_);
   if (place.state != State::unheard) place.state = State::waiting;
-  actions_.push(
-      Upload{{place.topic, to_bytes(place.nonce), Qos::at_most_once, false}, no_receipt});
+  actions_.push(Upload{{place.topic, to_bytes(place.nonce), Qos::at_most_once, false}, no_receipt});
 }
 
 bool RightsProbe::take(const BrokerMessage& message) {

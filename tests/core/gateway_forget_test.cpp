@@ -52,10 +52,9 @@ class GatewayForget : public testing::Test {
 
   Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
   BrokerLink broker{true, {}, {}};
-  Gateway gateway{TopicScheme("p", "g"),
-                  {.version = "1"},
-                  broker,
-                  [](Mesh, const std::string&) { return Presence::online; }};
+  Gateway gateway{TopicScheme("p", "g"), {.version = "1"}, broker, [](Mesh, const std::string&) {
+                    return Presence::online;
+                  }};
   bool may_read_commands = true;
   std::map<std::string, std::string> retained;
   std::vector<std::string> notices;
@@ -78,6 +77,17 @@ TEST_F(GatewayForget, TakesARobotOfAnEarlierLifeFromTheBroker) {
   retained["p/gateway/g/robots/old"] = "{}";
   EXPECT_EQ(gateway.forget("old"), "");
   drain();
+  EXPECT_FALSE(is_retained("old"));
+}
+
+TEST_F(GatewayForget, DoesNotShowAForgottenRobotOfAnEarlierLifeAgain) {
+  broker_is(true);
+  retained["p/gateway/g/robots/old"] = R"({"state":"online"})";
+  gateway.on_broker_message({"p/gateway/g/robots/old", to_bytes(R"({"state":"online"})"),
+                             Qos::at_least_once, /*retain=*/true},
+                            now);
+  EXPECT_EQ(gateway.forget("old"), "");
+  pass(PresencePublisher::leftover_grace);
   EXPECT_FALSE(is_retained("old"));
 }
 

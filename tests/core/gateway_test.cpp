@@ -277,7 +277,7 @@ TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
   drain<Upload>();
   gateway.on_deadline(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "too early";
-  now.mono += LeftoverRobots::grace;
+  now.mono += PresencePublisher::leftover_grace;
   EXPECT_LE(gateway.deadline(), now.mono);
   gateway.on_deadline(now);
   std::vector<std::string> offline;

@@ -121,7 +121,7 @@ TEST_F(RobotPlacesTest, ALeftoverThatAnotherGatewayShowsIsWithdrawn) {
         {scheme.presence_topic(robot), to_bytes(R"({"state":"online"})"), Qos::at_least_once, true},
         now);
   elsewhere.insert("moved");
-  pass(LeftoverRobots::grace);
+  pass(PresencePublisher::leftover_grace);
   EXPECT_EQ(announced(), (Shown{"pi1/gone", "-pi1/moved"}));
 }
 
