@@ -2,7 +2,6 @@
 #include "daemon/core/command_ledger.hpp"
 
 #include <algorithm>
-#include <iterator>
 #include <utility>
 
 namespace slamgw {
@@ -36,36 +35,35 @@ std::vector<Command> CommandLedger::take_overdue(TimePoint now) {
   return overdue;
 }
 
-void StrayCommands::add(BrokerMessage message, std::string_view robot, TimePoint now) {
-  octets_ += message.payload.size();
-  const TimePoint came = now - message.waited;
-  waiting_.push_back({std::move(message), std::string(robot), came});
+void StrayCommands::add(Stray stray, TimePoint due) {
+  octets_ += stray.message.payload.size();
+  waiting_.emplace(due, std::move(stray));
 }
 
-std::vector<StrayCommands::Stray> StrayCommands::take_overdue(TimePoint now) {
-  std::vector<Stray> overdue;
-  while (!waiting_.empty()) {
-    const bool is_over_bound = waiting_.size() > max_waiting || octets_ > max_octets;
-    if (!is_over_bound && now - waiting_.front().came < wait_) break;
-    octets_ -= waiting_.front().message.payload.size();
-    overdue.push_back(std::move(waiting_.front()));
-    waiting_.pop_front();
+std::optional<StrayCommands::Stray> StrayCommands::take_due(TimePoint now) {
+  if (waiting_.empty() || (!is_full() && waiting_.begin()->first > now)) return std::nullopt;
+  Stray taken = std::move(waiting_.begin()->second);
+  waiting_.erase(waiting_.begin());
+  octets_ -= taken.message.payload.size();
+  return taken;
+}
+
+std::vector<StrayCommands::Stray> StrayCommands::take_all(std::string_view of) {
+  std::vector<Stray> taken;
+  for (auto each = waiting_.begin(); each != waiting_.end();) {
+    const auto stray = each++;
+    if (!of.empty() && stray->second.robot != of) continue;
+    octets_ -= stray->second.message.payload.size();
+    taken.push_back(std::move(stray->second));
+    waiting_.erase(stray);
   }
-  return overdue;
-}
-
-std::vector<StrayCommands::Stray> StrayCommands::take_for(std::string_view robot) {
-  const auto first = std::stable_partition(waiting_.begin(), waiting_.end(),
-                                           [&](const Stray& each) { return each.robot != robot; });
-  std::vector<Stray> taken(std::make_move_iterator(first), std::make_move_iterator(waiting_.end()));
-  waiting_.erase(first, waiting_.end());
-  for (const Stray& each : taken) octets_ -= each.message.payload.size();
+  std::ranges::stable_sort(taken, {}, &Stray::came);
   return taken;
 }
 
 std::optional<TimePoint> StrayCommands::deadline() const {
   if (waiting_.empty()) return std::nullopt;
-  return waiting_.front().came + wait_;
+  return waiting_.begin()->first;
 }
 
 }  // namespace slamgw

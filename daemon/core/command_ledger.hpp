@@ -9,7 +9,7 @@
 #include <boost/multi_index/ordered_index.hpp>
 #include <boost/multi_index_container.hpp>
 
-#include <deque>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -79,8 +79,7 @@ class StrayCommands {
   /// A command is refused after this time at the latest: while the broker comes and goes, no
   /// gateway ever knows all robots.
   static constexpr std::chrono::milliseconds longest{25000};
-  /// Beyond these bounds the oldest commands are refused at once, so invented names cost no more
-  /// memory.
+  /// Beyond these bounds commands are refused at once, so invented names cost no more memory.
   static constexpr std::size_t max_waiting = 4096;
   static constexpr std::size_t max_octets = std::size_t{8} * 1024 * 1024;
 
@@ -90,25 +89,18 @@ class StrayCommands {
     TimePoint came{};
   };
 
-  /// Commands wait here for `wait`.
-  explicit StrayCommands(Duration wait) : wait_(wait) {}
-
-  void add(BrokerMessage message, std::string_view robot, TimePoint now);
-  /// Removes and returns commands that have waited long enough or are beyond the bounds, oldest
-  /// first.
-  std::vector<Stray> take_overdue(TimePoint now);
-  /// Removes and returns the commands for one robot, oldest first.
-  std::vector<Stray> take_for(std::string_view robot);
-  void clear() {
-    waiting_.clear();
-    octets_ = 0;
-  }
+  /// Holds the command until `due`.
+  void add(Stray stray, TimePoint due);
+  bool is_full() const { return waiting_.size() > max_waiting || octets_ > max_octets; }
+  /// Removes and returns a command that is due; if is_full(), the one that is due next.
+  std::optional<Stray> take_due(TimePoint now);
+  /// Removes and returns the commands for the robot `of`, or for all robots, oldest first.
+  std::vector<Stray> take_all(std::string_view of = {});
   std::optional<TimePoint> deadline() const;
 
  private:
-  const Duration wait_;
-  std::deque<Stray> waiting_;  // in the order of arrival
-  std::size_t octets_ = 0;     // of all waiting payloads
+  std::multimap<TimePoint, Stray> waiting_;  // by `due`
+  std::size_t octets_ = 0;                   // of all waiting payloads
 };
 
 }  // namespace slamgw

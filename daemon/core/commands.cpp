@@ -67,8 +67,22 @@ void Commands::on_stray_command(BrokerMessage message, const Now& now) {
     return;
   }
   if (directory_.registry.find(robot)) actions_.push(WantSession{robot});
-  strays_.add(std::move(message), robot, now.mono);
+  const TimePoint came = now.mono - message.waited;
+  hold({std::move(message), robot, came});
   refuse_strays(now);
+}
+
+void Commands::on_broker_link(std::optional<TimePoint> settled_at) {
+  settled_at_ = settled_at;
+  for (StrayCommands::Stray& stray : strays_.take_all()) hold(std::move(stray));
+}
+
+/// Until the other gateways' robots are known, a command waits for StrayCommands::longest.
+void Commands::hold(StrayCommands::Stray stray) {
+  TimePoint due = stray.came + StrayCommands::longest;
+  if (settled_at_)
+    due = std::min(due, std::max(stray.came + StrayCommands::patience, *settled_at_));
+  strays_.add(std::move(stray), due);
 }
 
 void Commands::on_outcome(CommandOutcome outcome, const Now& now) {
@@ -95,31 +109,19 @@ void Commands::on_handed_on(CommandId command) {
 }
 
 void Commands::on_session_held(const std::string& robot, bool was_present, const Now& now) {
-  for (StrayCommands* const waiting : {&before_session_, &strays_}) {
-    for (StrayCommands::Stray& stray : waiting->take_for(robot)) {
-      stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
-      if (!was_present) deliver({robot, std::move(stray.message)}, now);
-    }
+  for (StrayCommands::Stray& stray : strays_.take_all(robot)) {
+    stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
+    if (!was_present) deliver({robot, std::move(stray.message)}, now);
   }
 }
 
-void Commands::on_session_sorted(const std::string& robot) {
-  strays_.take_for(robot);
-  before_session_.take_for(robot);
-}
-
 void Commands::on_stop(const Now& now) {
-  for (const StrayCommands::Stray& stray : strays_.take_overdue(TimePoint::max()))
+  for (const StrayCommands::Stray& stray : strays_.take_all())
     if (!awaits_session(stray.robot)) refuse_stray(stray, now);
 }
 
 std::optional<TimePoint> Commands::deadline() const {
-  auto strays = strays_.deadline();
-  if (strays) {
-    const TimePoint latest = *strays - StrayCommands::patience + StrayCommands::longest;
-    strays = settled_at_ ? std::min(std::max(*strays, *settled_at_), latest) : latest;
-  }
-  return earlier(ledger_.deadline(), earlier(strays, before_session_.deadline()));
+  return earlier(ledger_.deadline(), strays_.deadline());
 }
 
 void Commands::on_deadline(const Now& now) {
@@ -185,22 +187,19 @@ void Commands::refuse(const Command& command, const Now& now) {
   refuse_unknown(std::move(outcome), now, command.sender);
 }
 
-/// Refuses overdue stray commands. Until the other gateways' robots are known, refuses only
-/// commands beyond the bounds and commands older than StrayCommands::longest.
+/// Refuses the stray commands that are due or beyond the bounds. A command for a robot of this
+/// gateway may wait longer.
 void Commands::refuse_strays(const Now& now) {
-  const bool is_settled = settled_at_ && now.mono >= *settled_at_;
-  constexpr Duration more = StrayCommands::longest - StrayCommands::patience;
-  const TimePoint overdue_at = is_settled ? now.mono : now.mono - more;
-  for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) {
-    if (awaits_session(stray.robot)) {
-      stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
-      before_session_.add(std::move(stray.message), stray.robot, now.mono);
-    } else {
-      refuse_stray(stray, now);
-    }
+  while (true) {
+    const bool is_full = strays_.is_full();
+    auto stray = strays_.take_due(now.mono);
+    if (!stray) return;
+    const TimePoint last = stray->came + StrayCommands::longest;
+    if (!is_full && now.mono < last && awaits_session(stray->robot))
+      strays_.add(std::move(*stray), last);
+    else
+      refuse_stray(*stray, now);
   }
-  for (const StrayCommands::Stray& stray : before_session_.take_overdue(now.mono))
-    refuse_stray(stray, now);
 }
 
 /// Returns true for a robot of this gateway whose session no gateway holds: a new session will not

@@ -47,17 +47,14 @@ class Commands {
   void on_handed_on(CommandId command);
   /// `settled_at`: when other gateways' robots are known, so that a name without a robot can be
   /// refused; nothing while the broker is offline.
-  void on_broker_link(std::optional<TimePoint> settled_at) { settled_at_ = settled_at; }
+  void on_broker_link(std::optional<TimePoint> settled_at);
   /// The stray commands for this robot wait no longer. A session that `was_present` brings them;
   /// for a new session they are delivered here.
   void on_session_held(const std::string& robot, bool was_present, const Now& now);
   /// Drops the stray commands for this robot: its session brought them, and they were refused.
-  void on_session_sorted(const std::string& robot);
+  void on_session_sorted(const std::string& robot) { strays_.take_all(robot); }
   /// Drops all stray commands. Call when the gateway stops hearing commands for all names.
-  void forget_strays() {
-    strays_.clear();
-    before_session_.clear();
-  }
+  void forget_strays() { strays_.take_all(); }
   /// Refuses the stray commands that still wait, except for this gateway's robots: after a restart
   /// their sessions may bring them.
   void on_stop(const Now& now);
@@ -71,6 +68,7 @@ class Commands {
  private:
   CommandId deliver(RobotMessage message, const Now& now);
   void refuse(const Command& command, const Now& now);
+  void hold(StrayCommands::Stray stray);
   void refuse_strays(const Now& now);
   bool awaits_session(const std::string& robot) const;
   void refuse_stray(const StrayCommands::Stray& stray, const Now& now);
@@ -84,8 +82,7 @@ class Commands {
   RobotDirectory& directory_;
   GatewayActions& actions_;
   CommandLedger ledger_;
-  StrayCommands strays_{StrayCommands::patience};
-  StrayCommands before_session_{StrayCommands::longest};  // of this gateway's robots
+  StrayCommands strays_;
   std::optional<TimePoint> settled_at_;
   LogThrottle unknown_throttle_;
   Counts counts_;
