@@ -36,7 +36,7 @@ PresencePublisher::PresencePublisher(const TopicScheme& scheme, GatewaySettings&
       own_presence_(scheme_.presence_topic({})) {}
 
 void PresencePublisher::on_broker_link(const Now& now) {
-  is_state_heard_ = false;
+  is_state_heard_ = sends_retained_ = false;
   up_since_.reset();
   wills_due_.reset();
   announce_at_.reset();
@@ -86,13 +86,14 @@ void PresencePublisher::on_heard(const std::string& id, Robot* robot, TimePoint 
   if (!waiting_wills_.empty()) waiting_wills_.erase(id);
   const bool is_due =
       robot && (robot->is_announcement_due || now - robot->announced >= presence_refresh);
-  if (is_due && robot->presence().is_known) announce(id, *robot, now);
+  if (is_due) announce(id, *robot, now);
 }
 
 /// Publishes nothing while the broker is offline: everything is published again when it is back.
 /// Waits for a robot whose session this gateway does not hold until it is known that no other
 /// gateway shows the robot.
 void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint now) {
+  if (!robot.presence().is_known) return;
   robot.announced = now;
   if (!broker_.is_up) return;
   robot.is_announcement_due =
@@ -203,7 +204,7 @@ void PresencePublisher::on_session_held(const std::string& robot, const std::str
                                         const Now& now) {
   if (!dead_owner.empty()) publish_retained(scheme_.presence_topic_at(dead_owner, robot), {});
   Robot* known = directory_.registry.find(robot);
-  if (!known || !known->presence().is_known) return;
+  if (!known) return;
   known->is_described_with_signal.reset();  // the document names the previous gateway
   announce(robot, *known, now.mono);
 }

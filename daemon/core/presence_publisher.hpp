@@ -60,7 +60,8 @@ class PresencePublisher {
   /// Takes a message or another sign of life of a robot. `robot` is null when there is no room for
   /// it.
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
-  /// Publishes the robot's presence, unless another gateway shows the robot.
+  /// Publishes the robot's presence, unless another gateway shows the robot. Publishes none for a
+  /// robot that has only sent messages, without a session.
   void announce(const std::string& id, Robot& robot, TimePoint now);
   void announce_all(const Now& now);
   /// Applies `topics.home_assistant` after the configuration was read again.
@@ -123,7 +124,8 @@ class PresencePublisher {
   std::set<std::string> to_clear_;  ///< retained topics to clear when the broker is back
   bool is_store_full_ = false;
   bool is_stopping_ = false;
-  bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
+  /// The broker has sent a retained message on this connection, so it does for wildcards.
+  bool sends_retained_ = false;
   bool is_state_heard_ = false;  ///< the `online` of this connection has come back
 };
 

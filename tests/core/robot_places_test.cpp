@@ -126,6 +126,37 @@ TEST_F(RobotPlacesTest, ALeftoverThatAnotherGatewayShowsIsWithdrawn) {
 }
 
 /// Whether the presence that is published now says so.
+TEST_F(RobotPlacesTest, ARobotWithoutASessionIsNotShown) {
+  say(update_from("a", {1, 0, 2, 0}));
+  broker_comes();
+  EXPECT_EQ(announced(), Shown{});
+  gateway.presence().announce_all(now);
+  gateway.presence().on_contested("a", true, now);
+  EXPECT_EQ(announced(), Shown{}) << "it has neither state nor address";
+}
+
+/// A failover may lead to a broker that sends no retained messages to wildcards.
+TEST_F(RobotPlacesTest, EachConnectionShowsAnewWhetherItsBrokerSendsRetainedMessages) {
+  is_alone = true;
+  const auto hear_own_state = [&](bool retain) {
+    gateway.on_broker_message({"ntnu-slam/gateway/pi1/state", to_bytes(R"({"state":"online"})"),
+                               Qos::at_least_once, retain},
+                              now);
+  };
+  comes("a");
+  broker_is(true);
+  hear_own_state(/*retain=*/true);
+  EXPECT_EQ(announced(), Shown{});
+  hear_own_state(/*retain=*/false);
+  EXPECT_EQ(announced(), Shown{"pi1/a"}) << "no other gateway is there";
+  broker_is(false);
+  broker_is(true);
+  hear_own_state(/*retain=*/false);
+  EXPECT_EQ(announced(), Shown{}) << "other gateways may be there";
+  pass(PresencePublisher::settling);
+  EXPECT_EQ(announced(), Shown{"pi1/a"});
+}
+
 class ContestedTest : public RobotPlacesTest {
  protected:
   std::vector<bool> said() {
