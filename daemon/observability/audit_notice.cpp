@@ -2,22 +2,15 @@
 #include "daemon/observability/audit_notice.hpp"
 
 #include <fmt/format.h>
-#include <pwd.h>
 
-#include <cerrno>
-#include <cstdio>
-#include <memory>
+#include <boost/algorithm/string/split.hpp>
+#include <fstream>
 #include <vector>
 
+#include "daemon/core/parse_number.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw {
-
-namespace {
-
-constexpr std::size_t longest_users_line = 1 << 20;
-
-}  // namespace
 
 std::optional<AuditedOrder> audited(const BleOrder& order) {
   using Audited = std::optional<AuditedOrder>;
@@ -74,18 +67,12 @@ Notice audit_notice(const std::string& who, const AuditedOrder& order, const std
 }
 
 std::string user_words(uid_t uid, const char* users_file) {
-  const std::unique_ptr<FILE, int (*)(FILE*)> users(fopen(users_file, "re"), &fclose);
-  std::vector<char> strings(4096);
-  passwd user{};
-  passwd* found = nullptr;
-  while (users) {
-    const int error = fgetpwent_r(users.get(), &user, strings.data(), strings.size(), &found);
-    if (error == ERANGE && strings.size() < longest_users_line) {
-      strings.resize(2 * strings.size());  // the next call reads the same line again
-      continue;
-    }
-    if (error != 0) break;
-    if (found->pw_uid == uid) return fmt::format("uid {} ({})", uid, found->pw_name);
+  std::ifstream users(users_file);
+  for (std::string line; std::getline(users, line);) {
+    std::vector<std::string> fields;  // passwd(5): name, password, uid ...
+    boost::algorithm::split(fields, line, [](char c) { return c == ':'; });
+    if (fields.size() > 2 && parse_number<uid_t>(fields[2]) == uid)
+      return fmt::format("uid {} ({})", uid, fields[0]);
   }
   return fmt::format("uid {}", uid);
 }

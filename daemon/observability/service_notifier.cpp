@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 #include <systemd/sd-daemon.h>
-#include <time.h>
 
 #include <cstdlib>
 #include <utility>
@@ -20,11 +19,9 @@ std::optional<std::chrono::microseconds> half_of_watchdog() {
 }
 
 /// systemd 253 and later compare this time with the time of their request to reload.
-std::uint64_t monotonic_us() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return static_cast<std::uint64_t>(now.tv_sec) * 1'000'000 +
-         static_cast<std::uint64_t>(now.tv_nsec) / 1'000;
+std::int64_t monotonic_us() {
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();  // CLOCK_MONOTONIC
+  return std::chrono::duration_cast<std::chrono::microseconds>(now).count();
 }
 
 std::string_view word(bool is_up) { return is_up ? "up" : "down"; }
