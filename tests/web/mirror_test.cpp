@@ -185,6 +185,9 @@ TEST(WebLastKnown, IsBoundedAndForgets) {
   for (int i = 0; i < 100; ++i) kept += known.keep(std::to_string(i), text) ? 1 : 0;
   EXPECT_LT(kept, 17);
   EXPECT_TRUE(known.keep("0", text)) << "a newer word takes the older one's room";
+  const auto longer = std::make_shared<const std::string>(std::string(17 << 20, 'x'));
+  EXPECT_FALSE(known.keep("0", longer));
+  EXPECT_EQ(known.topics().at("0"), text) << "until the caller withdraws it";
   known.forget("0");
   EXPECT_FALSE(known.topics().contains("0"));
 }

@@ -193,6 +193,7 @@ TEST_F(WebRoster, ForgetsWhenAWithdrawnGatewayHeardARobot) {
   const std::int64_t heard = now;
   for (const std::string withdrawn : {"numbers", "state"}) {
     hear("x", "state", {{"state", "online"}, {"since", iso(now)}});
+    hear("x", "robots/r", {{"state", "offline"}, {"last_seen", iso(heard)}});
     pass(hour);
     hear("x", "numbers", {{"robots", {{"r", {{"last_heard", iso(now)}}}}}});
     EXPECT_EQ(roster.robot("r").heard_ms, now);
@@ -219,6 +220,22 @@ TEST_F(WebRoster, IsBoundedWhateverNamesGatewaysHave) {
   publish("robots/r", R"({"state":"online"})");
   EXPECT_EQ(roster.texts().size(), Roster::max_gateways + 1) << "and one robot";
   EXPECT_EQ(roster.gateway("pi").state, "online");
+}
+
+TEST_F(WebRoster, IsBoundedWhateverNamesRobotsHave) {
+  start("pi", "r");
+  for (int i = 0; i < 30'000; ++i)
+    roster.on_document({"pi", "robots/r" + std::to_string(i)}, R"({"state":"online"})", now, false);
+  EXPECT_EQ(roster.texts().size(), 1 + Roster::max_robots) << "a gateway, and robots";
+  EXPECT_EQ(roster.robot("r").state, "online");
+}
+
+TEST_F(WebRoster, TakesWhenARobotWasHeardOnlyFromGatewaysThatShowIt) {
+  start("pi", "r");
+  const std::int64_t heard = now;
+  pass(hour);
+  hear("x", "numbers", {{"robots", {{"r", {{"last_heard", iso(now)}}}}}});
+  EXPECT_EQ(roster.robot("r").heard_ms, heard);
 }
 
 TEST_F(WebRoster, TakesNonsenseForNothing) {

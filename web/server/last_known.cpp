@@ -3,14 +3,16 @@
 
 namespace slamgw::web {
 
-bool LastKnown::keep(std::string_view topic, SharedText text) {
-  forget(topic);
-  const std::size_t cost = topic.size() + text->size();
+bool LastKnown::keep(std::string_view topic, const SharedText& text) {
+  const auto known = topics_.find(topic);
+  const bool is_new = known == topics_.end();
+  const std::size_t before = is_new ? 0 : topic.size() + known->second->size();
+  const std::size_t bytes = bytes_ - before + topic.size() + text->size();
+  const std::size_t count = topics_.size() + (is_new ? 1 : 0);
   const std::size_t quarters = topic.starts_with(own_) ? 5 : 4;
-  if (topics_.size() >= max_topics / 4 * quarters || bytes_ + cost > max_bytes / 4 * quarters)
-    return false;
-  bytes_ += cost;
-  topics_.emplace(topic, std::move(text));
+  if (count > max_topics / 4 * quarters || bytes > max_bytes / 4 * quarters) return false;
+  bytes_ = bytes;
+  topics_.insert_or_assign(std::string(topic), text);
   return true;
 }
 

@@ -22,9 +22,9 @@ class LastKnown {
   /// `own`: the beginning of one gateway's topics, which may use a quarter more than all the room.
   explicit LastKnown(std::string own = "/") : own_(std::move(own)) {}
 
-  /// Keeps the text; returns false when there is no room. Do not call for an empty payload, which
-  /// withdraws a retained message: call forget().
-  bool keep(std::string_view topic, SharedText text);
+  /// Keeps the text in place of the older one; returns false, and changes nothing, when there is no
+  /// room. Do not call for an empty payload, which withdraws a retained message: call forget().
+  bool keep(std::string_view topic, const SharedText& text);
   /// Returns whether the topic was known.
   bool forget(std::string_view topic);
   void forget_all();

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <tuple>
@@ -50,19 +51,18 @@ int rank(std::string_view state) {
 }  // namespace
 
 std::optional<std::int64_t> unix_ms(std::string_view iso8601) {
-  int year = 0, month = 0, day = 0, hour = 0, minute = 0;
+  int year = 0;
+  unsigned month = 0, day = 0;
+  int hour = 0, minute = 0;
   double second = 0;
   if (iso8601.size() > 40 ||
-      std::sscanf(std::string(iso8601).c_str(), "%4d-%2d-%2dT%2d:%2d:%lf", &year, &month, &day,
+      std::sscanf(std::string(iso8601).c_str(), "%4d-%2u-%2uT%2d:%2d:%lf", &year, &month, &day,
                   &hour, &minute, &second) != 6 ||
       month < 1 || month > 12 || !(second >= 0 && second < 61))
     return std::nullopt;
-  // Days since 1970 of the Gregorian calendar, years beginning in March.
-  const int months = (month + 9) % 12;
-  const int years = year - months / 10;
-  const int days =
-      365 * years + years / 4 - years / 100 + years / 400 + (months * 306 + 5) / 10 + day - 719469;
-  return days * 86'400'000LL + hour * 3'600'000LL + minute * 60'000LL +
+  using namespace std::chrono;
+  const sys_days date(std::chrono::year(year) / std::chrono::month(month) / std::chrono::day(day));
+  return milliseconds(date.time_since_epoch() + hours(hour) + minutes(minute)).count() +
          static_cast<std::int64_t>(second * 1000 + 0.5);
 }
 
@@ -97,10 +97,11 @@ void Roster::on_state(Gateway& gateway, const json& document, std::int64_t at_ms
 
 void Roster::on_presence(std::string_view gateway, std::string_view robot, const json& document,
                          std::int64_t at_ms, bool is_old) {
-  const Presence presence{text(document, "state"), text(document, "mesh"),
-                          time_of(document, "since"), time_of(document, "last_seen")};
+  if (robots_.size() >= max_robots && !robots_.contains(robot)) return;
+  Presence& presence = robots_[std::string(robot)].presence[std::string(gateway)];
+  presence = {text(document, "state"), text(document, "mesh"), time_of(document, "since"),
+              time_of(document, "last_seen"), presence.heard_ms};
   on_clock(gateways_.find(gateway)->second, presence.seen_ms, at_ms, is_old);
-  robots_[std::string(robot)].presence.insert_or_assign(std::string(gateway), presence);
   touched_.emplace(robot);
 }
 
@@ -112,7 +113,9 @@ void Roster::on_numbers(std::string_view gateway, const json& document, std::int
     on_clock(gateways_.find(gateway)->second, heard_ms, at_ms, false);
     const auto robot = robots_.find(id);
     if (heard_ms == 0 || robot == robots_.end()) continue;
-    robot->second.heard_ms.insert_or_assign(std::string(gateway), heard_ms);
+    const auto presence = robot->second.presence.find(gateway);
+    if (presence == robot->second.presence.end()) continue;
+    presence->second.heard_ms = heard_ms;
     touched_.insert(id);
   }
 }
@@ -142,15 +145,17 @@ void Roster::forget(std::string_view gateway, std::string_view rest) {
   const bool is_gone = known != gateways_.end() && (rest == "state" || !known->second.state);
   if (is_gone) gateways_.erase(known);
   if (is_gone || rest == "numbers") {
-    for (auto& [id, robot] : robots_)
-      if (robot.heard_ms.erase(std::string(gateway)) > 0 || robot.presence.contains(gateway))
-        touched_.insert(id);
+    for (auto& [id, robot] : robots_) {
+      const auto presence = robot.presence.find(gateway);
+      if (presence == robot.presence.end()) continue;
+      presence->second.heard_ms = 0;
+      touched_.insert(id);
+    }
   }
   if (!rest.starts_with(robots_level)) return;
   const auto robot = robots_.find(rest.substr(robots_level.size()));
   if (robot == robots_.end()) return;
   robot->second.presence.erase(std::string(gateway));
-  robot->second.heard_ms.erase(std::string(gateway));
   touched_.insert(robot->first);
   if (robot->second.presence.empty()) robots_.erase(robot);
 }
@@ -234,7 +239,7 @@ RobotLife Roster::judge(const Robot& robot, std::int64_t now_ms) const {
     const GatewayLife teller = this->gateway(gateway);
     const bool is_current = teller.state == "online" && rank(presence.state) > 0;
     const std::int64_t seen_ms = local(gateway, presence.seen_ms, now_ms);
-    life.heard_ms = std::max(life.heard_ms, seen_ms);
+    life.heard_ms = std::max({life.heard_ms, seen_ms, local(gateway, presence.heard_ms, now_ms)});
     const std::tuple here{is_current ? rank(presence.state) : 0, seen_ms};
     if (here <= best) continue;
     best = here;
@@ -244,8 +249,6 @@ RobotLife Roster::judge(const Robot& robot, std::int64_t now_ms) const {
     life.since_ms = is_current ? local(gateway, presence.since_ms, now_ms) : teller.since_ms;
     if (!is_current && life.since_ms == 0) life.since_ms = seen_ms;
   }
-  for (const auto& [gateway, heard_ms] : robot.heard_ms)
-    life.heard_ms = std::max(life.heard_ms, local(gateway, heard_ms, now_ms));
   return life;
 }
 

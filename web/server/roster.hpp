@@ -50,8 +50,10 @@ class Roster {
   static constexpr std::int64_t silent_after_ms = 35'000;
   static constexpr std::int64_t clock_tolerance_ms = 60'000;
 
-  /// LastKnown keeps at most this many topics. Documents of further gateways are ignored.
+  /// LastKnown keeps at most this many topics. Documents of further gateways, or about further
+  /// robots, are ignored.
   static constexpr std::size_t max_gateways = 25'000;
+  static constexpr std::size_t max_robots = 25'000;
 
   /// Call for the topics that LastKnown keeps. An empty payload withdraws a document. A gateway
   /// without a `state` is forgotten with any of its documents.
@@ -102,16 +104,16 @@ class Roster {
   struct Presence {
     std::string state;
     std::string mesh;
-    std::int64_t since_ms = 0;  ///< by its gateway's clock, as `seen_ms`
+    std::int64_t since_ms = 0;  ///< by its gateway's clock, as the other times
     std::int64_t seen_ms = 0;
+    std::int64_t heard_ms = 0;  ///< in `numbers`; 0: not known
   };
   struct Message {
     std::string gateway;  ///< `at_ms` is by its clock; empty: by this program's
     std::int64_t at_ms = 0;
   };
   struct Robot {
-    std::map<std::string, Presence, std::less<>> presence;        ///< by gateway
-    std::map<std::string, std::int64_t, std::less<>> heard_ms{};  ///< `numbers`, by gateway
+    std::map<std::string, Presence, std::less<>> presence;  ///< by gateway
     Message newest{};
     RobotLife life;
   };

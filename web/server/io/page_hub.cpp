@@ -128,10 +128,6 @@ std::string PageHub::publish(const CommandRequest& command) {
 void PageHub::on_message(const BrokerMessage& message) {
   ++own_.messages;
   const TopicKind kind = topics_.kind_of(message.topic);
-  if (kind == TopicKind::event) {
-    const auto [gateway, rest] = topics_.gateway_topic(message.topic);
-    if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
-  }
   if (kind == TopicKind::robot && !message.is_retained) on_robot_message(message);
   if (kind == TopicKind::robot && pages_.empty()) return;
   auto page_text = to_page(message, kind);
@@ -139,6 +135,8 @@ void PageHub::on_message(const BrokerMessage& message) {
   const SharedText text = share(std::move(*page_text));
   if (kind == TopicKind::state && !keep(message, text)) return;
   if (kind == TopicKind::state) pass_to_roster(message);
+  const auto [gateway, rest] = topics_.gateway_topic(message.topic);
+  if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
   const bool is_event = kind == TopicKind::event || kind == TopicKind::command;
   if (is_event && !message.is_retained) past_.on_event(text, message.at_ms);
   for (PageConnection* page : pages_) {
@@ -172,7 +170,11 @@ SharedText PageHub::history_of(const std::string& robot) const {
 }
 
 bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
-  if (!message.payload.empty()) return known_.keep(message.topic, text);
+  if (!message.payload.empty()) {
+    const bool has_room = known_.keep(message.topic, text);
+    if (!has_room) on_message({message.topic, {}, message.at_ms, false, {}, {}, {}});
+    return has_room;
+  }
   if (!known_.forget(message.topic)) return false;  // a retained message was withdrawn
   const auto [gateway, rest] = topics_.gateway_topic(message.topic);
   for (const std::string_view each :
