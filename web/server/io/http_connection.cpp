@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/io/http_connection.hpp"
 
-#include <sys/socket.h>
-
 #include <utility>
 
 #include "daemon/observability/log.hpp"
@@ -102,24 +100,10 @@ bool HttpConnection::becomes_page(Answer& answer) {
 }
 
 void HttpConnection::send_metrics(Answer answer) {
-  watch_for_end();
   server_.hub().make_metrics(
-      scrape_, [self = shared_from_this(), answer = std::move(answer)](std::string text) mutable {
-        if (!self->scrape_) return;
+      [self = shared_from_this(), answer = std::move(answer)](std::string text) mutable {
         answer.text = std::move(text);
         self->send(std::move(answer));
-      });
-}
-
-/// Frees the scrape's place when the client disconnects. Octets that come are its next request.
-void HttpConnection::watch_for_end() {
-  stream_.socket().async_wait(
-      boost::asio::socket_base::wait_read, [self = shared_from_this()](beast::error_code error) {
-        char next = 0;
-        const int socket = self->stream_.socket().native_handle();
-        if (error || !self->scrape_ || recv(socket, &next, 1, MSG_PEEK | MSG_DONTWAIT) > 0) return;
-        self->scrape_.reset();
-        self->stream_.close();
       });
 }
 
@@ -153,9 +137,9 @@ void HttpConnection::send(Answer answer) {
 void HttpConnection::on_sent() {
   const bool goes_on = response_.keep_alive();
   response_ = {};  // metrics are large
-  beast::error_code ignored;
-  if (std::exchange(scrape_, nullptr)) stream_.socket().cancel(ignored);  // watch_for_end()
+  scrape_.reset();
   if (goes_on) return read();
+  beast::error_code ignored;
   stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
 }
 

@@ -35,7 +35,6 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   bool may_read_metrics();
   void refuse_metrics();
   void send_metrics(Answer answer);
-  void watch_for_end();
   void send(Answer answer);
   void on_sent();
 
@@ -47,7 +46,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;
   Response response_;
-  std::shared_ptr<void> scrape_;
+  std::shared_ptr<void> scrape_;  ///< a place, while the answer is made of metrics
 };
 
 }  // namespace slamgw::web

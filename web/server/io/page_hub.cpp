@@ -270,22 +270,10 @@ std::string PageHub::broker_state() const {
 }
 
 std::shared_ptr<void> PageHub::begin_scrape() {
-  if (*scrapes_ >= max_scrapes) return nullptr;
-  ++*scrapes_;
-  return {scrapes_.get(), [scrapes = scrapes_](void*) { --*scrapes; }};
+  return scrape_.use_count() <= max_scrapes ? scrape_ : nullptr;
 }
 
-void PageHub::make_metrics(std::weak_ptr<void> place, std::function<void(std::string)> done) {
-  waiting_scrapes_.push_back({std::move(place), std::move(done)});
-  make_next_metrics();
-}
-
-void PageHub::make_next_metrics() {
-  std::erase_if(waiting_scrapes_, [](const Scrape& each) { return each.place.expired(); });
-  if (is_making_metrics_ || waiting_scrapes_.empty()) return;
-  is_making_metrics_ = true;
-  auto done = std::move(waiting_scrapes_.front().done);
-  waiting_scrapes_.pop_front();
+void PageHub::make_metrics(std::function<void(std::string)> done) {
   update_roster();
   own_.pages = pages_.size();
   own_.wrong_tokens = guesses_.total();
@@ -296,11 +284,8 @@ void PageHub::make_next_metrics() {
   boost::asio::post(metrics_thread_, [this, own = own_, known = known_, roster = roster_,
                                       outcomes = outcomes_, done = std::move(done)]() mutable {
     std::string text = metrics_text(own, topics_, known, roster, outcomes);
-    boost::asio::post(io_, [this, text = std::move(text), done = std::move(done)]() mutable {
-      is_making_metrics_ = false;
-      done(std::move(text));
-      make_next_metrics();
-    });
+    boost::asio::post(
+        io_, [text = std::move(text), done = std::move(done)]() mutable { done(std::move(text)); });
   });
 }
 

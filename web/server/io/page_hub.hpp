@@ -60,25 +60,16 @@ class PageHub {
   /// The most scrapes under way: their metrics are being made, or are not read yet. Prometheus uses
   /// one connection; with many robots, the text has megabytes.
   static constexpr unsigned max_scrapes = 2;
-  /// Returns a place to hold from the request to the end of the answer, or until the client is
-  /// gone. Null when there are too many scrapes.
+  /// Returns a place to hold from the request to the end of the answer. Null when there are too
+  /// many scrapes.
   std::shared_ptr<void> begin_scrape();
   /// Makes metrics one after the other on a separate thread, because that reads thousands of
-  /// documents. Calls `done` on the loop, but not if `place` was released while the scrape waited.
-  void make_metrics(std::weak_ptr<void> place, std::function<void(std::string)> done);
-  /// Call before the loop destroys its operations: ends the thread, which posts to the loop, and
-  /// releases the waiting clients.
-  void end() {
-    metrics_thread_.join();
-    waiting_scrapes_.clear();
-  }
+  /// documents. Calls `done`, which holds a place, on the loop.
+  void make_metrics(std::function<void(std::string)> done);
+  /// Call before the loop destroys its operations: ends the thread, which posts to the loop.
+  void end() { metrics_thread_.join(); }
 
  private:
-  struct Scrape {
-    std::weak_ptr<void> place;
-    std::function<void(std::string)> done;
-  };
-  void make_next_metrics();
   void on_message(const BrokerMessage& message);
   void on_broker(bool is_up, const std::string& why);
   void on_refused(std::uint64_t command, const std::string& why);
@@ -113,10 +104,8 @@ class PageHub {
   TokenGuesses guesses_;
   ClientCounts taken_shares_;  ///< refusals because the client already has its share
   std::set<PageConnection*> pages_;
-  std::deque<std::pair<std::uint64_t, std::string>> sent_;  ///< topics of the newest commands
-  std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);
-  std::deque<Scrape> waiting_scrapes_;  ///< bounded by max_scrapes
-  bool is_making_metrics_ = false;
+  std::deque<std::pair<std::uint64_t, std::string>> sent_;        ///< topics of the newest commands
+  const std::shared_ptr<void> scrape_ = std::make_shared<int>();  ///< each scrape holds a copy
   boost::asio::io_context& io_;
   boost::asio::steady_timer roster_timer_;
   BrokerLink link_;
