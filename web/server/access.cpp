@@ -4,22 +4,20 @@
 #include <arpa/inet.h>
 
 #include <algorithm>
+#include <boost/algorithm/string/case_conv.hpp>
+#include <cstdint>
+#include <locale>
+
+#include "daemon/core/parse_number.hpp"
 
 namespace slamgw::web {
 namespace {
 
 std::string lower(std::string_view text) {
-  std::string result(text);
-  std::transform(result.begin(), result.end(), result.begin(), [](char c) {
-    return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  });
-  return result;
+  return boost::algorithm::to_lower_copy(std::string(text), std::locale::classic());
 }
 
-bool is_port(std::string_view text) {
-  return !text.empty() && text.size() <= 5 &&
-         std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
-}
+bool is_port(std::string_view text) { return parse_number<std::uint16_t>(text).has_value(); }
 
 /// The name or address without its port; empty when `host` is not valid.
 std::string name_of(std::string_view host) {

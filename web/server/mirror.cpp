@@ -5,6 +5,7 @@
 #include <array>
 #include <nlohmann/json.hpp>
 
+#include "daemon/core/announcements.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/utf8.hpp"
 
@@ -134,19 +135,6 @@ void append_member(std::string& out, std::string_view name, std::string_view tex
   append_json_text(out, text);
 }
 
-std::optional<std::string> from_hex(std::string_view hex) {
-  constexpr std::string_view digits = "0123456789abcdef";
-  if (hex.size() % 2 != 0) return std::nullopt;
-  std::string octets;
-  for (std::size_t i = 0; i < hex.size(); i += 2) {
-    const std::size_t high = digits.find(hex[i]);
-    const std::size_t low = digits.find(hex[i + 1]);
-    if (high == digits.npos || low == digits.npos) return std::nullopt;
-    octets += static_cast<char>(high << 4 | low);
-  }
-  return octets;
-}
-
 const std::string* text_of(const json& object, const char* key) {
   const auto found = object.find(key);
   return found == object.end() ? nullptr : found->get_ptr<const std::string*>();
@@ -166,21 +154,7 @@ HistoryRequest parse_history_request(const json& document) {
 
 }  // namespace
 
-void append_json_text(std::string& out, std::string_view utf8) {
-  constexpr std::string_view digits = "0123456789abcdef";
-  out += '"';
-  for (const char c : utf8) {
-    const auto octet = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\') {
-      out.append({'\\', c});
-    } else if (octet < 0x20) {
-      out.append("\\u00").append({digits[octet >> 4], digits[octet & 15]});
-    } else {
-      out += c;
-    }
-  }
-  out += '"';
-}
+void append_json_text(std::string& out, std::string_view text) { out += json_string(text); }
 
 std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind) {
   if (message.topic.size() > max_topic || !is_utf8(message.topic)) return std::nullopt;
@@ -227,10 +201,10 @@ PageMessage parse_page_message(std::string_view text) {
   const std::string* named = text_of(document, "encoding");
   const std::string encoding = named == nullptr ? "text" : *named;
   if (encoding != "text" && encoding != "hex") return BadRequest{"encoding is not text or hex"};
-  const auto octets = encoding == "hex" ? from_hex(*payload) : std::optional(*payload);
+  const auto octets = encoding == "hex" ? from_hex(*payload) : std::optional(to_bytes(*payload));
   if (!octets) return BadRequest{"the payload is not in hexadecimal digits, two for each octet"};
   if (octets->size() > max_command_payload) return BadRequest{"the payload is too long"};
-  return CommandRequest{*topic, *octets};
+  return CommandRequest{*topic, std::string(as_text(*octets))};
 }
 
 }  // namespace slamgw::web

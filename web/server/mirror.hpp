@@ -47,7 +47,8 @@ inline constexpr std::size_t max_listed_robots = 1000;
 std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind);
 /// Returns a message from this program itself; `payload_json` is JSON text.
 std::string own_message(std::string_view name, std::string_view payload_json);
-void append_json_text(std::string& out, std::string_view utf8);
+/// Appends json_string(text).
+void append_json_text(std::string& out, std::string_view text);
 
 /// The longest message that a page may send, and the longest payload of a command.
 inline constexpr std::size_t max_page_message = 4096;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/page_session.hpp"
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace slamgw::web {
@@ -73,15 +72,6 @@ PageSession::Reaction PageSession::on_history(HistoryRequest request, TimePoint 
   Reaction reaction;
   if (may_watch() && take_turn(now)) reaction.history = std::move(request.robots);
   return reaction;
-}
-
-bool PageSession::take_turn(TimePoint now) {
-  const std::chrono::duration<double> passed = now - turns_at_.value_or(now);
-  turns_at_ = now;
-  turns_ = std::min(command_burst, turns_ + passed.count() * commands_per_second);
-  if (turns_ < 1) return false;
-  turns_ -= 1;
-  return true;
 }
 
 std::string refusal(std::string_view topic, std::string_view why) {

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/core/token_bucket.hpp"
 #include "web/server/mirror.hpp"
 #include "web/server/tokens.hpp"
 #include "web/server/topics.hpp"
@@ -23,8 +24,8 @@ class PageSession {
   /// The connection ends after this many wrong tokens, so that guessing is slow.
   static constexpr unsigned max_wrong_tokens = 3;
   /// Fast enough for a person and a script; a faulty page must not flood a mesh.
-  static constexpr double commands_per_second = 20;
-  static constexpr double command_burst = 40;
+  static constexpr unsigned commands_per_second = 20;
+  static constexpr unsigned command_burst = 40;
 
   /// `guesses`: those of all clients. The references must outlive the session.
   PageSession(const Topics& topics, const Tokens& tokens, TokenGuesses& guesses, Client client)
@@ -50,7 +51,7 @@ class PageSession {
   Reaction on_wrong_token(TimePoint now);
   Reaction on_command(CommandRequest command, TimePoint now);
   Reaction on_history(HistoryRequest request, TimePoint now);
-  bool take_turn(TimePoint now);
+  bool take_turn(TimePoint now) { return turns_.take(command_burst, commands_per_second, now); }
 
   const Topics& topics_;
   const Tokens& tokens_;
@@ -60,8 +61,7 @@ class PageSession {
   bool has_past_ = false;                ///< sent once for each connection: it has megabytes
   const TokenHolder* holder_ = nullptr;  ///< holder of the token that the page has sent
   unsigned wrong_tokens_ = 0;
-  double turns_ = command_burst;
-  std::optional<TimePoint> turns_at_{};
+  TokenBucket turns_;
 };
 
 /// {"topic": "$web/refused", "payload": {"topic", "why"}}

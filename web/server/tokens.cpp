@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
+#include <sstream>
 
 namespace slamgw::web {
 namespace {
@@ -16,16 +18,9 @@ bool is_token(std::string_view text) {
   return text.size() >= 16 && text.size() <= 256 && is_printable(text);
 }
 
-std::vector<std::string_view> words_of(std::string_view line) {
-  std::vector<std::string_view> words;
-  while (true) {
-    const std::size_t begin = line.find_first_not_of(" \t\r");
-    if (begin == line.npos) return words;
-    line.remove_prefix(begin);
-    const std::size_t end = std::min(line.find_first_of(" \t\r"), line.size());
-    words.push_back(line.substr(0, end));
-    line.remove_prefix(end);
-  }
+std::vector<std::string> words_of(std::string_view line) {
+  std::istringstream in{std::string(line)};
+  return {std::istream_iterator<std::string>(in), {}};
 }
 
 bool is_same(std::string_view expected, std::string_view offered) {
@@ -69,7 +64,7 @@ std::variant<Tokens, Tokens::Problem> Tokens::parse(std::string_view text) {
       return Problem{line, fmt::format("there are more than {} tokens", max_holders)};
     const Role role = words[1] == "viewer" ? Role::viewer : Role::operator_;
     tokens.guards_watching_ = tokens.guards_watching_ || role == Role::viewer;
-    tokens.holders_.push_back({{std::string(words[0]), role}, std::string(words[2])});
+    tokens.holders_.push_back({{words[0], role}, words[2]});
   }
   if (tokens.empty()) return Problem{1, "the file has no token"};
   return tokens;
