@@ -20,13 +20,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace slamgw::web;
   const std::string input(reinterpret_cast<const char*>(data), size);
   static const Topics topics("p");
-  static const std::string token = "0123456789abcdef";
-  ClientCounts guesses;
-  PageSession session(topics, token, guesses, {"192.0.2.1"});
+  static const Tokens tokens = std::get<Tokens>(Tokens::parse("0123456789abcdef"));
+  TokenGuesses guesses;
+  PageSession session(topics, tokens, guesses, {"192.0.2.1"});
   session.on_text(R"({"topic":"$web/token","payload":"0123456789abcdef"})", {});
   const PageSession::Reaction reaction = session.on_text(input, {});
   if (!reaction.reply.empty()) require(nlohmann::json::accept(reaction.reply));
-  if (reaction.publish) require(topics.is_command_topic(reaction.publish->topic));
+  if (reaction.publish) require(topics.may_publish(reaction.publish->topic));
 
   const std::size_t split = input.find('\n');
   const std::string topic = "p/" + input.substr(0, split);
