@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/locale/utf.hpp>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -14,36 +15,13 @@ namespace {
 
 constexpr std::size_t max_mqtt_text_octets = 65535;  // MQTT's two-octet length
 
-struct Lead {
-  int continuation_octets;
-  std::uint32_t bits;
-  std::uint32_t smallest;  // code point of this length, to refuse overlong forms
-};
-
-bool read_lead(std::uint8_t octet, Lead& lead) {
-  if (octet < 0x80) return lead = {0, octet, 0}, true;
-  if ((octet & 0xe0) == 0xc0) return lead = {1, octet & 0x1fu, 0x80}, true;
-  if ((octet & 0xf0) == 0xe0) return lead = {2, octet & 0x0fu, 0x800}, true;
-  if ((octet & 0xf8) == 0xf0) return lead = {3, octet & 0x07u, 0x10000}, true;
-  return false;
-}
-
 /// Takes the first code point off `rest`, which must not be empty. Returns nothing, and takes
 /// nothing, where `rest` is not well formed.
 std::optional<std::uint32_t> take_code_point(std::string_view& rest) {
-  Lead lead{};
-  if (!read_lead(static_cast<std::uint8_t>(rest[0]), lead)) return std::nullopt;
-  const auto length = static_cast<std::size_t>(lead.continuation_octets) + 1;
-  if (rest.size() < length) return std::nullopt;
-  std::uint32_t code_point = lead.bits;
-  for (const char c : rest.substr(1, length - 1)) {
-    const auto octet = static_cast<std::uint8_t>(c);
-    if ((octet & 0xc0) != 0x80) return std::nullopt;
-    code_point = code_point << 6 | (octet & 0x3fu);
-  }
-  const bool is_surrogate = code_point >= 0xd800 && code_point <= 0xdfff;
-  if (code_point < lead.smallest || is_surrogate || code_point > 0x10ffff) return std::nullopt;
-  rest.remove_prefix(length);
+  auto end = rest.begin();
+  const auto code_point = boost::locale::utf::utf_traits<char>::decode(end, rest.end());
+  if (!boost::locale::utf::is_valid_codepoint(code_point)) return std::nullopt;
+  rest.remove_prefix(static_cast<std::size_t>(end - rest.begin()));
   return code_point;
 }
 
