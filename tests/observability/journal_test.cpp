@@ -92,8 +92,8 @@ TEST(TrafficText, SaysHowManyItStandsFor) {
 
 // ---- how long a message took
 
-std::string latency_of(const TrafficEntry& entry) {
-  for (const LogField& field : entry.fields)
+std::string latency_of(const LogFields& fields) {
+  for (const LogField& field : fields)
     if (field.name == "LATENCY_US") return field.value;
   return "none";
 }
@@ -213,49 +213,59 @@ TEST(TrafficSampler, GivesARobotThatInventsTypesFewLines) {
   EXPECT_EQ(written, TrafficSampler::max_types + 1);
 }
 
-class AwaitedLinesTest : public testing::Test {
+class TrafficLogTest : public testing::Test {
  protected:
   bool is_written_at_once(std::uint64_t receipt, Mesh mesh = Mesh::thread) {
-    TrafficEvent event = message_of("r");
+    TrafficEvent event = message_of("r" + std::to_string(receipt));
     event.at = now;
     event.receipt = {mesh, receipt};
-    return lines.add(event, {"text", {}}).has_value();
+    const std::size_t before = latencies.size();
+    log.on_traffic(event);
+    return latencies.size() > before;
   }
 
   TimePoint now{1h};
-  AwaitedLines lines;
+  UnprovenLines unproven;
+  std::vector<std::string> latencies;  ///< of the lines that were written, in order
+  TrafficLog log{TrafficLogMode::all, unproven,
+                 [this](const std::string&, const LogFields& fields) {
+                   latencies.push_back(latency_of(fields));
+                 }};
 };
 
-TEST_F(AwaitedLinesTest, TellHowLongTheAcknowledgementTook) {
+using Latencies = std::vector<std::string>;
+
+TEST_F(TrafficLogTest, TellsHowLongTheAcknowledgementTook) {
   EXPECT_FALSE(is_written_at_once(1));
   EXPECT_FALSE(is_written_at_once(1, Mesh::ble));
   now += 12345us;
-  ASSERT_TRUE(lines.has({Mesh::thread, 1}));
-  EXPECT_EQ(latency_of(lines.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now)), "12345");
-  EXPECT_FALSE(lines.has({Mesh::thread, 1}));
-  EXPECT_EQ(latency_of(lines.on_receipt({Mesh::ble, 1}, ReceiptOutcome::refused, now)), "none");
+  log.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now);
+  log.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now);
+  log.on_receipt({Mesh::ble, 1}, ReceiptOutcome::refused, now);
+  EXPECT_EQ(latencies, (Latencies{"12345", "none"}));
 }
 
-TEST_F(AwaitedLinesTest, WaitForNothingThatNobodyOwes) {
+TEST_F(TrafficLogTest, WaitsForNothingThatNobodyOwes) {
   EXPECT_TRUE(is_written_at_once(0));
-  EXPECT_FALSE(lines.has({Mesh::thread, 0}));
+  log.on_receipt({Mesh::thread, 0}, ReceiptOutcome::safe, now);
+  EXPECT_EQ(latencies, Latencies{"none"});
 }
 
-TEST_F(AwaitedLinesTest, AreWrittenWithoutItWhenItTakesTooLong) {
+TEST_F(TrafficLogTest, WritesALineWithoutItWhenItTakesTooLong) {
   is_written_at_once(1);
   now += 4s;
   is_written_at_once(2);
   now += 1s;
-  const auto overdue = lines.take_overdue(now);
-  ASSERT_EQ(overdue.size(), 1u);
-  EXPECT_EQ(latency_of(overdue[0]), "none");
-  EXPECT_FALSE(lines.has({Mesh::thread, 1}));
-  EXPECT_TRUE(lines.has({Mesh::thread, 2}));
+  log.write_overdue(now);
+  EXPECT_EQ(latencies, Latencies{"none"});
+  log.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now);
+  log.on_receipt({Mesh::thread, 2}, ReceiptOutcome::safe, now);
+  EXPECT_EQ(latencies, (Latencies{"none", "1000000"}));
 }
 
-TEST_F(AwaitedLinesTest, AreNoMoreThanTheirBound) {
-  for (std::uint64_t i = 1; i <= AwaitedLines::max_lines; ++i) EXPECT_FALSE(is_written_at_once(i));
-  EXPECT_TRUE(is_written_at_once(AwaitedLines::max_lines + 1));
+TEST_F(TrafficLogTest, KeepsNoMoreLinesThanItsBound) {
+  for (std::uint64_t i = 1; i <= TrafficLog::max_awaiting; ++i) EXPECT_FALSE(is_written_at_once(i));
+  EXPECT_TRUE(is_written_at_once(TrafficLog::max_awaiting + 1));
 }
 
 // ---- what an entry looks like
