@@ -4,6 +4,13 @@
 #include <nlohmann/json.hpp>
 
 namespace slamgw::web {
+namespace {
+
+std::string dumped(const nlohmann::json& document) {
+  return document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+}  // namespace
 
 PageSession::Reaction PageSession::on_text(std::string_view text, TimePoint now) {
   auto message = parse_page_message(text);
@@ -28,8 +35,7 @@ PageSession::Reaction PageSession::on_token(const TokenOffer& offer, TimePoint n
   nlohmann::json payload{
       {"accepted", true}, {"name", holder_->name}, {"role", to_string(holder_->role)}};
   if (holder_->role == Role::operator_ && !tokens_.note().empty()) payload["note"] = tokens_.note();
-  constexpr auto replace = nlohmann::json::error_handler_t::replace;
-  Reaction reaction{own_message("token", payload.dump(-1, ' ', false, replace))};
+  Reaction reaction{own_message("token", dumped(payload))};
   reaction.drops_delayed_reply = true;
   return reaction;
 }
@@ -75,11 +81,7 @@ PageSession::Reaction PageSession::on_history(HistoryRequest request, TimePoint 
 }
 
 std::string refusal(std::string_view topic, std::string_view why) {
-  std::string payload = R"({"topic":)";
-  append_json_text(payload, topic);
-  payload += R"(,"why":)";
-  append_json_text(payload, why);
-  return own_message("refused", payload + "}");
+  return own_message("refused", dumped({{"topic", topic}, {"why", why}}));
 }
 
 }  // namespace slamgw::web

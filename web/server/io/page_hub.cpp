@@ -255,18 +255,12 @@ std::string PageHub::greeting() const {
 }
 
 std::string PageHub::broker_state() const {
-  std::string payload = R"({"uri":)";
-  append_json_text(payload, broker_);
-  payload += own_.broker_is_connected ? R"(,"state":"up","why":)" : R"(,"state":"down","why":)";
-  append_json_text(payload, why_);
-  payload += R"(,"unreadable":{)";
-  for (const auto& [filter, why] : unreadable_) {
-    if (payload.back() != '{') payload += ',';
-    append_json_text(payload, filter);
-    payload += ':';
-    append_json_text(payload, why);
-  }
-  return own_message("broker", payload + "}}");
+  const nlohmann::json state{{"uri", broker_},
+                             {"state", own_.broker_is_connected ? "up" : "down"},
+                             {"why", why_},
+                             {"unreadable", unreadable_}};
+  return own_message("broker",
+                     state.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 std::shared_ptr<void> PageHub::begin_scrape() {
