@@ -21,10 +21,10 @@ Position read_position(ByteReader& reader) {
 
 }  // namespace
 
-Result<Update, UpdateError> parse_update(ByteView payload) {
+std::optional<Update> parse_update(ByteView payload) {
   const std::size_t pairs = payload.size() / pair_bytes;
   const std::size_t stray_bytes = payload.size() % pair_bytes;
-  if (pairs < 1 || pairs > 1 + max_obstacles || stray_bytes > 1) return UpdateError::bad_size;
+  if (pairs < 1 || pairs > 1 + max_obstacles || stray_bytes > 1) return std::nullopt;
 
   ByteReader reader(payload);
   Update update{read_position(reader), {}};
@@ -68,7 +68,7 @@ Bytes encode(const Update& update, UpdateMode mode, Bytes as_it_came) {
 Normalized normalize(std::string_view type, Bytes payload, UpdateMode mode) {
   if (type != update_type) return {std::move(payload), std::nullopt, false, false};
   auto update = parse_update(payload);
-  if (!update.has_value()) {
+  if (!update) {
     const bool is_rejected = mode != UpdateMode::raw;  // raw reads nothing, so it refuses nothing
     return {std::move(payload), std::nullopt, false, is_rejected};
   }

@@ -10,7 +10,6 @@
 
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/recycling_allocator.hpp"
-#include "daemon/core/result.hpp"
 
 namespace slamgw {
 
@@ -29,11 +28,8 @@ struct Update {
   bool operator==(const Update&) const = default;
 };
 
-enum class UpdateError : std::uint8_t {
-  bad_size,  ///< not 4 + 4n or 4 + 4n + 1 octets with n = 0..4
-};
-
-Result<Update, UpdateError> parse_update(ByteView payload);
+/// Returns nothing unless `payload` has 4 + 4n or 4 + 4n + 1 octets with n = 0..4.
+std::optional<Update> parse_update(ByteView payload);
 /// Returns the canonical bytes, exactly 4 + 4n octets. parse_update() must be able to read
 /// `payload`.
 Bytes drop_stray_byte(Bytes payload);
