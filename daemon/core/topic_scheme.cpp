@@ -35,13 +35,18 @@ bool is_topic_text(std::string_view text) {
          is_mqtt_text(text);
 }
 
+/// Returns nothing for a topic that is not below `root`, or whose first level there is invalid.
+std::optional<Split> split_below(std::string_view root, std::string_view topic) {
+  if (!topic.starts_with(root)) return std::nullopt;
+  const Split split = first_level(topic.substr(root.size()));
+  return is_valid_level(split.level) ? std::optional(split) : std::nullopt;
+}
+
 std::optional<TopicScheme::RobotAndType> parse_below(std::string_view root,
                                                      std::string_view topic) {
-  if (!topic.starts_with(root)) return std::nullopt;
-  const Split robot = first_level(topic.substr(root.size()));
-  if (!robot.rest || !is_valid_level(robot.level) || !is_valid_level(*robot.rest))
-    return std::nullopt;
-  return TopicScheme::RobotAndType{robot.level, *robot.rest};
+  const auto robot = split_below(root, topic);
+  if (!robot || !robot->rest || !is_valid_level(*robot->rest)) return std::nullopt;
+  return TopicScheme::RobotAndType{robot->level, *robot->rest};
 }
 
 std::string with_client_id(const std::string& filter, std::string_view client_id) {
@@ -129,26 +134,23 @@ std::optional<TopicScheme::RobotAndType> TopicScheme::parse_command_topic(
 
 std::optional<TopicScheme::GatewayAndRobot> TopicScheme::parse_presence_topic(
     std::string_view topic) const {
-  if (!topic.starts_with(gateways_root_)) return std::nullopt;
-  const Split gateway = first_level(topic.substr(gateways_root_.size()));
-  if (!gateway.rest || !is_valid_level(gateway.level)) return std::nullopt;
-  const Split what = first_level(*gateway.rest);
+  const auto gateway = split_below(gateways_root_, topic);
+  if (!gateway || !gateway->rest) return std::nullopt;
+  const Split what = first_level(*gateway->rest);
   if (what.level != "robots" || !what.rest || !is_valid_level(*what.rest)) return std::nullopt;
-  return GatewayAndRobot{gateway.level, *what.rest};
+  return GatewayAndRobot{gateway->level, *what.rest};
 }
 
 std::optional<std::string_view> TopicScheme::gateway_of_state(std::string_view topic) const {
-  if (!topic.starts_with(gateways_root_)) return std::nullopt;
-  const Split gateway = first_level(topic.substr(gateways_root_.size()));
-  if (gateway.rest != "state" || !is_valid_level(gateway.level)) return std::nullopt;
-  return gateway.level;
+  const auto gateway = split_below(gateways_root_, topic);
+  if (!gateway || gateway->rest != "state") return std::nullopt;
+  return gateway->level;
 }
 
 std::optional<std::string_view> TopicScheme::gateway_of_hears(std::string_view topic) const {
-  if (!topic.starts_with(hears_root_)) return std::nullopt;
-  const std::string_view gateway = topic.substr(hears_root_.size());
-  if (!is_valid_level(gateway)) return std::nullopt;
-  return gateway;
+  const auto gateway = split_below(hears_root_, topic);
+  if (!gateway || gateway->rest) return std::nullopt;
+  return gateway->level;
 }
 
 std::string TopicScheme::presence_topic(std::string_view robot) const {
