@@ -83,7 +83,9 @@ void Gateway::pass_up(Report report, const Now& now) {
   if (robot && is_first_by_radio)
     presence_.announce(report.robot, *robot, now.mono);  // announced before without radio facts
   if (!report.is_will) presence_.on_heard(report.robot, robot, now.mono);
-  open_receipts_.add(report.receipt, report.robot, now);
+  if (report.receipt.is_owed() && open_receipts_.size() < max_open_receipts)
+    open_receipts_.insert_or_assign({report.receipt.mesh, report.receipt.id},
+                                    Arrival{report.robot, now});
 
   Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
                                     settings_.update_mode);
@@ -175,11 +177,12 @@ void Gateway::handle(MeshStep step, const Now&) {
 void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) {
   if (const auto copy = copies_.on_receipt(receipt, outcome))
     actions_.push(FireReceipt{*copy, outcome});
-  const auto open = open_receipts_.take(receipt);
+  const auto open = open_receipts_.extract({receipt.mesh, receipt.id});
   if (!open || outcome != ReceiptOutcome::safe) return;
-  const auto latency = std::chrono::duration_cast<std::chrono::microseconds>(now - open->since);
+  const Arrival& arrival = open.mapped();
+  const auto latency = std::chrono::duration_cast<std::chrono::microseconds>(now - arrival.at);
   latencies_[receipt.mesh].add(latency);
-  if (Robot* robot = directory_.registry.find(open->robot)) robot->numbers.on_safe(latency, now);
+  if (Robot* robot = directory_.registry.find(arrival.robot)) robot->numbers.on_safe(latency, now);
 }
 
 void Gateway::subscribe_own(const std::string& filter) {

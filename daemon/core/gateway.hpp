@@ -4,6 +4,8 @@
 // robots. Pure; knows no mesh's protocol and no MQTT client. The application drains its actions.
 #pragma once
 
+#include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -15,8 +17,8 @@
 #include "daemon/core/copy_filter.hpp"
 #include "daemon/core/gateway_actions.hpp"
 #include "daemon/core/normalizer.hpp"
-#include "daemon/core/open_receipts.hpp"
 #include "daemon/core/presence_publisher.hpp"
+#include "daemon/core/recycling_allocator.hpp"
 #include "daemon/core/retained_topics.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_directory.hpp"
@@ -94,6 +96,15 @@ class Gateway {
   const LatencyHistogram& latencies(Mesh mesh) const { return latencies_[mesh]; }
 
  private:
+  /// Messages with an open receipt beyond this bound have no latency. It is far above what the
+  /// meshes leave open.
+  static constexpr std::size_t max_open_receipts = 65536;
+  using ReceiptKey = std::pair<Mesh, std::uint64_t>;
+  struct Arrival {
+    std::string robot;
+    TimePoint at{};
+  };
+
   void handle(Report report, const Now& now);
   void handle(const PresenceChange& change, const Now& now) { presence_.on_presence(change, now); }
   void handle(SignOfLife sign, const Now& now);
@@ -126,7 +137,9 @@ class Gateway {
   std::set<std::string> own_filters_;
   RetainedTopics retained_;
   LogThrottle retained_throttles_[2];  // indexed by Report::is_proven
-  OpenReceipts open_receipts_;
+  std::map<ReceiptKey, Arrival, std::less<>,
+           RecyclingAllocator<std::pair<const ReceiptKey, Arrival>>>
+      open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;
   PerMesh<LatencyHistogram> latencies_;
