@@ -87,8 +87,10 @@ void Gateway::pass_up(Report report, const Now& now) {
     open_receipts_.insert_or_assign({report.receipt.mesh, report.receipt.id},
                                     Arrival{report.robot, now});
 
-  Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
-                                    settings_.update_mode);
+  // An empty message that clears a retained `update` is no update.
+  const bool is_update = own && !(retain && report.payload.empty());
+  Normalized normalized = normalize(is_update ? own->type : std::string_view{},
+                                    std::move(report.payload), settings_.update_mode);
   if (robot && !report.is_will) robot->last_type = type;
   TrafficEvent event = event_of(std::move(report), std::move(type), std::move(normalized), now);
   if (event.is_rejected) return reject(std::move(event), retain, robot, now);

@@ -77,6 +77,23 @@ TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
   EXPECT_GT(gateway.traffic().not_retained, 3000u);
 }
 
+TEST_F(GatewayTest, ClearsARetainedUpdateWhereItStands) {
+  const auto retain = [this](Bytes payload) {
+    Report report = update_from("NRF_5", std::move(payload));
+    report.retain = true;
+    say(std::move(report));
+    return drain<Upload>();
+  };
+  retain({0x0a, 0x00, 0xec, 0xff});
+  EXPECT_EQ(gateway.retained().count(), 1u);
+  const auto uploads = retain({});
+  ASSERT_EQ(uploads.size(), 1u);
+  EXPECT_EQ(uploads[0].message.topic, "ntnu-slam/robot/NRF_5/update");
+  EXPECT_TRUE(uploads[0].message.payload.empty());
+  EXPECT_TRUE(uploads[0].message.retain);
+  EXPECT_EQ(gateway.retained().count(), 0u);
+}
+
 TEST_F(GatewayTest, RetainsOnlyTypesThatTheConfigurationNames) {
   Gateway strict(TopicScheme("ntnu-slam", "pi1"),
                  {.version = "0.1.0", .started = now.wall, .retain = {"map", "will"}}, broker,
