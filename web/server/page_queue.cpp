@@ -43,15 +43,16 @@ void PageQueue::reset(std::string_view topic, SharedText text) {
   push_state(topic, std::move(text));
 }
 
-void PageQueue::push_event(SharedText text) {
+std::uint64_t PageQueue::push_event(SharedText text) {
+  const std::uint64_t before = unreported_drops_;
   event_bytes_ += text->size();
   events_.push_back(std::move(text));
   while (event_bytes_ > max_event_bytes && events_.size() > 1) {
     event_bytes_ -= events_.front()->size();
     events_.pop_front();
-    ++dropped_;
     ++unreported_drops_;
   }
+  return unreported_drops_ - before;
 }
 
 SharedText PageQueue::pop() {

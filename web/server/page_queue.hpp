@@ -27,7 +27,8 @@ class PageQueue {
   bool push_state(std::string_view topic, SharedText text);
   /// Drops the waiting states, but not the past. After `text`, all states are pushed again.
   void reset(std::string_view topic, SharedText text);
-  void push_event(SharedText text);
+  /// Returns how many older events were dropped for it.
+  std::uint64_t push_event(SharedText text);
   /// take() stops at this size; the next write takes the remaining messages.
   static constexpr std::size_t enough_bytes = 64 * 1024;
 
@@ -36,15 +37,12 @@ class PageQueue {
   /// Removes and returns several messages, a line each; empty when none waits.
   std::string take();
 
-  std::uint64_t dropped() const { return dropped_; }  ///< events, since the page came
-
  private:
   std::deque<std::string> order_;  ///< topics of states
   std::map<std::string, SharedText, std::less<>> states_;
   std::size_t state_bytes_ = 0;
   std::deque<SharedText> events_;
   std::size_t event_bytes_ = 0;
-  std::uint64_t dropped_ = 0;
   std::uint64_t unreported_drops_ = 0;
 };
 

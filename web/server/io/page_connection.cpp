@@ -114,7 +114,7 @@ void PageConnection::send_reset(std::string_view topic, const SharedText& text) 
 }
 
 void PageConnection::send_event(const SharedText& text) {
-  queue_.push_event(text);
+  hub_.count_dropped(queue_.push_event(text));
   write_soon();
 }
 

@@ -31,7 +31,6 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   /// Drops the waiting states; all states are sent again after this one.
   void send_reset(std::string_view topic, const SharedText& text);
   void send_event(const SharedText& text);
-  std::uint64_t dropped() const { return queue_.dropped(); }
 
  private:
   void read();

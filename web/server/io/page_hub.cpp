@@ -104,9 +104,7 @@ void PageHub::join(PageConnection& page) {
   for (const auto& [name, text] : roster_.texts()) page.send_state("$web/" + name, text);
 }
 
-void PageHub::leave(PageConnection& page) {
-  if (pages_.erase(&page) > 0) dropped_by_gone_ += page.dropped();
-}
+void PageHub::leave(PageConnection& page) { pages_.erase(&page); }
 
 void PageHub::report_taken_share(const Client& client) {
   if (taken_shares_.add(client, std::chrono::steady_clock::now()) > 1) return;
@@ -271,8 +269,6 @@ void PageHub::make_metrics(std::function<void(std::string)> done) {
   update_roster();
   own_.pages = pages_.size();
   own_.wrong_tokens = guesses_.total();
-  own_.messages_dropped = dropped_by_gone_;
-  for (const PageConnection* page : pages_) own_.messages_dropped += page->dropped();
   own_.cpu_seconds = cpu_seconds();
   own_.resident_bytes = resident_bytes();
   boost::asio::post(metrics_thread_, [this, own = own_, known = known_, roster = roster_,

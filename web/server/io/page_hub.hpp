@@ -54,6 +54,7 @@ class PageHub {
   std::string publish(const CommandRequest& command);
 
   void count_refused_request() { ++own_.requests_refused; }
+  void count_dropped(std::uint64_t messages) { own_.messages_dropped += messages; }
   /// Logs one line, and the next only after a minute without such a refusal of this client.
   void report_taken_share(const Client& client);
 
@@ -99,7 +100,6 @@ class PageHub {
   Past past_;
   OutcomeCounts outcomes_;
   OwnNumbers own_;
-  std::uint64_t dropped_by_gone_ = 0;
   Places places_{max_pages};
   TokenGuesses guesses_;
   ClientCounts taken_shares_;  ///< refusals because the client already has its share
