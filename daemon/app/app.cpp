@@ -136,7 +136,6 @@ App::App(Config config, std::string config_file)
           [this](const TraceEvent& event) {
             if (control_) control_->publish(event);
           }),
-      traffic_observers_{&traffic_log_, &trace_},
       status_(config_, broker_link_, gateway_, outbox_, meshes_, upstream_, fleet_, started_.mono) {
 }
 
@@ -355,16 +354,15 @@ void App::submit(BrokerMessage message, const Receipt& receipt) {
 
 void App::perform(CommandOutcome& outcome) {
   operator_commands_.on_outcome(outcome);
-  for (TrafficObserver* observer : traffic_observers_) observer->on_outcome(outcome, read_clocks());
+  trace_.on_outcome(outcome, read_clocks());
 }
 
 void App::perform(TrafficEvent& event) {
-  for (TrafficObserver* observer : traffic_observers_) observer->on_traffic(event);
+  traffic_log_.on_traffic(event);
+  trace_.on_traffic(event);
 }
 
-void App::perform(MeshStep& step) {
-  for (TrafficObserver* observer : traffic_observers_) observer->on_mesh_step(step, read_clocks());
-}
+void App::perform(MeshStep& step) { trace_.on_mesh_step(step, read_clocks()); }
 
 void App::perform(Notice& notice) {
   if (notice_lines_.may_write(notice, read_clocks().mono)) log_notice(notice);
@@ -387,16 +385,12 @@ void App::perform(PublishJoining& action) {
 }
 
 void App::perform(FireReceipt& action) {
-  for (TrafficObserver* observer : traffic_observers_)
-    observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
+  traffic_log_.on_receipt(action.receipt, action.outcome, read_clocks().mono);
   gateway_driver_->on_receipt(action.receipt, action.outcome, read_clocks());
   meshes_.fire(action.receipt, action.outcome);
 }
 
-void App::perform(DeliveryStep& step) {
-  for (TrafficObserver* observer : traffic_observers_)
-    observer->on_delivery_step(step, read_clocks());
-}
+void App::perform(DeliveryStep& step) { trace_.on_delivery_step(step, read_clocks()); }
 
 void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();

@@ -142,7 +142,6 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   NoticeLines notice_lines_{unproven_lines_};
   Trace trace_;
   std::unique_ptr<ControlServer> control_;
-  std::vector<TrafficObserver*> traffic_observers_;
   OperatorCommands operator_commands_;
   std::uint64_t inbound_dropped_ = 0;  // as the log last reported it
   StatusCollector status_;

@@ -72,7 +72,7 @@ constexpr std::string_view to_string(TraceEvent::Kind kind) {
   return {};
 }
 
-class Trace final : public TrafficObserver {
+class Trace {
  public:
   /// Messages and commands that are followed at once. The oldest is forgotten first; its later
   /// events lack the facts that were known only on its arrival.
@@ -89,10 +89,10 @@ class Trace final : public TrafficObserver {
   void turn(bool is_on);
   std::size_t followed() const { return followed_.size(); }
 
-  void on_traffic(const TrafficEvent& event) override;
-  void on_mesh_step(const MeshStep& step, const Now& now) override;
-  void on_delivery_step(const DeliveryStep& step, const Now& now) override;
-  void on_outcome(const CommandOutcome& outcome, const Now& now) override;
+  void on_traffic(const TrafficEvent& event);
+  void on_mesh_step(const MeshStep& step, const Now& now);
+  void on_delivery_step(const DeliveryStep& step, const Now& now);
+  void on_outcome(const CommandOutcome& outcome, const Now& now);
 
  private:
   /// The facts of a message that are known only at its arrival.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot message as it passes the core, the later steps of its delivery, and the interface of the
-// observers of both: the log and the trace.
+// A robot message as it passes the core, and the later steps of its delivery, for the log and the
+// trace.
 #pragma once
 
 #include <optional>
@@ -45,19 +45,6 @@ struct DeliveryStep {
   Receipt receipt = no_receipt;  ///< may be none, or may have fired already
   TimePoint submitted{};
   std::string why{};  ///< why the message was refused
-};
-
-/// Observes each robot message that passes, in either direction, and each later step of its
-/// delivery.
-class TrafficObserver {
- public:
-  virtual ~TrafficObserver() = default;
-  virtual void on_traffic(const TrafficEvent& event) = 0;
-  /// The receipt of a message on its way up has fired.
-  virtual void on_receipt(const Receipt&, ReceiptOutcome, TimePoint) {}
-  virtual void on_mesh_step(const MeshStep&, const Now&) {}
-  virtual void on_delivery_step(const DeliveryStep&, const Now&) {}
-  virtual void on_outcome(const CommandOutcome&, const Now&) {}
 };
 
 }  // namespace slamgw

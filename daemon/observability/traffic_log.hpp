@@ -15,7 +15,7 @@
 
 namespace slamgw {
 
-class TrafficLog final : public TrafficObserver {
+class TrafficLog {
  public:
   /// Lines that may await their delay; further lines are written at once.
   static constexpr std::size_t max_awaiting = 1024;
@@ -27,8 +27,9 @@ class TrafficLog final : public TrafficObserver {
   TrafficLog(TrafficLogMode mode, UnprovenLines& unproven, Write write = write_info)
       : unproven_(unproven), sampler_(mode, unproven), write_(std::move(write)) {}
 
-  void on_traffic(const TrafficEvent& event) override;
-  void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) override;
+  void on_traffic(const TrafficEvent& event);
+  /// The receipt of a message on its way up has fired.
+  void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
   /// Writes lines that have waited too long. Call every few seconds.
   void write_overdue(TimePoint now);
   /// Call when `log.traffic` was read again.
