@@ -54,8 +54,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       registration_(common_, answers_, uplink_),
       wills_(common_),
       lifecycle_(common_, subscriptions_, downlink_, uplink_, wills_),
-      sleep_(common_, downlink_, lifecycle_),
-      supervision_(common_, commands_, downlink_, lifecycle_, sleep_),
+      supervision_(common_, downlink_, lifecycle_),
       roaming_(common_),
       notes_(common_),
       connecting_(common_, lifecycle_, downlink_, wills_, guard_),
@@ -67,7 +66,6 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now, const std::string& identity) {
-  supervision_.expire_commands(now);
   output_.count(Count::datagrams_in);
   if (rules_.names.bans().covers(from.address)) return output_.count(Count::banned);
   if (!identity.empty()) output_.validation.validate(from.address);
@@ -154,7 +152,8 @@ void SnGateway::follow_identity(const Arrival& arrival, const Packet& packet) {
       connecting_.is_open(peer) || !rules_.may_speak(peer.identity, peer))
     return;
   ClientSession* session = clients_.find(peer.identity);
-  if (session && session->state() != ClientState::disconnected) sleep_.follow(*session, arrival);
+  if (session && session->state() != ClientState::disconnected)
+    supervision_.follow(*session, arrival);
 }
 
 /// Sends what the client at this address may get now: a handshake may have made it active.
@@ -231,7 +230,7 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
   switch (session->state()) {
     case ClientState::active: output_.send(*session, Pingresp{}); break;
     case ClientState::asleep:
-    case ClientState::awake: sleep_.wake(*session, arrival.now); break;
+    case ClientState::awake: supervision_.wake(*session, arrival.now); break;
     case ClientState::disconnected:
     case ClientState::lost: return on_stranger(arrival, true);
   }
@@ -245,9 +244,9 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
   ClientSession* here = clients_.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
   ClientSession* session = clients_.find(pingreq.client_id);
-  if (!session || !Sleep::is_asleep(*session)) return nullptr;
+  if (!session || !Supervision::is_asleep(*session)) return nullptr;
   if (!rules_.may_speak(session->client_id, arrival.peer)) return nullptr;
-  sleep_.follow(*session, arrival);
+  supervision_.follow(*session, arrival);
   return session;
 }
 
@@ -262,7 +261,7 @@ void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& dis
   lifecycle_.on_heard(*session, arrival.now);
   output_.send(*session, Disconnect{});
   if (duration_s == 0) return lifecycle_.disconnect(*session, arrival.now);  // R115
-  sleep_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
+  supervision_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
   supervision_.advance(*session, arrival.now);
 }
 
@@ -290,9 +289,10 @@ void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, Tim
 
 void SnGateway::on_broker_message(const RobotMessage& message, TimePoint now) {
   ClientSession* session = clients_.find_robot(message.robot);
-  if (session) downlink_.on_broker_message(*session, message, now);
-  supervision_.expire_commands(now);  // also this one, if it has waited too long on its way
-  if (session) return supervision_.advance(*session, now);
+  if (session) {
+    downlink_.on_broker_message(*session, message, now);
+    return supervision_.advance(*session, now);
+  }
   if (roaming_.keep(message, now)) return;
   commands_.refuse(message.message, message.command, "the robot is not connected");
 }

@@ -134,13 +134,12 @@ class SnGateway {
   const Conversation common_;
   Answers answers_;
   Subscriptions subscriptions_;
-  CommandWatch commands_;
+  CommandOutcomes commands_;
   Downlink downlink_;
   Uplink uplink_;
   InboundRegistration registration_;
   Wills wills_;
   Lifecycle lifecycle_;
-  Sleep sleep_;
   Supervision supervision_;
   Roaming roaming_;
   Notes notes_;

@@ -53,7 +53,6 @@ class RetransmissionTimeout {
 /// A message under `<prefix>/server/<robot>/<type>`, whose outcome is reported exactly once.
 struct Command {
   CommandId id = CommandId::none;  ///< none: from before a restart
-  std::string client_id;           ///< the client that is to carry it out
   std::string robot;               ///< the robot's name when the command came
   std::string type;
   TimePoint came{};

@@ -58,7 +58,7 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
   const Duration away = has_rebooted ? Duration(unknown_absence) : now - saved_at;
   const Duration age = std::min<Duration>(*message.command_age + away, longest_command_age);
   return std::make_shared<Command>(
-      Command{CommandId::none, snapshot.client_id, snapshot.robot, type, now - age, false});
+      Command{CommandId::none, snapshot.robot, type, now - age, false});
 }
 
 bool leave_out_young_commands(SessionSnapshot& snapshot) {

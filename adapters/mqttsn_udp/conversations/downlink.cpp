@@ -46,11 +46,14 @@ std::size_t least_useful(const Delivery& delivery) {
   return unsent != delivery.queue.end() ? index_of(unsent) : 0;
 }
 
-/// Returns true for a command of QoS 0 that waits for its registration: it was reported as sent, so
-/// nothing else withdraws it.
-bool is_sent_and_old(const Outgoing& waiting, TimePoint now) {
-  return waiting.command && waiting.command->is_reported &&
-         waiting.command->came + limits::command_patience <= now;
+/// Returns when the time of a command is over; nothing for other messages.
+std::optional<TimePoint> expiry_of(const Outgoing& outgoing) {
+  if (!outgoing.command) return std::nullopt;
+  return outgoing.command->came + limits::command_patience;
+}
+
+bool is_overdue(const Outgoing& outgoing, TimePoint now) {
+  return outgoing.command && *expiry_of(outgoing) <= now;
 }
 
 /// Remembers a failed QoS 2 command, so that a late PUBREC does not lead to its execution.
@@ -121,6 +124,7 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
 }
 
 void Downlink::pump(ClientSession& session, TimePoint now) {
+  expire_commands(session, now);
   if (may_send(session)) {
     release_.resume(session, now);
     resume_withheld(session, now);
@@ -146,10 +150,6 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
   bool must_commands_wait = false;
   bool is_held = false;
   for (std::size_t i = 0; i < delivery.queue.size(); ++i) {
-    if (is_sent_and_old(delivery.queue[i], now)) {
-      delivery.queue.take(i);
-      return true;
-    }
     const bool is_command = delivery.queue[i].command != nullptr;
     if (is_command && must_commands_wait) continue;
     switch (registration_.prepare(session, delivery.queue[i], now)) {
@@ -391,6 +391,7 @@ bool Downlink::is_awaiting(const ClientSession& session) const {
 
 bool Downlink::on_time(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
+  expire_commands(session, now);
   if (delivery.paused_until && *delivery.paused_until <= now) delivery.paused_until.reset();
   bool is_silent = release_.on_time(session, now);
   for (const auto& unanswered : registration_.on_time(session, now)) {
@@ -500,28 +501,39 @@ void Downlink::drop_if(ClientSession& session, const std::string& why, TimePoint
   }
 }
 
-std::string Downlink::withdraw(ClientSession& session, const Command& command) {
+/// A command of QoS 0 that was sent and waits for another registration is withdrawn, too.
+void Downlink::expire_commands(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
-  output_.mark_changed(session);
-  if (delivery.publishing && delivery.publishing->what.command.get() == &command) {
-    remember_abandoned(delivery, std::exchange(delivery.publishing, nullptr)->what);
-    return "no acknowledgement";
+  if (delivery.publishing && is_overdue(delivery.publishing->what, now)) {
+    const auto open = std::exchange(delivery.publishing, nullptr);
+    time_out(session, open->what, "no acknowledgement", now);
   }
-  const auto waiting = std::ranges::find_if(
-      delivery.queue, [&](const Outgoing& outgoing) { return outgoing.command.get() == &command; });
-  if (waiting == delivery.queue.end()) return "no acknowledgement";
-  std::string why = why_unsent(session, *waiting, !output_.is_validated(session));
-  const auto index = static_cast<std::size_t>(waiting - delivery.queue.begin());
-  remember_abandoned(delivery, delivery.queue.take(index));
-  return why;
+  for (std::size_t i = 0; i < delivery.queue.size();) {
+    if (is_overdue(delivery.queue[i], now)) {
+      std::string why = why_unsent(session, delivery.queue[i], !output_.is_validated(session));
+      time_out(session, delivery.queue.take(i), std::move(why), now);
+    } else {
+      ++i;
+    }
+  }
+}
+
+void Downlink::time_out(ClientSession& session, const Outgoing& outgoing, std::string why,
+                        TimePoint now) {
+  remember_abandoned(session.delivery, outgoing);
+  output_.mark_changed(session);
+  commands_.end(outgoing.command, CommandResult::timeout, std::move(why), now);
 }
 
 std::optional<TimePoint> Downlink::next_time(const ClientSession& session) const {
   const Delivery& delivery = session.delivery;
-  const auto repeat_at =
-      delivery.publishing ? delivery.publishing->attempt.repeat_at : std::optional<TimePoint>();
-  return earlier(earlier(repeat_at, delivery.paused_until),
-                 earlier(TopicRegistration::next_time(delivery), Release::next_time(delivery)));
+  std::optional<TimePoint> next =
+      earlier(delivery.paused_until,
+              earlier(TopicRegistration::next_time(delivery), Release::next_time(delivery)));
+  if (const Publishing* open = delivery.publishing.get())
+    next = earlier(next, earlier(open->attempt.repeat_at, expiry_of(open->what)));
+  for (const Outgoing& waiting : delivery.queue) next = earlier(next, expiry_of(waiting));
+  return next;
 }
 
 void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
@@ -560,14 +572,15 @@ bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, Ti
 void Downlink::refuse(ClientSession& session, const Outgoing& outgoing, std::string why,
                       TimePoint now) {
   remember_abandoned(session.delivery, outgoing);
+  if (outgoing.command) output_.mark_changed(session);  // the outcome is not reported again
   const bool was_sent = outgoing.msg_id != 0;
   commands_.end(outgoing.command, was_sent ? CommandResult::timeout : CommandResult::refused,
                 std::move(why), now);
 }
 
-// --- CommandWatch --------------------------------------------------------------------------------
+// --- CommandOutcomes -----------------------------------------------------------------------------
 
-void CommandWatch::refuse(const BrokerMessage& message, CommandId id, std::string why) {
+void CommandOutcomes::refuse(const BrokerMessage& message, CommandId id, std::string why) {
   const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
   if (!parsed || id == CommandId::none) return;
   output_.emit(CommandOutcome{Mesh::thread, id, std::string(parsed->robot),
@@ -575,52 +588,21 @@ void CommandWatch::refuse(const BrokerMessage& message, CommandId id, std::strin
                               std::move(why)});
 }
 
-std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session,
-                                             const BrokerMessage& message, CommandId id,
-                                             TimePoint now) {
+std::shared_ptr<Command> CommandOutcomes::begin(const ClientSession& session,
+                                                const BrokerMessage& message, CommandId id,
+                                                TimePoint now) const {
   const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
   if (id == CommandId::none || !parsed || parsed->robot != session.robot) return nullptr;
-  auto command =
-      std::make_shared<Command>(Command{id, session.client_id, std::string(parsed->robot),
-                                        std::string(parsed->type), now - message.waited, false});
-  adopt(command);
-  return command;
+  return std::make_shared<Command>(Command{id, std::string(parsed->robot),
+                                           std::string(parsed->type), now - message.waited, false});
 }
 
-void CommandWatch::adopt(const std::shared_ptr<Command>& command) {
-  if (open_.empty() || open_.back()->came <= command->came) return open_.push_back(command);
-  const auto place = std::ranges::upper_bound(open_, command->came, {},
-                                              [](const auto& other) { return other->came; });
-  open_.insert(place, command);
-}
-
-void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult result,
-                       std::string why, TimePoint now) {
+void CommandOutcomes::end(const std::shared_ptr<Command>& command, CommandResult result,
+                          std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
-  // After a restart the outcome is not reported again. A delivery has marked its session already.
-  if (const ClientSession* session = clients_.find(command->client_id);
-      session && result != CommandResult::delivered)
-    output_.mark_changed(*session);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);
   output_.emit(CommandOutcome{Mesh::thread, command->id, command->robot, command->type, result,
                               after, std::move(why)});
-}
-
-std::optional<TimePoint> CommandWatch::deadline() const {
-  if (open_.empty()) return std::nullopt;
-  return open_.front()->came + limits::command_patience;
-}
-
-std::shared_ptr<Command> CommandWatch::pop_overdue(TimePoint now) {
-  while (!open_.empty()) {
-    const bool is_overdue = open_.front()->came + limits::command_patience <= now;
-    const bool is_over_bound = open_.size() > limits::max_tracked_commands;
-    if (!open_.front()->is_reported && !is_overdue && !is_over_bound) return nullptr;
-    const std::shared_ptr<Command> first = std::move(open_.front());
-    open_.pop_front();
-    if (!first->is_reported) return first;
-  }
-  return nullptr;
 }
 
 }  // namespace slamgw::mqttsn

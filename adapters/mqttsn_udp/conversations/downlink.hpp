@@ -5,7 +5,6 @@
 // REGISTER or PUBREL holds others back for one wait at most: see TopicRegistration and Release.
 #pragma once
 
-#include <deque>
 #include <memory>
 #include <string>
 
@@ -18,33 +17,24 @@
 namespace slamgw::mqttsn {
 
 /// Reports the outcome of each command exactly once: when the robot has it, when it can't get it,
-/// or when 30 s are over. Does not know the delivery: the caller of pop_overdue() withdraws it.
-class CommandWatch : Conversation {
+/// or when its time is over.
+class CommandOutcomes : Conversation {
  public:
-  explicit CommandWatch(const Conversation& common) : Conversation(common) {}
+  explicit CommandOutcomes(const Conversation& common) : Conversation(common) {}
 
   /// Refuses a command that no client can carry out. Does nothing when `id` is none.
   void refuse(const BrokerMessage& message, CommandId id, std::string why);
-  /// Watches a command. Returns null when `message` is not a command for this client's robot.
+  /// Returns null when `message` is not a command for this client's robot.
   std::shared_ptr<Command> begin(const ClientSession& session, const BrokerMessage& message,
-                                 CommandId id, TimePoint now);
-  /// Watches `command`, which may be from before a restart of the daemon: its outcome is owed.
-  void adopt(const std::shared_ptr<Command>& command);
+                                 CommandId id, TimePoint now) const;
   /// Reports the outcome, unless it is reported already. `command` may be null.
   void end(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
            TimePoint now);
-
-  std::optional<TimePoint> deadline() const;
-  /// Removes and returns a command whose time is over, for `end()`. Null when there is none.
-  std::shared_ptr<Command> pop_overdue(TimePoint now);
-
- private:
-  std::deque<std::shared_ptr<Command>> open_;  // by the time they came, so by deadline
 };
 
 class Downlink : Conversation {
  public:
-  Downlink(const Conversation& common, Subscriptions& subscriptions, CommandWatch& commands,
+  Downlink(const Conversation& common, Subscriptions& subscriptions, CommandOutcomes& commands,
            RandomSource random)
       : Conversation(common),
         subscriptions_(subscriptions),
@@ -55,7 +45,7 @@ class Downlink : Conversation {
 
   /// Queues the message, or refuses it with a reason. `pump()` sends it.
   void on_broker_message(ClientSession& session, const RobotMessage& incoming, TimePoint now);
-  /// Sends what may be sent now.
+  /// Withdraws and reports commands whose time is over, then sends what may be sent now.
   void pump(ClientSession& session, TimePoint now);
 
   void on_regack(ClientSession& session, const Regack& regack, TimePoint now);
@@ -88,8 +78,6 @@ class Downlink : Conversation {
   /// Call when another gateway serves the robot. Returns the messages that were never on the air;
   /// other commands end as `timeout`. The queue is empty afterwards.
   std::vector<WaitingMessage> take_unsent(ClientSession& session, TimePoint now);
-  /// Stops sending a command whose time is over. Returns why it has not arrived.
-  std::string withdraw(ClientSession& session, const Command& command);
 
   /// Call when the daemon stops. From now on refuse_unkept() follows each pump().
   void on_stop() { is_stopping_ = true; }
@@ -98,6 +86,7 @@ class Downlink : Conversation {
   /// Stops sending, and refuses unsent messages that no snapshot keeps (QoS 0).
   void refuse_unkept(ClientSession& session, TimePoint now);
 
+  /// Returns when a request is repeated or given up, a pause ends, or a command's time is over.
   std::optional<TimePoint> next_time(const ClientSession& session) const;
   /// Repeats requests that are due. Returns true if one was given up and the client sent nothing
   /// since it began.
@@ -105,6 +94,8 @@ class Downlink : Conversation {
 
  private:
   void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
+  void expire_commands(ClientSession& session, TimePoint now);
+  void time_out(ClientSession& session, const Outgoing& outgoing, std::string why, TimePoint now);
   bool may_send(const ClientSession& session) const;
   bool is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const;
   void learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now);
@@ -128,7 +119,7 @@ class Downlink : Conversation {
   void drop_if(ClientSession& session, const std::string& why, TimePoint now, Predicate is_dropped);
 
   Subscriptions& subscriptions_;
-  CommandWatch& commands_;
+  CommandOutcomes& commands_;
   TopicRegistration registration_;
   Release release_;
   RandomSource random_;

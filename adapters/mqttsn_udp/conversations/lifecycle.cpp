@@ -165,6 +165,7 @@ void Lifecycle::leave(ClientSession& session, ClientState state, TimePoint now) 
     downlink_.drop_volatile(session, why, now);
   }
   output_.mark_changed(session);
+  if (const auto next = downlink_.next_time(session)) clients_.wake_by(session, *next);
 }
 
 }  // namespace slamgw::mqttsn

@@ -118,12 +118,6 @@ std::optional<SessionSnapshot> Restoring::snapshot(const std::string& client_id,
   return out;
 }
 
-void Restoring::adopt_commands(const Delivery& delivery) {
-  for (const Outgoing& waiting : delivery.queue) {
-    if (waiting.command) commands_.adopt(waiting.command);
-  }
-}
-
 void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) {
   for (const MessageSnapshot& message : snapshot.messages) {
     commands_.end(command_of(message, snapshot, now), CommandResult::refused,
@@ -146,7 +140,6 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
   apply(snapshot, session, now);
   if (*robot != snapshot.robot)
     rename_topics(rules_.policy.scheme(), session, snapshot.robot, *robot);
-  adopt_commands(session.delivery);
   if (snapshot.peer) {
     const IpAddress& address = snapshot.peer->endpoint.address;
     if (snapshot.is_validated) output_.validation.validate(address);
@@ -158,11 +151,11 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
   subscriptions_.restore(session, *robot == snapshot.robot, now);
   lifecycle_.enter(session, snapshot.state, now);
   if (snapshot.peer && !rules_.may_speak(snapshot.client_id, *snapshot.peer)) {
+    clients_.wake_by(session, now);  // its commands have a deadline
     lifecycle_.displace(session, now);
-    return true;
+  } else {
+    supervision_.advance(session, now);
   }
-  supervision_.expire_commands(now);
-  supervision_.advance(session, now);
   return true;
 }
 

@@ -74,7 +74,7 @@ class Notes : Conversation {
 /// gateway's note (R47; docs/topics.md, promise 7).
 class Restoring : Conversation {
  public:
-  Restoring(const Conversation& common, Subscriptions& subscriptions, CommandWatch& commands,
+  Restoring(const Conversation& common, Subscriptions& subscriptions, CommandOutcomes& commands,
             Downlink& downlink, Lifecycle& lifecycle, const Connecting& connecting,
             Supervision& supervision)
       : Conversation(common),
@@ -96,11 +96,10 @@ class Restoring : Conversation {
   static constexpr std::uint64_t unknown_note_hash = 1;
 
  private:
-  void adopt_commands(const Delivery& delivery);
   void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
 
   Subscriptions& subscriptions_;
-  CommandWatch& commands_;
+  CommandOutcomes& commands_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
   const Connecting& connecting_;

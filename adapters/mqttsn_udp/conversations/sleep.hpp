@@ -15,9 +15,12 @@ namespace slamgw::mqttsn {
 /// its messages, and sleeps again by PINGRESP.
 ///
 ///   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
-class Sleep : Conversation {
+///
+/// Handles the timers of all clients, too: keep-alive and sleep run out (sections 6.11, 6.14),
+/// requests are repeated, commands expire.
+class Supervision : Conversation {
  public:
-  Sleep(const Conversation& common, Downlink& downlink, Lifecycle& lifecycle)
+  Supervision(const Conversation& common, Downlink& downlink, Lifecycle& lifecycle)
       : Conversation(common), downlink_(downlink), lifecycle_(lifecycle) {}
 
   /// Handles DISCONNECT with a duration: sends nothing more, and messages wait (R114, R116, R126).
@@ -30,48 +33,21 @@ class Sleep : Conversation {
   }
   /// Binds the session to the address from which its client sends now, perhaps a new one (R118).
   void follow(ClientSession& session, const Arrival& arrival);
-  /// Call after each step of the delivery. When nothing is left to send or to await, PINGRESP lets
-  /// the client sleep again for the same duration (R119, R120).
-  void settle(ClientSession& session, TimePoint now);
-  /// Call when an awake client does not answer. Messages wait for its next PINGREQ (R124).
-  void on_unanswered(ClientSession& session, TimePoint now);
 
- private:
-  void sleep_again(ClientSession& session, TimePoint now);
-
-  Downlink& downlink_;
-  Lifecycle& lifecycle_;
-};
-
-/// Handles the timers of clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
-/// requests are repeated, commands expire. Also sends, after each event of a client, what may be
-/// sent to it.
-class Supervision : Conversation {
- public:
-  Supervision(const Conversation& common, CommandWatch& commands, Downlink& downlink,
-              Lifecycle& lifecycle, Sleep& sleep)
-      : Conversation(common),
-        commands_(commands),
-        downlink_(downlink),
-        lifecycle_(lifecycle),
-        sleep_(sleep) {}
-
-  /// Sends what may be sent, ends a wake-up that has nothing left, and sets the session's timer.
+  /// Call after each event of a client. Sends what may be sent, ends a wake-up that has nothing
+  /// left, and sets the session's timer.
   void advance(ClientSession& session, TimePoint now);
-  /// Withdraws and reports commands whose time is over.
-  void expire_commands(TimePoint now);
-
-  std::optional<TimePoint> deadline() const;
+  std::optional<TimePoint> deadline() const { return clients_.earliest(); }
   void on_deadline(TimePoint now);
 
  private:
+  void settle(ClientSession& session, TimePoint now);
+  void sleep_again(ClientSession& session, TimePoint now);
   void on_time(ClientSession& session, TimePoint now);
   std::optional<TimePoint> lost_at(const ClientSession& session) const;
 
-  CommandWatch& commands_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
-  Sleep& sleep_;
 };
 
 }  // namespace slamgw::mqttsn
