@@ -1,39 +1,43 @@
 // SPDX-License-Identifier: Apache-2.0
-// The places for DTLS handshakes that are under way, limited in all, at one address, and in one
-// network. When no place is free, the oldest handshake of the fullest address loses its place, so
-// an attacker with many handshakes shuts out no robot. A handshake takes a few round trips and then
-// leaves its place. Pure.
+// Which DTLS handshake gives way to a new one. Handshakes under way are bounded in all, at one
+// address, and in one network. When no place is free, the oldest handshake of the fullest address
+// ends, so an attacker with many handshakes shuts out no robot. Pure.
 #pragma once
 
-#include <cstdint>
+#include <algorithm>
 #include <map>
 #include <optional>
+#include <tuple>
 
+#include "adapters/mqttsn_udp/limits.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
 
-class HandshakePlaces {
- public:
-  /// Gives a place to `from`, which has none yet. Returns the handshake that lost its place, if
-  /// any.
-  std::optional<Endpoint> add(const Endpoint& from, TimePoint now);
-  void remove(const Endpoint& from);
-  /// Removes and returns a handshake that has taken too long.
-  std::optional<Endpoint> take_overdue(TimePoint now);
-  std::size_t size() const { return by_age_.size(); }
-
- private:
-  struct Handshake {
-    Endpoint from;
-    TimePoint began;
+/// Returns the handshake that must end before one from `newcomer` begins, if there is no place.
+/// `Handshakes` is a map from Endpoint to a value with the time `began`.
+template <class Handshakes>
+std::optional<Endpoint> find_handshake_to_end(const Handshakes& handshakes,
+                                              const IpAddress& newcomer) {
+  std::map<IpAddress, std::size_t> at_address;
+  std::map<IpAddress, std::size_t> in_network;
+  for (const auto& each : handshakes) {
+    ++at_address[each.first.address];
+    ++in_network[network_of(each.first.address)];
+  }
+  const IpAddress network = network_of(newcomer);
+  const bool is_address_full = at_address[newcomer] >= limits::max_dtls_handshakes_of_address;
+  const bool is_network_full = in_network[network] >= limits::max_dtls_handshakes_of_network;
+  const bool is_full = handshakes.size() >= limits::max_dtls_handshakes;
+  if (!is_address_full && !is_network_full && !is_full) return std::nullopt;
+  const auto rank = [&](const auto& each) {
+    const IpAddress& address = each.first.address;
+    const bool competes = is_address_full ? address == newcomer
+                                          : !is_network_full || network_of(address) == network;
+    return std::tuple(competes, at_address[address], TimePoint::max() - each.second.began);
   };
-
-  Endpoint oldest_of_fullest(const IpAddress* network) const;
-
-  std::map<std::uint64_t, Handshake> by_age_;  // at most max_dtls_handshakes
-  std::uint64_t last_ = 0;
-};
+  return std::ranges::max_element(handshakes, {}, rank)->first;
+}
 
 }  // namespace slamgw::mqttsn

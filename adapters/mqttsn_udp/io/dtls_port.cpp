@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "adapters/mqttsn_udp/clients/handshake_places.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 
@@ -222,12 +223,9 @@ void DtlsPort::on_hello(const UdpSocket::Datagram& hello) {
 /// Begins a handshake with a client that receives at its address: its cookie shows this.
 void DtlsPort::begin(const UdpSocket::Datagram& hello, const ClientRandom& random) {
   const Endpoint& from = hello.from;
-  if (handshakes_.erase(from) > 0) {  // it has started again
-    places_.remove(from);
-    ++handshakes_failed_;
-  }
-  if (const auto gone = places_.add(from, read_clocks().mono))
-    give_up(*gone, "it lost its place to another handshake");
+  handshakes_failed_ += handshakes_.erase(from);  // it has started again
+  if (const auto gone = find_handshake_to_end(handshakes_, from.address))
+    fail(handshakes_.find(*gone), "it lost its place to another handshake");
   const auto begun =
       handshakes_
           .emplace(from, Connection{std::move(listener_), hello.to, random, read_clocks().mono})
@@ -253,7 +251,6 @@ void DtlsPort::establish(Connections::iterator handshake) {
   const Endpoint from = handshake->first;
   Connection connection = std::move(handshake->second);
   handshakes_.erase(handshake);
-  places_.remove(from);
   ++handshakes_done_;
   connection.identity = claimed_identity(connection.ssl.get());
   if (const auto former = established_.find(from); former != established_.end()) end(former);
@@ -324,7 +321,6 @@ void DtlsPort::use_keys(RobotKeys keys) {
   for (const Endpoint& from : ended) say_goodbye(established_.find(from));
   handshakes_failed_ += handshakes_.size();
   handshakes_.clear();  // a robot begins again by itself
-  places_ = {};
 }
 
 void DtlsPort::end_connections() {
@@ -346,16 +342,11 @@ void DtlsPort::end(Connections::iterator connection) {
   established_.erase(connection);
 }
 
-void DtlsPort::give_up(const Endpoint& from, const std::string& why) {
-  if (const auto found = handshakes_.find(from); found != handshakes_.end()) fail(found, why);
-}
-
 void DtlsPort::fail(Connections::iterator handshake, const std::string& why) {
   const Endpoint from = handshake->first;
   const std::string identity = claimed_identity(handshake->second.ssl.get());
   const bool has_key = keys_.contains(identity);
   handshakes_.erase(handshake);
-  places_.remove(from);
   ++handshakes_failed_;
   const auto times = failure_lines_.on_event(read_clocks().mono);
   if (!times) return;
@@ -402,10 +393,13 @@ void DtlsPort::watch_handshakes() {
 }
 
 void DtlsPort::on_time() {
-  while (const auto overdue = places_.take_overdue(read_clocks().mono))
-    give_up(*overdue, "it was not finished in time");
+  const TimePoint now = read_clocks().mono;
   for (auto next = handshakes_.begin(); next != handshakes_.end();) {
     const auto handshake = next++;
+    if (now - handshake->second.began >= limits::dtls_handshake_patience) {
+      fail(handshake, "it was not finished in time");
+      continue;
+    }
     SSL* const ssl = handshake->second.ssl.get();
     ERR_clear_error();
     const long result = DTLSv1_handle_timeout(ssl);

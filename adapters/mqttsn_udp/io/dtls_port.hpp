@@ -15,7 +15,6 @@
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/handshake_places.hpp"
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 #include "daemon/core/freed_by.hpp"
 #include "daemon/core/log_throttle.hpp"
@@ -81,7 +80,6 @@ class DtlsPort {
   int read_record(Connection& connection, const UdpSocket::Datagram& record);
   void say_goodbye(Connections::iterator connection);
   void end(Connections::iterator connection);
-  void give_up(const Endpoint& from, const std::string& why);
   void fail(Connections::iterator handshake, const std::string& why);
   void send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint& to);
   void send_datagram(const LocalAddress& local, const Endpoint& to, ByteView bytes);
@@ -96,10 +94,9 @@ class DtlsPort {
   std::vector<std::shared_ptr<UdpSocket>> sockets_;
   Ssl listener_;                            ///< answers ClientHellos until one has a valid cookie
   const Endpoint* hello_sender_ = nullptr;  ///< the sender of the ClientHello that is being read
-  Connections handshakes_;                  ///< places_ bounds them
+  Connections handshakes_;                  ///< bounded by find_handshake_to_end()
   Connections established_;                 ///< at most one for each identity
   std::map<std::string, Endpoint> endpoint_of_;  ///< of `established_`, by identity
-  HandshakePlaces places_;
   std::array<std::uint8_t, 2048> plain_{};
   boost::asio::steady_timer timer_;  ///< runs while there are handshakes
   bool is_watching_ = false;
