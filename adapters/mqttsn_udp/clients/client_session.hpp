@@ -102,7 +102,6 @@ class ClientSession {
   // The session's entries in the timer queues of ClientTable.
   std::optional<TimePoint> timer_armed;
   std::optional<TimePoint> evictable_armed;
-  std::optional<TimePoint> silent_armed;
 
   ClientState state() const { return state_; }
   bool is_connected() const {

@@ -90,7 +90,6 @@ void ClientTable::rename(ClientSession& session, const std::string& robot) {
 void ClientTable::erase(ClientSession& session) {
   unbind(session);
   timers_.disarm(session.timer_armed, &session);
-  silent_timers_.disarm(session.silent_armed, &session);
   set_needed(session);
   if (session.has_answered) --answered_;
   by_robot_.erase(session.robot);
@@ -127,52 +126,39 @@ ClientSession* ClientTable::pop_due(TimePoint now) {
 
 void ClientTable::set_evictable(ClientSession& session, TimePoint at) {
   set_needed(session);
-  evictable_.arm_by(session.evictable_armed, &session, at);
+  auto& queue = session.is_connected() ? silent_ : gone_;
+  queue.arm_by(session.evictable_armed, &session, at);
 }
 
 void ClientTable::set_needed(ClientSession& session) {
-  evictable_.disarm(session.evictable_armed, &session);
+  std::optional<TimePoint> in_other = session.evictable_armed;
+  gone_.disarm(in_other, &session);
+  silent_.disarm(session.evictable_armed, &session);
 }
 
 ClientSession* ClientTable::take_evictable(TimePoint now) {
-  const auto longest_gone = evictable_.pop_due(now);
-  if (!longest_gone) return nullptr;
-  (*longest_gone)->evictable_armed.reset();
-  return *longest_gone;
+  auto found = gone_.pop_due(now);
+  if (!found) found = silent_.pop_due(now);
+  if (!found) return nullptr;
+  (*found)->evictable_armed.reset();
+  return *found;
 }
 
 bool ClientTable::has_room(const Peer& peer, TimePoint now) const {
   const auto is_due = [now](std::optional<TimePoint> at) { return at && *at <= now; };
   const IpAddress& own = peer.endpoint.address;
-  return !is_full() || is_due(evictable_.earliest()) || is_due(silent_timers_.earliest()) ||
+  return !is_full() || is_due(gone_.earliest()) || is_due(silent_.earliest()) ||
          by_address_.has_fuller(own) || by_network_.has_fuller(network_of(own));
 }
 
 void ClientTable::set_answered(ClientSession& session) {
   if (session.has_answered) return;
   set_in_crowd(session, false);
-  silent_timers_.disarm(session.silent_armed, &session);
   session.has_answered = true;
   ++answered_;
 }
 
-void ClientTable::on_connected(ClientSession& session, TimePoint now) {
-  silent_timers_.disarm(session.silent_armed, &session);
-  if (!session.has_answered)
-    silent_timers_.arm_by(session.silent_armed, &session, now + limits::crowd_patience);
-}
-
-std::vector<ClientSession*> ClientTable::take_crowd(const Peer& peer, TimePoint now) {
-  std::vector<ClientSession*> silent;
-  while (silent.size() < limits::crowd_step) {
-    const auto due = silent_timers_.pop_due(now);
-    if (!due) break;
-    ClientSession& session = **due;
-    session.silent_armed.reset();
-    const bool has_only_connected = session.connect_fingerprint != 0;
-    if (has_only_connected && !session.has_answered && session.peer) silent.push_back(&session);
-  }
-  if (!silent.empty()) return silent;
+std::vector<ClientSession*> ClientTable::crowd(const Peer& peer) const {
   const IpAddress& own = peer.endpoint.address;
   std::vector<ClientSession*> of_address = by_address_.fullest(own);
   return of_address.empty() ? by_network_.fullest(network_of(own)) : of_address;

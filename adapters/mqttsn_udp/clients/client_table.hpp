@@ -115,30 +115,27 @@ class ClientTable {
   std::optional<TimePoint> earliest() const { return timers_.earliest(); }
   ClientSession* pop_due(TimePoint now);
 
-  /// Lets evictable() return the session from `at` on.
+  /// Lets take_evictable() return the session from `at` on.
   void set_evictable(ClientSession& session, TimePoint at);
   /// Undoes set_evictable().
   void set_needed(ClientSession& session);
-  /// Returns the longest gone session that may be forgotten to make room; null if there is none.
+  /// Returns a session to forget when room is needed: of the client that has gone first, else of
+  /// one that only connected. Null if none is evictable.
   ClientSession* take_evictable(TimePoint now);
   /// Whether a new client at `peer` may find a place; make_room() of Lifecycle decides.
   bool has_room(const Peer& peer, TimePoint now) const;
   void set_answered(ClientSession& session);
-  /// Call when a CONNECT was accepted. The client should send something else within
-  /// limits::crowd_patience.
-  void on_connected(ClientSession& session, TimePoint now);
   std::size_t unanswered() const { return size() - answered_; }
   /// Returns the address, or else the network (`fd00::/64`), that has most clients. Looks at all
   /// clients.
   MeshPlaces::Crowd largest_crowd() const;
   /// Returns the same for the clients that have not answered. Cheap.
   MeshPlaces::Crowd largest_unanswered_crowd() const;
-  /// Returns clients that lose their places to `peer` when no session can be forgotten. None of
-  /// them has answered yet. Clients that sent nothing after their CONNECT come first. Without them,
-  /// the result is the longest silent clients of one address or /64, which must have at least two
-  /// more than that of `peer`. At most limits::crowd_step. Cheap when the result is empty, because
-  /// an attacker can cause many calls.
-  std::vector<ClientSession*> take_crowd(const Peer& peer, TimePoint now);
+  /// Returns clients that lose their places to `peer` when no session is evictable. None of them
+  /// has answered yet: the longest silent clients of one address or /64, which must have at least
+  /// two more than that of `peer`. At most limits::crowd_step. Cheap when the result is empty,
+  /// because an attacker can cause many calls.
+  std::vector<ClientSession*> crowd(const Peer& peer) const;
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {
     return by_id_;
@@ -155,9 +152,8 @@ class ClientTable {
   std::unordered_map<Peer, ClientSession*, PeerHash> by_peer_;
   std::unordered_map<std::string, ClientSession*> by_robot_;
   TimerQueue<ClientSession*> timers_;
-  TimerQueue<ClientSession*> evictable_;
-  TimerQueue<ClientSession*>
-      silent_timers_;  // when clients that only connected may lose their places
+  TimerQueue<ClientSession*> gone_;    // when clients that have gone are evictable
+  TimerQueue<ClientSession*> silent_;  // when clients that only connected are
   Unanswered by_address_;
   Unanswered by_network_;
 };

@@ -33,8 +33,8 @@ std::optional<Endpoint> find_handshake_to_end(const Handshakes& handshakes,
   if (!is_address_full && !is_network_full && !is_full) return std::nullopt;
   const auto rank = [&](const auto& each) {
     const IpAddress& address = each.first.address;
-    const bool competes = is_address_full ? address == newcomer
-                                          : !is_network_full || network_of(address) == network;
+    const bool competes =
+        is_address_full ? address == newcomer : !is_network_full || network_of(address) == network;
     return std::tuple(competes, at_address[address], TimePoint::max() - each.second.began);
   };
   return std::ranges::max_element(handshakes, {}, rank)->first;

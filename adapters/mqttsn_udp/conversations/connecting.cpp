@@ -206,11 +206,11 @@ void Connecting::complete(const Arrival& arrival, const Attempt& attempt,
   session->connected_at = now;
   const bool is_new_address = session->peer != peer;
   clients_.bind(*session, peer, arrival.local);
-  clients_.on_connected(*session, now);
   if (is_new_address) downlink_.on_address(*session);
   output_.count(Count::connects);
   output_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);
+  if (!session->has_answered) clients_.set_evictable(*session, now + limits::crowd_patience);
   output_.mark_changed(*session);
 }
 

@@ -12,6 +12,7 @@ namespace slamgw::mqttsn {
 
 void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   note_heard(session, now);
+  if (session.is_connected()) clients_.set_needed(session);  // it does more than connect
   if (now - session.sign_of_life_reported < limits::sign_of_life_interval) return;
   session.sign_of_life_reported = now;
   output_.emit(SignOfLife{Mesh::thread, session.robot});
@@ -86,27 +87,25 @@ bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
     evict(*gone, now);
   }
   if (!clients_.is_full()) return true;
-  const std::vector<ClientSession*> crowd = clients_.take_crowd(peer, now);
-  if (crowd.empty()) return false;
-  if (crowd_lines_.on_event(now))
-    output_.emit(Notice{
-        Severity::warning,
-        fmt::format("mqttsn.max_clients ({}) is reached; clients that have not shown that they "
-                    "receive lose their places, first '{}' at {}",
-                    settings_.max_clients, crowd.front()->client_id,
-                    to_string(*crowd.front()->peer)),
-        {}});
-  for (ClientSession* session : crowd) {
-    output_.send(*session, Disconnect{});
-    evict(*session, now);
-  }
-  return true;
+  const std::vector<ClientSession*> crowd = clients_.crowd(peer);
+  for (ClientSession* session : crowd) evict(*session, now);
+  return !crowd.empty();
 }
 
 /// Forgets the session. Of a client that has not answered, its presence and its session at the
 /// broker are forgotten, too.
 void Lifecycle::evict(ClientSession& session, TimePoint now) {
   output_.count(Count::clients_evicted);
+  if (session.is_connected() && session.peer) {
+    if (crowd_lines_.on_event(now))
+      output_.emit(Notice{
+          Severity::warning,
+          fmt::format("mqttsn.max_clients ({}) is reached; clients that have not shown that they "
+                      "receive lose their places, first '{}' at {}",
+                      settings_.max_clients, session.client_id, to_string(*session.peer)),
+          {}});
+    output_.send(session, Disconnect{});
+  }
   const SessionEvicted evicted{Mesh::thread, session.robot};
   const bool has_answered = session.has_answered;
   if (session.reported_presence) report_presence(session, Presence::offline, now);

@@ -43,8 +43,8 @@ class Lifecycle : Conversation {
   /// Call when another gateway serves the robot. Ends its session here without a will or a packet.
   /// Returns the messages that were never on the air.
   std::vector<WaitingMessage> give_up(ClientSession& session, TimePoint now);
-  /// Makes a place for a new client at `peer`: forgets the longest gone clients, then clients that
-  /// have not shown that they receive (ClientTable::crowd). Returns false if that is impossible.
+  /// Makes a place for a new client at `peer`: forgets evictable clients, then others that have not
+  /// shown that they receive (ClientTable::crowd). Returns false if that is impossible.
   bool make_room(const Peer& peer, TimePoint now);
 
   void report_presence(ClientSession& session, Presence presence, TimePoint now);
