@@ -12,18 +12,19 @@
 namespace slamgw::mqttsn {
 
 bool Roaming::takes(const Arrival& arrival, const Connect& connect) {
-  const auto waiting = std::ranges::find(
-      waiting_, arrival.peer, [](const auto& each) -> const Peer& { return each.arrival.peer; });
+  if (!rules_.may_speak(connect.client_id, arrival.peer)) return false;
+  const auto waiting = std::ranges::find_if(waiting_, [&](const WaitingConnect& each) {
+    return each.arrival.peer == arrival.peer || each.connect.client_id == connect.client_id;
+  });
   if (waiting != waiting_.end()) {
     if (waiting->connect.client_id != connect.client_id) return true;
     waiting->connect = connect;  // it may want a clean session now
-    waiting->arrival.fingerprint = arrival.fingerprint;
+    waiting->arrival = arrival;
     return true;
   }
   if (connect.clean_session || waiting_.size() >= limits::max_waiting_connects ||
       clients_.find(connect.client_id))
     return false;
-  if (!rules_.may_speak(connect.client_id, arrival.peer)) return false;
   const auto robot = rules_.names.of_client(connect.client_id);
   if (!robot || !is_valid_level(*robot) || !served_elsewhere_(*robot)) return false;
   waiting_.push_back({arrival, connect, *robot, arrival.now + limits::note_patience});

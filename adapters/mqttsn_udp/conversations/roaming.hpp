@@ -34,9 +34,9 @@ class Roaming : Conversation {
   explicit Roaming(const Conversation& common) : Conversation(common) {}
 
   void ask(ServedElsewhere served_elsewhere) { served_elsewhere_ = std::move(served_elsewhere); }
-  /// Returns true if the CONNECT waits, because the client's session may be at another gateway. A
-  /// CONNECT from an address where one waits takes its place, or is dropped if the client id
-  /// differs.
+  /// Returns true if the CONNECT waits, because the client's session may be at another gateway. The
+  /// client's next CONNECT takes its place, from whichever address. One of another client from its
+  /// address is dropped.
   bool takes(const Arrival& arrival, const Connect& connect);
   /// Returns true if the message waits with its robot's CONNECT.
   bool keep(const RobotMessage& message, TimePoint now);

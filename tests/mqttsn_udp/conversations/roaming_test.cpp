@@ -145,6 +145,23 @@ TEST(Roaming, ARobotThatWantsACleanSessionAfterAllGetsOne) {
   EXPECT_TRUE(rig.reports.empty()) << "no will of its former session";
 }
 
+/// A robot that has moved, or was started again, meanwhile.
+TEST(Roaming, TheLastConnectOfARobotCountsWhereverItComesFrom) {
+  for (const bool is_clean : {true, false}) {
+    Next rig;
+    rig.robot_comes();
+    rig.send(2, Connect{false, is_clean, protocol_id, 60, "r1"});
+    rig.note("r1", note_of_r1());
+    rig.pass_s(5);
+    EXPECT_TRUE(rig.is_silent(1));
+    EXPECT_EQ(rig.sent_to(2), Lines{"CONNACK code=0"});
+    EXPECT_EQ(rig.note_requests.size(), 1U);
+    EXPECT_EQ(rig.cleaned.size(), is_clean ? 1U : 0U);
+    rig.send(2, Pingreq{});
+    EXPECT_EQ(rig.last_to(2), "PINGRESP");
+  }
+}
+
 /// The broker sends what has waited as soon as the session is here, before the note is read.
 TEST(Roaming, WhatComesBeforeTheNoteIsDeliveredBehindTheConnack) {
   Next rig;
