@@ -183,7 +183,6 @@ void DtlsPort::add(std::shared_ptr<UdpSocket> socket) {
 /// A ClientHello does not change the connection that its address has: another one begins beside it
 /// (RFC 6347 section 4.2.8). All other datagrams may belong to either.
 void DtlsPort::on_datagram(const UdpSocket::Datagram& datagram) {
-  if (datagram.is_truncated) ++truncated_;
   if (datagram.bytes.empty() || datagram.is_truncated || is_multicast(datagram.to.address)) return;
   if (is_client_hello(datagram.bytes)) return on_hello(datagram);
   if (const auto found = established_.find(datagram.from); found != established_.end())

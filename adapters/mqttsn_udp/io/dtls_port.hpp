@@ -48,8 +48,6 @@ class DtlsPort {
   /// Ends all connections with a close alert, so that clients make new ones at once.
   void end_connections();
   Counters counters() const;
-  /// Returns how many datagrams were dropped because they were too long for the receive buffer.
-  std::uint64_t truncated() const { return truncated_; }
 
  private:
   using Ssl = std::unique_ptr<SSL, FreedBy<SSL_free>>;
@@ -103,7 +101,6 @@ class DtlsPort {
   LogThrottle failure_lines_;
   std::uint64_t handshakes_done_ = 0;
   std::uint64_t handshakes_failed_ = 0;
-  std::uint64_t truncated_ = 0;
 };
 
 }  // namespace slamgw::mqttsn

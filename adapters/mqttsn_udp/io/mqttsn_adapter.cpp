@@ -48,9 +48,8 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       driver_(
           io, gateway_,
           [this](Action& action) { std::visit([this](auto& what) { perform(what); }, action); },
-          [this] {  // each input may have changed sessions
-            save_for_answers();
-            if (keeper_) keeper_->save_soon();
+          [this] {
+            if (keeper_) keeper_->save_soon();  // each input may have changed sessions
           }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
       watch_timer_(io) {
@@ -172,8 +171,7 @@ void MqttsnAdapter::close() {
   if (announcement_) announcement_->withdraw();
   for (const auto& socket : all_sockets()) {
     socket->close();
-    sends_failed_ += socket->sends_failed();
-    kernel_drops_ += socket->kernel_drops();
+    counts_ += socket->counts();
   }
   sockets_.clear();
   if (dtls_) dtls_->forget_sockets();
@@ -231,16 +229,12 @@ nlohmann::json MqttsnAdapter::report(const std::optional<std::string>& robot) co
 
 Counters MqttsnAdapter::counters() const {
   Counters counters = gateway_.counters();
-  std::uint64_t dropped = kernel_drops_;
-  std::uint64_t sends_failed = sends_failed_;
-  for (const auto& socket : all_sockets()) {
-    dropped += socket->kernel_drops();
-    sends_failed += socket->sends_failed();
-  }
-  counters.push_back({"kernel_drops", dropped});
-  counters.push_back({"truncated", truncated_ + (dtls_ ? dtls_->truncated() : 0)});
+  UdpSocket::Counts counts = counts_;
+  for (const auto& socket : all_sockets()) counts += socket->counts();
+  counters.push_back({"kernel_drops", counts.kernel_drops});
+  counters.push_back({"truncated", counts.truncated});
   counters.push_back({"from_unserved_networks", unserved_});
-  counters.push_back({"sends_failed", sends_failed});
+  counters.push_back({"sends_failed", counts.sends_failed});
   if (dtls_)
     for (const auto& counter : dtls_->counters()) counters.push_back(counter);
   return counters;
@@ -250,7 +244,6 @@ void MqttsnAdapter::on_datagram(const UdpSocket::Datagram& datagram) {
   LocalAddress to = datagram.to;
   const bool is_asked_for = !Settings::is_wildcard(settings_.listen[to.socket]);
   if (!is_asked_for && !is_served(to.interface)) return drop_unserved(datagram);
-  if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
   // A socket that is bound to an interface needs no index to find it, also when it is made again.
   if (settings_.names_interface()) to.interface = 0;
   if (is_multicast(to.address)) {
@@ -282,7 +275,7 @@ void MqttsnAdapter::on_decrypted(const UdpSocket::Datagram& datagram, const std:
 
 void MqttsnAdapter::perform(SendDatagram& action) {
   if (!action.identity.empty()) {
-    if (!dtls_ || !dtls_->send(action.to, action.identity, action.bytes)) ++sends_failed_;
+    if (!dtls_ || !dtls_->send(action.to, action.identity, action.bytes)) ++counts_.sends_failed;
     return;
   }
   const LocalAddress& from = action.from;
@@ -294,7 +287,7 @@ void MqttsnAdapter::perform(SendDatagram& action) {
     socket = std::find_if(sockets_.begin(), sockets_.end(), can_reach);
   }
   if (socket == sockets_.end()) {
-    ++sends_failed_;
+    ++counts_.sends_failed;
   } else {
     (*socket)->send_soon(action.to, from, std::move(action.bytes));
   }
@@ -320,21 +313,7 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
   }
 }
 
-/// Sends answers before the event is handled, so that a client does not wait for that.
-void MqttsnAdapter::perform(MeshEvent& event) {
-  save_for_answers();
-  for (const auto& socket : sockets_) socket->flush_answers();
-  if (dtls_)
-    for (const auto& socket : dtls_->sockets()) socket->flush_answers();
-  listener_.on_mesh_event(std::move(event));
-}
-
-/// Waits for the last of the requests that came together, so that they share a write.
-void MqttsnAdapter::save_for_answers() {
-  const auto is_amid = [](const auto& socket) { return socket->is_amid_others(); };
-  if (keeper_ && std::none_of(sockets_.begin(), sockets_.end(), is_amid))
-    keeper_->save_for_answers();
-}
+void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::move(event)); }
 
 void MqttsnAdapter::watch_interfaces() {
   interfaces_ = read_network_interfaces();

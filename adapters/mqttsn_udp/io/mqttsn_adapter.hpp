@@ -67,7 +67,6 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void perform(SendMulticast& action);
   void perform(PingEnded& ended);
   void perform(MeshEvent& event);
-  void save_for_answers();
   void open();
   void close();
   std::vector<int> take_kept(const std::vector<std::string>& listen);
@@ -112,9 +111,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   boost::asio::steady_timer watch_timer_;
   std::map<std::uint64_t, OrderDone> pings_;  // by their ids
   std::uint64_t last_ping_ = 0;
-  std::uint64_t sends_failed_ = 0;  ///< without a socket, and on sockets that were closed
-  std::uint64_t kernel_drops_ = 0;  ///< on sockets that were closed
-  std::uint64_t truncated_ = 0;     ///< on the ports for plain UDP
+  UdpSocket::Counts counts_;  ///< of sockets that were closed, and what found no socket
   std::uint64_t unserved_ = 0;
   LogThrottle unserved_lines_{std::chrono::minutes{1}};
 };

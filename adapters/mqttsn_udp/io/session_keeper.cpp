@@ -49,20 +49,24 @@ std::optional<Notice> SessionKeeper::restore(TimePoint now) {
 }
 
 void SessionKeeper::save_soon() {
-  if (gateway_.has_unsaved_answers() && !is_watching_) watch_disk();
-  if (is_armed_ || !gateway_.has_changed()) return;
+  const bool do_answers_wait = gateway_.has_unsaved_answers();
+  if (do_answers_wait && !is_watching_) watch_disk();
+  if (do_answers_wait && !store_.is_busy()) {
+    if (!std::exchange(is_urgent_, true)) save_after({});
+  } else if (!is_armed_ && gateway_.has_changed()) {
+    save_after(interval);
+  }
+}
+
+void SessionKeeper::save_after(std::chrono::milliseconds delay) {
   is_armed_ = true;
-  timer_.expires_after(interval);
+  timer_.expires_after(delay);
   timer_.async_wait([this](boost::system::error_code error) {
     if (error) return;
-    is_armed_ = false;
+    is_armed_ = is_urgent_ = false;
     if (!store_.is_busy()) save_some();
     save_soon();
   });
-}
-
-void SessionKeeper::save_for_answers() {
-  if (gateway_.has_unsaved_answers() && !store_.is_busy()) save_some();
 }
 
 void SessionKeeper::watch_disk() {

@@ -34,15 +34,16 @@ class SessionKeeper {
   /// Restores the sessions. Call once, before the first datagram. Returns nothing when there was no
   /// session to restore.
   std::optional<Notice> restore(TimePoint now);
-  /// Call when something may have changed; costs nothing when nothing has.
+  /// Call when something may have changed; costs nothing when nothing has. Where answers wait, the
+  /// sessions are saved after the present handler of the loop, so requests that come together share
+  /// a write.
   void save_soon();
-  /// Saves now, if answers wait and the store is free.
-  void save_for_answers();
   /// Saves all sessions, also what changes too often to be saved each time.
   void stop();
 
  private:
   void watch_disk();
+  void save_after(std::chrono::milliseconds delay);
   void save_some();
   void save_again_later(std::string id);
   void on_written(bool is_written);
@@ -56,6 +57,7 @@ class SessionKeeper {
   std::vector<std::string> later_;  ///< client ids with commands that were too young
   bool is_stopping_ = false;
   bool is_armed_ = false;
+  bool is_urgent_ = false;    // armed for answers
   bool is_watching_ = false;  // while answers wait
 };
 

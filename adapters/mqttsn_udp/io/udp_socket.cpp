@@ -177,7 +177,7 @@ IpAddress mapped(const in_addr& address) {
 }
 
 /// The address that a datagram came to, from its control messages.
-void read_control(msghdr& header, LocalAddress& to, std::uint32_t& kernel_drops) {
+void read_control(msghdr& header, LocalAddress& to, std::uint64_t& kernel_drops) {
   for (cmsghdr* c = CMSG_FIRSTHDR(&header); c; c = CMSG_NXTHDR(&header, c)) {
     if (c->cmsg_level == IPPROTO_IPV6 && c->cmsg_type == IPV6_PKTINFO) {
       in6_pktinfo info{};
@@ -191,7 +191,9 @@ void read_control(msghdr& header, LocalAddress& to, std::uint32_t& kernel_drops)
       if (!is_multicast(to.address)) to.address = mapped(info.ipi_spec_dst);  // of a broadcast
       to.interface = static_cast<std::uint32_t>(info.ipi_ifindex);
     } else if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
-      std::memcpy(&kernel_drops, CMSG_DATA(c), sizeof kernel_drops);
+      std::uint32_t drops = 0;
+      std::memcpy(&drops, CMSG_DATA(c), sizeof drops);
+      kernel_drops = drops;
     }
   }
 }
@@ -256,6 +258,13 @@ struct UdpSocket::Outgoing {
   std::array<OutgoingDatagram, size> datagrams;
   std::array<mmsghdr, size> headers;
 };
+
+UdpSocket::Counts& UdpSocket::Counts::operator+=(const Counts& other) {
+  kernel_drops += other.kernel_drops;
+  truncated += other.truncated;
+  sends_failed += other.sends_failed;
+  return *this;
+}
 
 UdpSocket::~UdpSocket() { flush(); }
 
@@ -364,12 +373,11 @@ bool UdpSocket::receive_batch() {
     datagram.bytes = ByteView(incoming_->bytes[i], headers[i].msg_len);
     datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
     datagram.to.socket = number_;
-    read_control(headers[i].msg_hdr, datagram.to, kernel_drops_);
+    read_control(headers[i].msg_hdr, datagram.to, counts_.kernel_drops);
     if (is_bound_to_interface_) datagram.from.scope_id = 0;  // it changes with the interface
-    is_at_last_ = i + 1 == count && count < Incoming::size;  // else more may be waiting
+    if (datagram.is_truncated) ++counts_.truncated;
     receive_(datagram);
   }
-  is_at_last_ = false;
   incoming_->renew(count);
   return count == Incoming::size;
 }
@@ -408,7 +416,7 @@ void UdpSocket::flush() {
 
 /// The interface may have been made again under another index; its address is the same.
 void UdpSocket::send_again(OutgoingDatagram& datagram) {
-  if (!datagram.forget_interface() || !transmit(datagram)) ++sends_failed_;
+  if (!datagram.forget_interface() || !transmit(datagram)) ++counts_.sends_failed;
 }
 
 bool UdpSocket::transmit(const OutgoingDatagram& datagram) {

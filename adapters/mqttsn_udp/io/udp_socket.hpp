@@ -85,13 +85,6 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   void send_soon(const Endpoint& to, const LocalAddress& from, Bytes bytes);
   /// Sends now what send_soon() has put off.
   void flush();
-  /// Flushes only while the last datagram of those that came together is being received. So answers
-  /// to them leave together, and before anything else that they cause.
-  void flush_answers() {
-    if (is_at_last_) flush();
-  }
-  /// True while more of the datagrams that came together are to be received.
-  bool is_amid_others() const { return is_receiving_ && !is_at_last_; }
   /// Joins `group` on this interface. Returns true also when it was joined before.
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
   void leave(const boost::asio::ip::address& group, std::uint32_t interface);
@@ -103,10 +96,13 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool can_reach(const IpAddress& to) const {
     return is_ipv4(to) ? !is_ipv6_ || takes_ipv4_too_ : is_ipv6_;
   }
-  /// Datagrams that the kernel had to drop because we were too slow.
-  std::uint32_t kernel_drops() const { return kernel_drops_; }
-  /// Datagrams of send_soon() that could not be sent.
-  std::uint64_t sends_failed() const { return sends_failed_; }
+  struct Counts {
+    std::uint64_t kernel_drops = 0;  ///< datagrams that the kernel dropped: we were too slow
+    std::uint64_t truncated = 0;     ///< datagrams that were longer than the buffer
+    std::uint64_t sends_failed = 0;  ///< datagrams of send_soon() that could not be sent
+    Counts& operator+=(const Counts& other);
+  };
+  const Counts& counts() const { return counts_; }
 
  private:
   struct Incoming;
@@ -129,11 +125,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool is_bound_to_interface_ = false;
   bool is_taken_over_ = false;
   bool is_receiving_ = false;  // flush() follows
-  bool is_at_last_ = false;    // of the datagrams that came together
   std::uint16_t port_ = 0;
   std::uint8_t number_ = 0;
-  std::uint32_t kernel_drops_ = 0;
-  std::uint64_t sends_failed_ = 0;
+  Counts counts_;
   std::unique_ptr<Incoming> incoming_;
   std::unique_ptr<Outgoing> outgoing_;
   Receive receive_;  ///< empty: nothing is received
