@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
+#include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/robot_keys.hpp"
 #include "daemon/core/robot_names.hpp"
@@ -42,6 +44,14 @@ struct NameRules {
   const RequireIdentity required = RequireIdentity::none;
   Identities identities{};  ///< client ids that have a key
 
+  /// Returns the name of a predefined or short topic; nothing for an id that has none.
+  std::optional<std::string> topic_of(std::string_view client_id, TopicIdType type,
+                                      std::uint16_t id) const {
+    if (type == TopicIdType::short_name) return short_name(id);
+    const std::string* name =
+        type == TopicIdType::predefined ? predefined.name_of(client_id, id) : nullptr;
+    return name ? std::optional(*name) : std::nullopt;
+  }
   /// Whether this client must come over DTLS.
   bool needs_identity(const std::string& client_id) const {
     return required == RequireIdentity::all ||

@@ -50,8 +50,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       subscriptions_(common_, answers_),
       commands_(common_),
       downlink_(common_, subscriptions_, commands_, std::move(random)),
-      uplink_(common_),
-      registration_(common_, answers_, uplink_),
+      uplink_(common_, answers_),
       wills_(common_),
       lifecycle_(common_, subscriptions_, downlink_, uplink_, wills_),
       supervision_(common_, downlink_, lifecycle_),
@@ -201,7 +200,7 @@ ClientSession* SnGateway::session_of(const Arrival& arrival) {
 
 void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
   std::visit(overloaded{
-                 [&](const Register& p) { registration_.on_register(session, p, now); },
+                 [&](const Register& p) { uplink_.on_register(session, p, now); },
                  [&](const Regack& p) { downlink_.on_regack(session, p, now); },
                  [&](Publish& p) { uplink_.on_publish(session, std::move(p), now); },
                  [&](const Puback& p) { downlink_.on_puback(session, p, now); },

@@ -137,7 +137,6 @@ class SnGateway {
   CommandOutcomes commands_;
   Downlink downlink_;
   Uplink uplink_;
-  InboundRegistration registration_;
   Wills wills_;
   Lifecycle lifecycle_;
   Supervision supervision_;

@@ -36,13 +36,12 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
 std::optional<std::string> Subscriptions::on_unsubscribe(ClientSession& session,
                                                          const Unsubscribe& request) {
   if (!answers_.has_room(session)) return std::nullopt;
-  std::string storage;
-  const std::string* filter =
-      name(session, request.topic_id_type, request.topic_id, request.topic_name, storage);
+  const auto filter =
+      filter_of(session, request.topic_id_type, request.topic_id, request.topic_name);
   answers_.answer(session, Unsuback{request.msg_id});
   if (!filter || !session.subscriptions.contains(*filter)) return std::nullopt;
   drop(session, *filter);
-  return *filter;
+  return filter;
 }
 
 /// The broker's refusal may come after the filter was granted while the broker was away.
@@ -173,9 +172,8 @@ Result<Subscriptions::Requested, ReturnCode> Subscriptions::read(ClientSession& 
                                                                  TimePoint now) {
   if (request.qos == WireQos::minus_one || request.topic_id_type == TopicIdType::reserved)
     return ReturnCode::not_supported;
-  std::string storage;
-  const std::string* filter =
-      name(session, request.topic_id_type, request.topic_id, request.topic_name, storage);
+  const auto filter =
+      filter_of(session, request.topic_id_type, request.topic_id, request.topic_name);
   if (!filter) return ReturnCode::invalid_topic_id;
   if (!is_valid_filter(*filter)) return ReturnCode::not_supported;
   if (!rules_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
@@ -197,22 +195,13 @@ Result<Subscriptions::Requested, ReturnCode> Subscriptions::read(ClientSession& 
   return Requested{*filter, *id};
 }
 
-const std::string* Subscriptions::name(ClientSession& session, TopicIdType type,
-                                       std::uint16_t topic_id, const std::string& topic_name,
-                                       std::string& storage) const {
-  switch (type) {
-    case TopicIdType::normal: storage = topic_name; break;
-    case TopicIdType::predefined: {
-      const std::string* known = rules_.predefined.name_of(session.client_id, topic_id);
-      if (!known) return nullptr;
-      storage = *known;
-      break;
-    }
-    case TopicIdType::short_name: storage = short_name(topic_id); return &storage;
-    case TopicIdType::reserved: return nullptr;
-  }
-  storage = to_broker_name(rules_.policy.scheme(), session, std::move(storage));
-  return &storage;
+std::optional<std::string> Subscriptions::filter_of(ClientSession& session, TopicIdType type,
+                                                    std::uint16_t topic_id,
+                                                    const std::string& topic_name) const {
+  auto name = type == TopicIdType::normal ? std::optional(topic_name)
+                                          : rules_.topic_of(session.client_id, type, topic_id);
+  if (name) name = to_broker_name(rules_.policy.scheme(), session, std::move(*name));
+  return name;
 }
 
 void Subscriptions::refuse(ClientSession& session, const Subscribe& request, ReturnCode code) {

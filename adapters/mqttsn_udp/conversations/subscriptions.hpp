@@ -68,8 +68,8 @@ class Subscriptions : Conversation {
   /// Returns the filter and id that the client asks for, or why it can't have them.
   Result<Requested, ReturnCode> read(ClientSession& session, const Subscribe& request,
                                      TimePoint now);
-  const std::string* name(ClientSession& session, TopicIdType type, std::uint16_t topic_id,
-                          const std::string& topic_name, std::string& storage) const;
+  std::optional<std::string> filter_of(ClientSession& session, TopicIdType type,
+                                       std::uint16_t topic_id, const std::string& topic_name) const;
   void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);
   bool is_repetition(const ClientSession& session, const Subscribe& request,
                      const std::string& filter, TimePoint now) const;

@@ -62,13 +62,8 @@ void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint n
 void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
                                     TimePoint now) {
   const std::string client_id = session ? session->client_id : std::string();
-  std::string topic;
-  if (publish.topic_id_type == TopicIdType::predefined) {
-    const std::string* name = rules_.predefined.name_of(client_id, publish.topic_id);
-    if (name) topic = *name;
-  } else if (publish.topic_id_type == TopicIdType::short_name) {
-    topic = short_name(publish.topic_id);
-  }
+  std::string topic =
+      rules_.topic_of(client_id, publish.topic_id_type, publish.topic_id).value_or("");
   const TopicScheme& scheme = rules_.policy.scheme();
   if (session)
     topic = replace_robot(scheme, topic, client_id, session->robot).value_or(std::move(topic));
@@ -130,25 +125,18 @@ void Uplink::forget(ClientSession& session) {
 
 Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const Publish& publish,
                                                  TimePoint now) {
+  if (publish.topic_id_type == TopicIdType::reserved) return ReturnCode::not_supported;
   std::string topic;
-  switch (publish.topic_id_type) {
-    case TopicIdType::normal:
-    case TopicIdType::predefined: {
-      const std::string* name =
-          publish.topic_id_type == TopicIdType::normal
-              ? session.topics.name_of(publish.topic_id)
-              : rules_.predefined.name_of(session.client_id, publish.topic_id);
-      if (!name) {
-        output_.count(Count::unknown_topic_ids);
-        return ReturnCode::invalid_topic_id;
-      }
-      topic = SpareBuffers<std::string>::copy(*name);
-      if (publish.topic_id_type == TopicIdType::normal)
-        session.topics.find(publish.topic_id)->is_own = true;
-      break;
-    }
-    case TopicIdType::short_name: topic = short_name(publish.topic_id); break;
-    case TopicIdType::reserved: return ReturnCode::not_supported;
+  if (publish.topic_id_type != TopicIdType::normal) {
+    topic =
+        rules_.topic_of(session.client_id, publish.topic_id_type, publish.topic_id).value_or("");
+  } else if (TopicTable::Topic* known = session.topics.find(publish.topic_id)) {
+    known->is_own = true;
+    topic = SpareBuffers<std::string>::copy(known->name);
+  }
+  if (topic.empty()) {
+    output_.count(Count::unknown_topic_ids);
+    return ReturnCode::invalid_topic_id;
   }
   topic = to_broker_name(rules_.policy.scheme(), session, std::move(topic));
   if (!is_valid_topic_name(topic)) return ReturnCode::not_supported;
@@ -318,15 +306,14 @@ bool Uplink::may_publish(ClientSession& session, const std::string& topic, TimeP
 }
 
 /// A client may need an id for what it publishes and for what it listens to (R57, R61).
-void InboundRegistration::on_register(ClientSession& session, const Register& request,
-                                      TimePoint now) {
+void Uplink::on_register(ClientSession& session, const Register& request, TimePoint now) {
   if (!answers_.has_room(session)) return;
   const std::string topic = to_broker_name(rules_.policy.scheme(), session, request.topic_name);
   const auto answer = [&](std::uint16_t id, ReturnCode code) {
     answers_.answer(session, Regack{id, request.msg_id, code});
   };
   if (!is_valid_topic_name(topic)) return answer(0, ReturnCode::not_supported);
-  if (!may_listen_to(session, topic) && !uplink_.may_publish(session, topic, now))
+  if (!may_listen_to(session, topic) && !may_publish(session, topic, now))
     return answer(0, ReturnCode::not_supported);
   if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
   const auto id = session.assign_topic(topic);
@@ -341,19 +328,17 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
 
 /// Returns true if the robot registers the topic in order to listen: topics of others, and those of
 /// its commands. Its own topics are for publishing, though it may listen to them as well.
-bool InboundRegistration::may_listen_to(const ClientSession& session,
-                                        const std::string& topic) const {
+bool Uplink::may_listen_to(const ClientSession& session, const std::string& topic) const {
   return !topic.starts_with(own_root(session)) &&
          rules_.policy.may_subscribe(session.client_id, session.robot, topic);
 }
 
-std::string InboundRegistration::own_root(const ClientSession& session) const {
+std::string Uplink::own_root(const ClientSession& session) const {
   return rules_.policy.scheme().robot_root() + session.robot + "/";
 }
 
 /// Each type of a robot costs a topic id of each client that listens to the robot.
-bool InboundRegistration::makes_too_many_types(ClientSession& session, const std::string& topic,
-                                               TimePoint now) {
+bool Uplink::makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now) {
   const std::string own = own_root(session);
   if (!topic.starts_with(own) || session.topics.id_of(topic)) return false;
   const auto types = std::ranges::count_if(

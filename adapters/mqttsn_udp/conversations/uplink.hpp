@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // PUBLISH from clients (MQTT-SN 1.2 section 6.6): goes up as a Report with a receipt, and is
 // acknowledged when the receipt fires, never before. Repetitions do not go up again (R75, R76).
+// Also REGISTER, with which a client asks for the ids of its topics.
 #pragma once
 
 #include <functional>
@@ -18,8 +19,10 @@ using NameCheck = std::function<bool(const std::string& robot)>;
 
 class Uplink : Conversation {
  public:
-  explicit Uplink(const Conversation& common) : Conversation(common) {}
+  Uplink(const Conversation& common, Answers& answers) : Conversation(common), answers_(answers) {}
 
+  /// Handles REGISTER (MQTT-SN 1.2 section 6.5). TopicRegistration is the opposite direction.
+  void on_register(ClientSession& session, const Register& request, TimePoint now);
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
   void on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now);
   /// Handles QoS -1 from any address; `session` may be null. Never answered (R81).
@@ -28,8 +31,6 @@ class Uplink : Conversation {
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  /// Asks the topic policy. A refusal is counted, and logged once for each client.
-  bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
   /// Call for a new session: its MsgIds start again.
   void forget(ClientSession& session);
 
@@ -42,6 +43,10 @@ class Uplink : Conversation {
     std::uint16_t msg_id;
   };
 
+  bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
+  bool may_listen_to(const ClientSession& session, const std::string& topic) const;
+  std::string own_root(const ClientSession& session) const;
+  bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
   bool is_foreign(const std::string& robot) const;
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
                                            TimePoint now);
@@ -57,28 +62,12 @@ class Uplink : Conversation {
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
   void report_repeat(const ClientSession& session, const Publish& publish, std::string topic);
 
+  Answers& answers_;
   NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;
   std::unordered_map<std::uint64_t, Open, std::hash<std::uint64_t>, std::equal_to<>,
                      RecyclingAllocator<std::pair<const std::uint64_t, Open>>>
       open_;  // bounded by max_open_receipts for each client
-};
-
-/// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the opposite direction.
-class InboundRegistration : Conversation {
- public:
-  InboundRegistration(const Conversation& common, Answers& answers, Uplink& uplink)
-      : Conversation(common), answers_(answers), uplink_(uplink) {}
-
-  void on_register(ClientSession& session, const Register& request, TimePoint now);
-
- private:
-  bool may_listen_to(const ClientSession& session, const std::string& topic) const;
-  std::string own_root(const ClientSession& session) const;
-  bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
-
-  Answers& answers_;
-  Uplink& uplink_;
 };
 
 }  // namespace slamgw::mqttsn

@@ -139,13 +139,6 @@ void set_flag(int descriptor, int level, int option, int value) {
   setsockopt(descriptor, level, option, &value, sizeof value);
 }
 
-std::optional<int> flag(int descriptor, int level, int option) {
-  int value = 0;
-  socklen_t size = sizeof value;
-  if (getsockopt(descriptor, level, option, &value, &size) != 0) return std::nullopt;
-  return value;
-}
-
 /// Returns the interface that a socket is bound to. Returns nothing when that is gone, even if
 /// another interface has its name now.
 std::optional<std::string> bound_interface(int descriptor) {
@@ -153,20 +146,6 @@ std::optional<std::string> bound_interface(int descriptor) {
   socklen_t size = sizeof name;
   if (getsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, name, &size) != 0) return std::nullopt;
   return std::string(name);
-}
-
-/// Whether this is a UDP socket that was bound as a new one would be. Port 0 stands for any.
-bool is_bound_as(int descriptor, udp::endpoint endpoint, bool takes_ipv4_too,
-                 const std::string& interface) {
-  udp::endpoint bound;
-  auto size = static_cast<socklen_t>(bound.capacity());
-  if (flag(descriptor, SOL_SOCKET, SO_PROTOCOL) != IPPROTO_UDP ||
-      getsockname(descriptor, bound.data(), &size) != 0)
-    return false;
-  if (endpoint.port() == 0) endpoint.port(bound.port());
-  const bool is_ipv6 = endpoint.address().is_v6();
-  return bound == endpoint && bound_interface(descriptor) == interface &&
-         (!is_ipv6 || flag(descriptor, IPPROTO_IPV6, IPV6_V6ONLY) == (takes_ipv4_too ? 0 : 1));
 }
 
 IpAddress mapped(const in_addr& address) {
@@ -287,7 +266,7 @@ UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std:
 void UdpSocket::open(const udp::endpoint& endpoint, const std::string& interface, int kept) {
   is_ipv6_ = endpoint.address().is_v6();
   takes_ipv4_too_ = is_ipv6_ && endpoint.address().is_unspecified();
-  is_taken_over_ = kept >= 0 && is_bound_as(kept, endpoint, takes_ipv4_too_, interface);
+  is_taken_over_ = kept >= 0 && bound_interface(kept) == interface;
   if (kept >= 0 && !is_taken_over_) ::close(kept);
   // After assign(), Asio itself removes the descriptor from epoll, where a duplicate would stay.
   const int descriptor =

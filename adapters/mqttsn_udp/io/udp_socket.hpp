@@ -64,9 +64,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   using Receive = std::function<void(const Datagram&)>;
 
   /// Binds at once. `listen` is `ADDRESS:PORT` or `[ADDRESS]:PORT`; `[::]` takes IPv4 too; port 0
-  /// is any. `interface` may be empty. `kept` is a socket of an earlier process or -1; it is used
-  /// if it is bound in just this way, else closed. Throws std::runtime_error with a sentence for
-  /// operators.
+  /// is any. `interface` may be empty. `kept` is a socket that an earlier process has made from the
+  /// same values, or -1. It is closed if its interface has gone since. Throws std::runtime_error
+  /// with a sentence for operators.
   UdpSocket(boost::asio::io_context& io, const std::string& listen, const std::string& interface,
             int kept = -1);
   ~UdpSocket();
