@@ -76,32 +76,6 @@ TEST(MqttsnAdapter, TakesARobotFromAnotherGatewayAndGivesItUpAgain) {
   EXPECT_EQ(rig.adapter.presence_of("r1"), std::nullopt);
 }
 
-/// What a CONNECT causes in the core, as its presence at the broker, comes behind the CONNACK.
-TEST(MqttsnAdapter, AnswersBeforeTheCoreBegins) {
-  struct Core final : MeshListener {
-    explicit Core(boost::asio::io_context& io) : client(io) {}
-    void on_mesh_event(MeshEvent event) override {
-      if (std::holds_alternative<PresenceChange>(event)) answer_octets = client.available();
-      if (const auto* link = std::get_if<LinkChange>(&event)) detail = link->detail;
-    }
-    udp::socket client;
-    std::string detail;
-    std::optional<std::size_t> answer_octets;  // when the presence was told
-  };
-  boost::asio::io_context io;
-  Core core(io);
-  MqttsnAdapter adapter(io, UdpRig::with({}, {"127.0.0.1:0"}),
-                        TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}), RobotNames(), core);
-  adapter.start();
-  adapter.on_broker_link(true);
-  const auto port = std::stoi(core.detail.substr(core.detail.rfind(':') + 1));
-  core.client.connect({boost::asio::ip::address_v4::loopback(), static_cast<std::uint16_t>(port)});
-  core.client.send(boost::asio::buffer(encode(Connect{false, true, 1, 60, "r1"})));
-  EXPECT_TRUE(test::eventually(io, [&] { return core.answer_octets.has_value(); }));
-  EXPECT_EQ(core.answer_octets, encode(Connack{}).size());
-  adapter.stop();
-}
-
 TEST(MqttsnAdapter, R9_NoticesOversizedDatagramsAndGoesOn) {
   UdpRig rig({"127.0.0.1:0"});
   UdpClient client(rig, "127.0.0.1");
