@@ -370,15 +370,12 @@ void DtlsPort::send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint&
     while (octets < left.size() &&
            octets + first_record(left.subspan(octets)) <= limits::max_dtls_record_octets)
       octets += first_record(left.subspan(octets));
-    send_datagram(local, to, left.first(octets));
+    const ByteView records = left.first(octets);
+    if (local.socket < sockets_.size() && sockets_[local.socket]->can_reach(to.address))
+      sockets_[local.socket]->send_soon(to, local, Bytes(records.begin(), records.end()));
     left = left.subspan(octets);
   }
   BIO_reset(SSL_get_wbio(ssl));
-}
-
-void DtlsPort::send_datagram(const LocalAddress& local, const Endpoint& to, ByteView bytes) {
-  if (local.socket >= sockets_.size() || !sockets_[local.socket]->can_reach(to.address)) return;
-  sockets_[local.socket]->send_soon(to, local, Bytes(bytes.begin(), bytes.end()));
 }
 
 void DtlsPort::watch_handshakes() {

@@ -80,7 +80,6 @@ class DtlsPort {
   void end(Connections::iterator connection);
   void fail(Connections::iterator handshake, const std::string& why);
   void send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint& to);
-  void send_datagram(const LocalAddress& local, const Endpoint& to, ByteView bytes);
   void watch_handshakes();
   void on_time();
 

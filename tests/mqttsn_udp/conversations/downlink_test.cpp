@@ -329,6 +329,25 @@ TEST(SnGateway, DoesNotCallACommandRefusedThatTheRobotMayHaveObeyed) {
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
+/// It is lost after 15 s, or disconnects; both keep the session.
+TEST(SnGateway, TimesOutTheCommandsOfAClientThatHasGone) {
+  for (const bool is_lost : {true, false}) {
+    ConnectedRig rig(false, 10);
+    rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
+    rig.broker("ntnu-slam/server/r1/cmd", "1", 1);
+    rig.broker("ntnu-slam/server/r1/run", "1", 1);
+    if (!is_lost) rig.send(1, Disconnect{});
+    rig.pass_s(28);
+    EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
+    EXPECT_TRUE(rig.outcomes.empty());
+    rig.pass_s(1);
+    ASSERT_EQ(rig.outcomes.size(), 2U);
+    for (const CommandOutcome& outcome : rig.outcomes)
+      EXPECT_EQ(outcome.result, CommandResult::timeout);
+    EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+  }
+}
+
 TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {
   SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
   rig.connect(1, "watcher");
