@@ -91,26 +91,12 @@ void Backlog::on_left_memory(std::uint64_t row, std::string_view topic) {
 
 void Backlog::on_opened(StoreOpened opened, TimePoint now) {
   state_ = State::working;
-  ++generation_;
   bytes_ = opened.bytes;
   rows_ = unread_ = opened.count;
   oldest_ = now - opened.oldest_age;
   unread_topics_ = std::move(opened.topics);
   shares_ = std::move(opened.shares);
-  cursor_ = 0;
-  to_write_.clear();
-  writing_.clear();
-  erasures_.clear();
-  erasing_.clear();
   dead_letters_ = opened.dead_letters;
-  is_writing_ = is_loading_ = is_probe_due_ = false;
-  erasure_due_ = write_retry_ = load_retry_ = std::nullopt;
-  retry_wait_ = first_retry;
-}
-
-void Backlog::on_absent(TimePoint now) {
-  on_opened({}, now);
-  state_ = State::absent;
 }
 
 std::optional<WriteToStore> Backlog::next_write(FairQueue& queue, TimePoint now) {
@@ -121,7 +107,6 @@ std::optional<WriteToStore> Backlog::next_write(FairQueue& queue, TimePoint now)
       !erasures_.empty() &&
       (erasures_.size() >= forget_batch || is_stopping_ || (erasure_due_ && now >= *erasure_due_));
   if (write.keep.empty() && !is_erasure_due && !is_probe_due_) return std::nullopt;
-  write.generation = generation_;
   take_erasures(write, queue);
   is_probe_due_ = false;
   is_writing_ = true;
@@ -198,19 +183,11 @@ std::optional<LoadFromStore> Backlog::next_load(const FairQueue& queue) {
     return std::nullopt;
   is_loading_ = true;
   loading_after_ = cursor_;
-  return LoadFromStore{generation_, cursor_, page_messages, page_bytes};
+  return LoadFromStore{cursor_, page_messages, page_bytes};
 }
 
-std::size_t Backlog::on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now) {
+void Backlog::on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now) {
   is_loading_ = false;
-  const bool is_at_cursor = cursor_ == loading_after_;
-  if (loaded.messages.empty() && loaded.damaged.empty()) {
-    const std::size_t missing = is_at_cursor ? unread_ : 0;
-    on_read(missing);
-    rows_ -= std::min(rows_, missing);
-    if (rows_ == 0) bytes_ = 0;
-    return missing;
-  }
   if (!loaded.messages.empty()) oldest_ = now - loaded.messages.front().age;
   std::uint64_t last = cursor_;
   const auto is_passed_over = [&](std::uint64_t row) {
@@ -226,14 +203,9 @@ std::size_t Backlog::on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint 
       std::ranges::count_if(loaded.damaged, [&](auto row) { return !is_passed_over(row); }));
   rows_ -= std::min(rows_, lost);
   bytes_ = rows_ == 0 ? 0 : bytes_ - std::min(bytes_, loaded.damaged_bytes);
-  on_read(loaded.messages.size() + lost);
-  if (is_at_cursor) cursor_ = last;
-  return 0;
-}
-
-void Backlog::on_read(std::size_t rows) {
-  unread_ -= std::min(unread_, rows);
+  unread_ -= loaded.messages.size() + lost;
   if (unread_ == 0) unread_topics_ = {};
+  if (cursor_ == loading_after_) cursor_ = last;
 }
 
 void Backlog::on_revived(const DeadLettersRevived& revived) {

@@ -57,8 +57,6 @@ class Backlog {
 
   State state() const { return state_; }
   bool can_keep() const { return state_ == State::working; }
-  /// The generation for requests (message_store.hpp).
-  std::uint64_t generation() const { return generation_; }
   /// Returns true when an earlier message of its topic may be on disk and unread, so that `item`
   /// has to wait.
   bool is_ahead_of(const Item& item) const {
@@ -84,15 +82,15 @@ class Backlog {
   void on_left_memory(std::uint64_t row, std::string_view topic);
 
   void on_opened(StoreOpened opened, TimePoint now);
-  void on_absent(TimePoint now);
+  void on_absent() { state_ = State::absent; }
   /// Returns the rows that are now durable; some may have left memory.
   std::vector<std::uint64_t> on_written();
   /// Makes all messages that wait for a write unsaved again. Queues those that were to become dead
   /// letters.
   void on_write_failed(FairQueue& queue, TimePoint now);
   /// Removes from `loaded` the rows in memory or to be erased; the caller takes the others into
-  /// memory. Returns the number of messages that should be in the store and are not.
-  std::size_t on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now);
+  /// memory.
+  void on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now);
   void on_load_failed(TimePoint now);
   void on_dead_letters(DeadLetterCounts dead_letters) { dead_letters_ = dead_letters; }
   /// Counts revived letters as unread messages. They keep their old rows.
@@ -133,10 +131,8 @@ class Backlog {
   void take_to_write(WriteToStore& write, FairQueue& queue);
   void take_erasures(WriteToStore& write, FairQueue& queue);
   void abandon(Item& item, FairQueue& queue);
-  void on_read(std::size_t rows);
 
   State state_ = State::opening;
-  std::uint64_t generation_ = 0;
   std::uint64_t max_bytes_;
   std::uint64_t bytes_ = 0;
   std::size_t rows_ = 0;

@@ -106,12 +106,6 @@ std::optional<Notice> RefusalNotices::on_dropped(const std::string& topic, std::
       now);
 }
 
-void StoreTrouble::reset(std::string why) {
-  write_ = std::move(why);
-  read_.clear();
-  revive_.clear();
-}
-
 std::optional<Notice> StoreTrouble::on_write_failed(const std::string& why, TimePoint now) {
   return fail(write_, "written: " + why, now);
 }

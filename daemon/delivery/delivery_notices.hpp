@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <unordered_set>
+#include <utility>
 
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
@@ -64,9 +65,7 @@ class RefusalNotices {
 class StoreTrouble {
  public:
   /// Returns the present failure; empty while the store can be written and read.
-  const std::string& why() const {
-    return !write_.empty() ? write_ : !revive_.empty() ? revive_ : read_;
-  }
+  const std::string& why() const { return !write_.empty() ? write_ : read_; }
   std::uint64_t failures() const { return failures_; }
 
   std::optional<Notice> on_write_failed(const std::string& why, TimePoint now);
@@ -75,10 +74,10 @@ class StoreTrouble {
   std::optional<Notice> on_loaded() { return end(read_); }
   /// Call when the store has answered a request to revive dead letters; `why` is empty on success.
   std::optional<Notice> on_revived(const std::string& why, TimePoint now) {
-    return why.empty() ? end(revive_) : fail(revive_, "written: " + why, now);
+    return why.empty() ? on_written() : on_write_failed(why, now);
   }
-  /// Call when another store is open, or none for the reason `why`.
-  void reset(std::string why = {});
+  /// Call when the store is open, or is not for the reason `why`.
+  void on_opened(std::string why) { write_ = std::move(why); }
 
  private:
   static constexpr std::chrono::minutes interval{1};
@@ -88,7 +87,6 @@ class StoreTrouble {
 
   std::string write_;
   std::string read_;
-  std::string revive_;
   std::uint64_t failures_ = 0;
   LogThrottle throttle_{interval};
 };

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The border between the outbox and the store of undelivered messages on disk: three requests, and
 // the events that answer them. DiskStore is behind it in the daemon, a fake with state in tests.
-// Events come in the order of the requests, on the loop's thread, never from inside a request.
-//
-// `generation` is the number of StoreOpened and StoreAbsent that the outbox had seen at the time of
-// a request. A store ignores requests of an older generation, which meant another file, and does
-// not answer them.
+// Events come in the order of the requests, on the loop's thread, never from inside a request. The
+// first event is StoreOpened, or StoreAbsent when the store cannot be opened yet. Requests come
+// after StoreOpened only, because a store that is open stays open.
 #pragma once
 
 #include <algorithm>
@@ -134,7 +132,6 @@ struct DeadLetterCounts {
 /// StoreWriteFailed comes. `keep` is carried out before the others; unknown rows in `forget` and
 /// `dead_letters` are not an error.
 struct WriteToStore {
-  std::uint64_t generation = 0;
   std::vector<StoredMessage> keep;
   std::vector<std::uint64_t> forget;
   std::vector<NewDeadLetter> dead_letters = {};
@@ -142,7 +139,6 @@ struct WriteToStore {
 /// Requests the first messages with rows above `after`: at most `max_messages` and about
 /// `max_bytes`, but at least one message if there is one.
 struct LoadFromStore {
-  std::uint64_t generation = 0;
   std::uint64_t after = 0;
   std::size_t max_messages = 0;
   std::size_t max_bytes = 0;
@@ -151,7 +147,6 @@ struct LoadFromStore {
 /// DeadLettersRevived is the answer. Letters that have lost a connection (code 0 and one try) come
 /// first, so that none hides behind others; then the oldest.
 struct RetryDeadLetters {
-  std::uint64_t generation = 0;
   std::string topic;
   std::size_t max_letters = 0;
 };
@@ -163,8 +158,7 @@ struct DeadTopic {
   std::size_t count = 0;
 };
 
-/// The store is open and has these contents. Comes at the start, or after StoreAbsent once the
-/// store could be opened.
+/// The store is open and has these contents. Comes once.
 struct StoreOpened {
   std::uint64_t last_row = 0;
   std::size_t count = 0;
@@ -178,7 +172,7 @@ struct StoreOpened {
 
   static constexpr std::size_t max_dead_topics = 1024;
 };
-/// There is no store for now; the shell has logged `why`.
+/// The store cannot be opened yet; the shell has logged `why`. Comes once at most.
 struct StoreAbsent {
   std::string why;
 };

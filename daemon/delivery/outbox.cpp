@@ -58,7 +58,7 @@ void Outbox::store_if_needed(Item& item, TimePoint now, bool is_overdue) {
   const bool may_wait_for_broker =
       item.sequence != 0 || (is_up_ && !is_stalled_ && !backlog_.is_ahead_of(item));
   if (may_wait_for_broker && !is_overdue) return;
-  if (!backlog_.keep(item) && !may_wait_for_broker && !item.was_stored) refuse(item, now);
+  if (!backlog_.keep(item) && !may_wait_for_broker) refuse(item, now);
 }
 
 void Outbox::store_all(TimePoint now, bool is_overdue) {
@@ -384,36 +384,19 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
                                      opened.count, age.count()),
                          {}});
   }
-  store_trouble_.reset();
-  refused_.on_store_changed(std::exchange(opened.dead_topics, {}), now);
-  const std::uint64_t last_row = opened.last_row;
+  store_trouble_.on_opened({});
+  refused_.on_store_opened(std::exchange(opened.dead_topics, {}), now);
+  // The messages in memory come after those of the store.
+  queue_.renumber(opened.last_row);
+  next_row_ += opened.last_row;
   backlog_.on_opened(std::move(opened), now);
-  start_over(last_row, now);
-}
-
-void Outbox::handle(StoreAbsent& absent, TimePoint now) {
-  store_trouble_.reset(std::move(absent.why));
-  refused_.on_store_changed({}, now);
-  backlog_.on_absent(now);
-  start_over(0, now);
-}
-
-/// Makes all messages in memory unsaved, because this store does not have them, even if an earlier
-/// store had. Their rows are moved behind those that this store holds.
-void Outbox::start_over(std::uint64_t last_row, TimePoint now) {
-  queue_.renumber(last_row);
-  next_row_ += last_row;
-  unsaved_ = unsaved_bytes_ = 0;
-  queue_.for_each([&](Item& item) {
-    queue_.withdraw(item);
-    item.disk = Item::Disk::none;
-    item.is_dead = false;
-    ++unsaved_;
-    unsaved_bytes_ += item.cost();
-    if (item.sequence == 0) queue_.enqueue(item);
-  });
   overdue_check_ = now;
   store_all(now);
+}
+
+void Outbox::handle(StoreAbsent& absent, TimePoint) {
+  store_trouble_.on_opened(std::move(absent.why));
+  backlog_.on_absent();
 }
 
 void Outbox::handle(StoreWritten&, TimePoint) {
@@ -431,7 +414,6 @@ void Outbox::on_durable(Item& item) {
   --unsaved_;
   unsaved_bytes_ -= item.cost();
   item.disk = Item::Disk::durable;
-  item.was_stored = true;
   if (item.sequence == 0) leave_memory(item);
 }
 
@@ -452,24 +434,17 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
 void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
   notify(store_trouble_.on_loaded());
   if (is_stopping_) return;
-  const bool is_damaged = !loaded.damaged.empty();
-  const std::size_t missing = backlog_.on_loaded(loaded, queue_, now);
+  backlog_.on_loaded(loaded, queue_, now);
   for (StoredMessage& stored : loaded.messages) {
     Item item;
     item.row = stored.row;
     item.message = std::move(stored.message);
     item.submitted = now - stored.age;
     item.disk = Item::Disk::durable;
-    item.was_stored = true;
     queue_.enqueue(queue_.add(std::move(item)));
   }
   release_set_aside(now);
-  if (missing > 0 || is_damaged) refused_.on_rows_lost(now);
-  if (missing == 0) return;
-  MessagesLost lost{missing, fmt::format("{} messages that were stored are no longer in the store: "
-                                         "its file was damaged, or another program has changed it",
-                                         missing)};
-  handle(lost, now);
+  if (!loaded.damaged.empty()) refused_.on_rows_lost(now);
 }
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {

@@ -141,7 +141,6 @@ class Outbox {
   }
   void handle(DeadLettersRevived& revived, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
-  void start_over(std::uint64_t last_row, TimePoint now);
   void trace(DeliveryStep::Kind kind, const Item& item, std::string why = {});
 
   Item& add(BrokerMessage message, Receipt receipt, TimePoint now);

@@ -216,7 +216,7 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
   if (!is_wake_due(now) && accepted_.empty()) return std::nullopt;
   const bool can_ask = backlog.can_keep() && backlog.has_written_dead_letters();
   if (const std::string* const topic = next_try(can_ask, now))
-    return RetryDeadLetters{backlog.generation(), *topic, 1};
+    return RetryDeadLetters{*topic, 1};
   if (!can_ask) return std::nullopt;
   std::erase_if(accepted_, [&](const Accepted& one) {
     const Topic* const known = find(one.topic);
@@ -228,7 +228,7 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
   });
   if (next == accepted_.end()) return std::nullopt;
   next->is_asked = true;
-  return RetryDeadLetters{backlog.generation(), next->topic, resend_page};
+  return RetryDeadLetters{next->topic, resend_page};
 }
 
 /// Returns the topic whose dead letter is tried now, or null.
@@ -298,10 +298,7 @@ void RefusedTopics::on_resent(std::string_view topic, TimePoint now) {
   tries_put_off_.reset();
 }
 
-void RefusedTopics::on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now) {
-  rest_all(now);
-  accepted_.clear();
-  for (auto& [name, topic] : topics_) topic.waiting = 0;
+void RefusedTopics::on_store_opened(std::vector<DeadTopic> dead_topics, TimePoint now) {
   for (DeadTopic& dead : dead_topics) {
     Topic* const known = find_or_add(dead.topic, now);
     if (!known) break;

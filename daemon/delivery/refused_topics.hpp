@@ -139,7 +139,7 @@ class RefusedTopics {
   /// Call when an operator has revived a dead letter of `topic`: the topic is tried at once.
   void on_resent(std::string_view topic, TimePoint now);
   /// Takes over the dead topics of a newly opened store.
-  void on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now);
+  void on_store_opened(std::vector<DeadTopic> dead_topics, TimePoint now);
   /// Call when the store has lost messages, perhaps a requested dead letter.
   void on_rows_lost(TimePoint now) { rest_all(now); }
 

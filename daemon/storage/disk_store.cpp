@@ -102,7 +102,7 @@ template <class Request>
 void DiskStore::serve(const Request& request) {
   constexpr bool is_load = std::is_same_v<Request, LoadFromStore>;
   using Failed = std::conditional_t<is_load, StoreLoadFailed, StoreWriteFailed>;
-  if (request.generation != generation_ || !log_) return;  // the request meant another store
+  if (!log_) return;  // the outbox asks after StoreOpened only
   try {
     perform(request);
   } catch (const LogError& error) {
@@ -205,7 +205,6 @@ void DiskStore::on_opened() {
   if (!std::exchange(why_reported_, {}).empty())
     notify(Severity::notice, fmt::format("the store {} is open now", settings_.directory));
   try_again_after(patience_.reopen);
-  ++generation_;
   post(log_->take_opened());
 }
 
@@ -238,9 +237,7 @@ void DiskStore::report_closed() {
                        "undelivered messages do not survive a restart",
                        why_closed_));
   }
-  if (!is_first) return;
-  ++generation_;
-  post(StoreAbsent{why_closed_});
+  if (is_first) post(StoreAbsent{why_closed_});
 }
 
 void DiskStore::try_again_after(std::chrono::milliseconds time) {

@@ -43,8 +43,7 @@ class DiskStore {
   /// Finishes the earlier requests, closes the log, and waits for both as long as the disk takes.
   void stop();
 
-  /// Queues a request of the outbox. At most one write and one load are under way, and as many from
-  /// before the last opening.
+  /// Queues a request of the outbox. At most one write and one load are under way.
   void ask(WriteToStore write);
   void ask(LoadFromStore load);
   void ask(RetryDeadLetters retry);
@@ -81,7 +80,6 @@ class DiskStore {
 
   // The disk's thread only:
   std::optional<MessageLog> log_;
-  std::uint64_t generation_ = 0;            // openings and absences so far (message_store.hpp)
   std::optional<TimePoint> closed_since_;   // time of the first attempt to open
   std::optional<TimePoint> failing_since_;  // time since which the disk fails to read
   std::string why_closed_;

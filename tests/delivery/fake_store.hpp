@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <deque>
 #include <map>
-#include <optional>
 #include <set>
 #include <variant>
 
@@ -29,7 +28,6 @@ class FakeStore {
   void on_process_died() { requests_.clear(); }
 
   StoreOpened open(TimePoint now) {
-    ++generation_;
     StoreOpened opened;
     for (const auto& [row, kept] : rows) {
       opened.last_row = row;
@@ -54,15 +52,9 @@ class FakeStore {
     }
     return opened;
   }
-  StoreAbsent vanish() {
-    ++generation_;
-    return {};
-  }
-  /// A process that begins counts from zero again.
-  void begin_process() { generation_ = 0; }
 
-  /// Serves the first request; nothing when that was from before the last opening.
-  std::optional<StoreEvent> serve(TimePoint now) {
+  /// Serves the first request.
+  StoreEvent serve(TimePoint now) {
     auto request = std::move(requests_.front());
     requests_.pop_front();
     return std::visit([&](auto& what) { return serve(what, now); }, request);
@@ -98,8 +90,7 @@ class FakeStore {
   std::size_t largest_page = 0;
 
  private:
-  std::optional<StoreEvent> serve(WriteToStore& write, TimePoint now) {
-    if (write.generation != generation_) return std::nullopt;
+  StoreEvent serve(WriteToStore& write, TimePoint now) {
     const bool is_counted_out = fail_countdown > 0 && --fail_countdown == 0;
     if (is_failing || is_counted_out) return StoreWriteFailed{"no space left on device"};
     ++commits;
@@ -113,8 +104,7 @@ class FakeStore {
     for (const std::uint64_t row : write.forget) rows.erase(row);
     return StoreWritten{};
   }
-  std::optional<StoreEvent> serve(const LoadFromStore& load, TimePoint now) {
-    if (load.generation != generation_) return std::nullopt;
+  StoreEvent serve(const LoadFromStore& load, TimePoint now) {
     StoreLoaded loaded;
     for (auto row = rows.upper_bound(load.after);
          row != rows.end() && loaded.messages.size() < load.max_messages;) {
@@ -133,8 +123,7 @@ class FakeStore {
     return loaded;
   }
 
-  std::optional<StoreEvent> serve(const RetryDeadLetters& retry, TimePoint now) {
-    if (retry.generation != generation_) return std::nullopt;
+  StoreEvent serve(const RetryDeadLetters& retry, TimePoint now) {
     if (is_failing) return DeadLettersRevived{{}, retry.topic, "no space left on device"};
     std::vector<std::uint64_t> ids;
     const auto take = [&](bool has_lost_connection) {
@@ -162,7 +151,6 @@ class FakeStore {
   }
 
   std::deque<std::variant<WriteToStore, LoadFromStore, RetryDeadLetters>> requests_;
-  std::uint64_t generation_ = 0;
 };
 
 }  // namespace slamgw::test

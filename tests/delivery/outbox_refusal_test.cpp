@@ -274,30 +274,6 @@ TEST_F(OutboxRefusalTest, WithoutAStoreRefusedMessagesAreNotAcknowledged) {
   EXPECT_EQ(received_of("t"), (std::vector<std::string>{"42", "44"}));
 }
 
-/// The store had acknowledged it, and is gone.
-TEST_F(OutboxRefusalTest, WhatWasAcknowledgedIsKeptAlsoWhenTheStoreIsGone) {
-  submit("t", 1);
-  while (serve_store()) {
-  }
-  ASSERT_TRUE(has_fired(1, ReceiptOutcome::safe));
-  link_up();
-  while (serve_store()) {
-  }
-  ASSERT_EQ(under_way.size(), 1u);
-  outbox->on_store_event(store.vanish(), now);
-  drain();
-  refuse_all();
-  EXPECT_EQ(depth(), 1u);
-  for (int i = 0; i < 10; ++i) {
-    pass(1s);
-    refuse_all();
-  }
-  EXPECT_LE(published_topics.size(), 6u) << "tried with a growing pause";
-  settle();
-  EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
-  EXPECT_EQ(outbox->queued_bytes(), 0u);
-}
-
 /// Presence and state: only the last one of a topic is worth anything.
 TEST_F(OutboxRefusalTest, AnOlderRetainedMessageOfTheGatewayDoesNotComeAfterANewerOne) {
   is_store_quick = true;

@@ -29,7 +29,6 @@ class OutboxRig {
   // The process.
   void start() {
     outbox = std::make_unique<Outbox>(window, max_bytes);
-    store.begin_process();
     open_store();
   }
   /// Everything in memory is gone, and so is what the store was asked and had not done.
@@ -107,10 +106,8 @@ class OutboxRig {
   /// Serves one request, if there is one.
   bool serve_store() {
     if (!store.is_asked()) return false;
-    if (auto event = store.serve(now)) {
-      outbox->on_store_event(std::move(*event), now);
-      drain();
-    }
+    outbox->on_store_event(store.serve(now), now);
+    drain();
     return true;
   }
   void pass(Duration time) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The outbox and its store: outages, slow brokers, a backlog that drains beside fresh traffic, a
-// store that is full, fails or begins anew.
+// store that is full, fails or is damaged.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -417,23 +417,6 @@ TEST_F(OutboxStoreTest, AfterARestartTheBacklogComesBeforeFreshMessages) {
   EXPECT_EQ(received_of("t"), numbers(1, 301));
 }
 
-TEST_F(OutboxStoreTest, AStoreThatBeginsAnewGetsAgainWhatIsInMemory) {
-  store_backlog("t", 1, 5);
-  link_up(3);
-  serve_store();  // two are in flight, three are ready
-  store.rows.clear();
-  submit("t", 6);
-  open_store();
-  serve_all();
-  link_down();
-  serve_all();
-  EXPECT_EQ(store.rows.size(), 6u) << "they were acknowledged: the new store must have them";
-  die();
-  start();
-  settle();
-  EXPECT_EQ(received_of("t"), numbers(1, 6));
-}
-
 TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredInTheirOldPlaces) {
   store_backlog("t", 1, 4);
   store_backlog("u", 1000, 600);
@@ -460,17 +443,6 @@ TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredInTheirOldPlaces)
   EXPECT_TRUE(store.rows.empty());
   EXPECT_EQ(outbox->queued_bytes(), 0u);
   EXPECT_EQ(outbox->backlog().bytes(), 0u);
-}
-
-TEST_F(OutboxStoreTest, RowsThatVanishFromTheStoreDoNotBlockTheirTopic) {
-  store_backlog("t", 1, 5);
-  store.rows.clear();
-  link_up();
-  serve_all();
-  EXPECT_TRUE(is_noticed("5 messages that were stored are no longer in the store"));
-  EXPECT_EQ(outbox->statistics().lost, 5u);
-  submit("t", 6);
-  EXPECT_EQ(under_way.size(), 1u);
 }
 
 TEST_F(OutboxStoreTest, DamagedRowsAreLeftOutAndBlockNothing) {

@@ -135,9 +135,8 @@ class Walk : public test::OutboxRig {
     is_store_late_ = below(3) == 0;
     if (!is_store_late_) return start();
     outbox = std::make_unique<Outbox>(window, max_bytes);
-    store.begin_process();
     if (store.rows.empty() && store.dead_letters.empty())
-      outbox->on_store_event(store.vanish(), now);
+      outbox->on_store_event(StoreAbsent{}, now);
     drain();
   }
   void open_late_store() {

@@ -70,7 +70,7 @@ TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
 }
 
 TEST_F(DeadLetters, CanBecomeSoInTheWriteThatKeepsThem) {
-  WriteToStore write{1, {{1, StoreUser::message(1, 10), {}}}, {}, {{1, "too large", 0x95, 1}}};
+  WriteToStore write{{{1, StoreUser::message(1, 10), {}}}, {}, {{1, "too large", 0x95, 1}}};
   user->store().ask(std::move(write));
   ASSERT_TRUE(user->await<StoreWritten>());
   EXPECT_EQ(ids_in(document(user->perform(ListDeadLetters{}))), Ids{1});
@@ -146,7 +146,7 @@ TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyBecomeSoAgain) {
 /// Rows 2, 5 and 8 have one topic.
 TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   ASSERT_TRUE(user->keep(1, 10, 20));
-  WriteToStore write{1, {}, {}, {}};
+  WriteToStore write;
   write.dead_letters = {{1, "not authorised", 0x87, 1},
                         {2, "the connection was lost each time", 0, losses_at_fault},
                         {5, "not authorised", 0x87, 0},
@@ -163,18 +163,18 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   EXPECT_EQ(opened->dead_topics[1].count, 2u) << "the other waits for an operator";
 
   const std::string topic = opened->dead_topics[1].topic;
-  user->store().ask(RetryDeadLetters{1, topic, 1});
+  user->store().ask(RetryDeadLetters{topic, 1});
   const auto one = user->await<DeadLettersRevived>();
   ASSERT_EQ(one->messages.size(), 1u);
   EXPECT_EQ(one->messages[0].row, 8u) << "it may cost the connection, so it is known first";
   EXPECT_EQ(one->messages[0].topic, topic);
   EXPECT_EQ(one->retried_topic, topic);
-  user->store().ask(RetryDeadLetters{1, topic, 10});
+  user->store().ask(RetryDeadLetters{topic, 10});
   const auto all = user->await<DeadLettersRevived>();
   ASSERT_EQ(all->messages.size(), 1u);
   EXPECT_EQ(all->messages[0].row, 5u);
   EXPECT_EQ(messages(), (Ids{3, 4, 5, 6, 7, 8, 9, 10}));
-  user->store().ask(RetryDeadLetters{1, "unknown", 10});
+  user->store().ask(RetryDeadLetters{"unknown", 10});
   const auto none = user->await<DeadLettersRevived>();
   EXPECT_TRUE(none->messages.empty());
   EXPECT_EQ(none->why_failed, "");

@@ -58,7 +58,7 @@ TEST(DiskStore, RemembersWhereAMessageCameFrom) {
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.await<StoreOpened>());
-    WriteToStore write{1, {}, {}};
+    WriteToStore write;
     write.keep.push_back({1, StoreUser::message(1, 3), {}});
     write.keep.back().message.provenance = Provenance{Mesh::ble, received};
     user.store().ask(std::move(write));
@@ -214,7 +214,7 @@ TEST(DiskStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
   const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
   const rlimit small{64 * 1024, before.rlim_max};
   setrlimit(RLIMIT_FSIZE, &small);
-  WriteToStore write{1, {}, {}};
+  WriteToStore write;
   for (std::uint64_t row = 2; row < 200; ++row) {
     write.keep.push_back({row, StoreUser::message(row, 1000), {}});
   }
@@ -230,22 +230,12 @@ TEST(DiskStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
   EXPECT_EQ(user.load(0)->messages.size(), 199u);
 }
 
-TEST(DiskStore, PassesOverRequestsThatMeantAnotherFile) {
-  const TempDir directory;
-  StoreUser user(directory.path());
-  ASSERT_TRUE(user.await<StoreOpened>());
-  user.store().ask(WriteToStore{0, {{7, StoreUser::message(7, 10), {}}}, {}});
-  const auto loaded = user.load(0);
-  ASSERT_TRUE(loaded);
-  EXPECT_TRUE(loaded->messages.empty());
-}
-
 TEST(DiskStore, DoesWhatWasAskedBeforeItStops) {
   const TempDir directory;
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.await<StoreOpened>());
-    user.store().ask(WriteToStore{1, {{1, StoreUser::message(1, 10), {}}}, {}});
+    user.store().ask(WriteToStore{{{1, StoreUser::message(1, 10), {}}}, {}});
     user.store().stop();
   }
   StoreUser user(directory.path());

@@ -83,9 +83,9 @@ TEST_F(StoreDamage, ADiskThatFailsWhileTheStoreIsOpenCostsNothingEither) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreOpened>());
   FaultyDisk::fails_reads = FaultyDisk::fails_writes = true;
-  user.store().ask(WriteToStore{1, {{301, StoreUser::message(301, 100), {}}}, {}, {}});
+  user.store().ask(WriteToStore{{{301, StoreUser::message(301, 100), {}}}, {}, {}});
   ASSERT_TRUE(user.await<StoreWriteFailed>());
-  user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20});
+  user.store().ask(LoadFromStore{0, 1000, 1u << 20});
   ASSERT_TRUE(user.await<StoreLoadFailed>());
   FaultyDisk::fails_reads = FaultyDisk::fails_writes = false;
   ASSERT_TRUE(user.keep(301, 1, 100));
@@ -243,7 +243,7 @@ TEST_F(StoreDamage, ARecordInsideAPayloadIsNoRecord) {
   std::filesystem::remove_all(directory.path());
   {
     StoreUser user(directory.path());
-    WriteToStore write{1, {}, {}};
+    WriteToStore write;
     BrokerMessage message = StoreUser::message(1, 0);
     message.payload.assign(record.begin(), record.end());
     write.keep.push_back({1, message, {}});
@@ -295,11 +295,11 @@ TEST_F(StoreDamage, ADiskThatDoesNotReadAMessageWhileTheStoreIsOpenIsWaitedFor) 
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreOpened>());
   FaultyDisk::make_unreadable(segment(), page_bytes, page_bytes + 512);
-  user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20});
+  user.store().ask(LoadFromStore{0, 1000, 1u << 20});
   ASSERT_TRUE(user.await<StoreLoadFailed>());
   std::unique_ptr<StoreLoaded> loaded;
   ASSERT_TRUE(eventually([&] {
-    user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20});
+    user.store().ask(LoadFromStore{0, 1000, 1u << 20});
     auto answer = user.await_either<StoreLoaded, StoreLoadFailed>();
     if (auto* const good = std::get_if<StoreLoaded>(&answer))
       loaded = std::make_unique<StoreLoaded>(std::move(*good));
@@ -316,7 +316,7 @@ TEST_F(StoreDamage, AWriteThatWasNotConfirmedIsNotDeliveredTwice) {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.await<StoreOpened>());
     FaultyDisk::fails_syncs = true;
-    user.store().ask(WriteToStore{1, {{11, StoreUser::message(11, 100), {}}}, {}, {}});
+    user.store().ask(WriteToStore{{{11, StoreUser::message(11, 100), {}}}, {}, {}});
     ASSERT_TRUE(user.await<StoreWriteFailed>());
     FaultyDisk::fails_syncs = false;
     EXPECT_EQ(rows_of(*user.load(0)).back(), 10u);
@@ -334,7 +334,7 @@ TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
   ASSERT_TRUE(user.make_dead_letters({1, 2}, "refused"));
   FaultyDisk::fails_writes = true;
   EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":2,"resent":0})");
-  user.store().ask(RetryDeadLetters{1, "ntnu-slam/robot/r1/update", 1});
+  user.store().ask(RetryDeadLetters{"ntnu-slam/robot/r1/update", 1});
   EXPECT_FALSE(user.await<DeadLettersRevived>()->why_failed.empty());
   FaultyDisk::fails_writes = false;
   EXPECT_EQ(rows_of(*user.load(0)), std::vector<std::uint64_t>{3});

@@ -70,7 +70,7 @@ class StoreUser {
     return found.value_or(Notice{});
   }
   bool keep(std::uint64_t first, std::uint64_t count, std::size_t payload_bytes = 10) {
-    WriteToStore write{1, {}, {}};
+    WriteToStore write;
     for (std::uint64_t row = first; row < first + count; ++row) {
       write.keep.push_back({row, message(row, payload_bytes), {}});
     }
@@ -78,18 +78,18 @@ class StoreUser {
     return await<StoreWritten>() != nullptr;
   }
   bool forget(std::uint64_t first, std::uint64_t count) {
-    WriteToStore write{1, {}, {}};
+    WriteToStore write;
     for (std::uint64_t row = first; row < first + count; ++row) write.forget.push_back(row);
     store_.ask(std::move(write));
     return await<StoreWritten>() != nullptr;
   }
   std::unique_ptr<StoreLoaded> load(std::uint64_t after, std::size_t max_messages = 1000,
                                     std::size_t max_bytes = 1u << 20) {
-    store_.ask(LoadFromStore{1, after, max_messages, max_bytes});
+    store_.ask(LoadFromStore{after, max_messages, max_bytes});
     return await<StoreLoaded>();
   }
   bool make_dead_letters(const std::vector<std::uint64_t>& rows, const std::string& reason) {
-    WriteToStore write{1, {}, {}, {}};
+    WriteToStore write;
     for (const std::uint64_t row : rows) write.dead_letters.push_back({row, reason, 0x87, 5});
     store_.ask(std::move(write));
     return await<StoreWritten>() != nullptr;

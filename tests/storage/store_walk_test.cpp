@@ -43,7 +43,7 @@ class Walk {
     std::uint64_t row = 0;
     const std::uint64_t steps = 5 + below(25);
     for (std::uint64_t step = 0; step < steps; ++step) {
-      WriteToStore write{1, {}, {}, {}};
+      WriteToStore write;
       for (std::uint64_t i = below(12); i > 0; --i) {
         const std::size_t size = below(10) == 0 ? below(20000) : below(300);
         write.keep.push_back({++row, StoreUser::message(row, size), {}});
