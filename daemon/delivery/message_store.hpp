@@ -203,7 +203,8 @@ struct DeadLettersChanged {
 struct RevivedMessage {
   std::uint64_t row = 0;
   std::string topic;
-  std::uint64_t bytes = 0;  ///< its stored_cost()
+  std::uint64_t bytes = 0;   ///< its stored_cost()
+  bool was_retried = false;  ///< is_retried()
 };
 /// Answers the outbox (RetryDeadLetters), or reports what an operator has revived.
 struct DeadLettersRevived {

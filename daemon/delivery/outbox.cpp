@@ -445,6 +445,7 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
   }
   release_set_aside(now);
   if (!loaded.damaged.empty()) refused_.on_rows_lost(now);
+  refused_.on_page_read(now);
 }
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
@@ -456,7 +457,7 @@ void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   backlog_.on_revived(revived);
   notify(store_trouble_.on_revived(revived.why_failed, now));
   if (!revived.retried_topic.empty()) return refused_.on_revived(revived, now);
-  for (const RevivedMessage& message : revived.messages) refused_.on_resent(message.topic, now);
+  for (const RevivedMessage& message : revived.messages) refused_.on_resent(message, now);
 }
 
 void Outbox::trace(DeliveryStep::Kind kind, const Item& item, std::string why) {

@@ -36,7 +36,8 @@ RefusedTopics::Turn RefusedTopics::turn_of(std::string_view topic, std::uint64_t
                                            TimePoint now) const {
   const Topic* const known = find(topic);
   if (!known) return Turn::open;
-  if (known->is_accused()) return Turn::alone;
+  if (known->phase == Phase::accused) return Turn::alone;
+  if (!known->is_refused()) return Turn::open;
   const bool is_letter = known->phase == Phase::asked && row == known->row;
   const bool is_due = known->phase == Phase::resting && now >= known->due && may_try(now) &&
                       !(can_ask && known->waiting > 0);
@@ -45,20 +46,39 @@ RefusedTopics::Turn RefusedTopics::turn_of(std::string_view topic, std::uint64_t
 }
 
 bool RefusedTopics::is_over(const Topic& topic, TimePoint now) {
-  return topic.phase == Phase::resting && topic.waiting == 0 && now >= topic.due + forgotten_after;
+  const bool is_idle = topic.phase == Phase::resting || topic.phase == Phase::accused;
+  return is_idle && topic.waiting == 0 && now >= topic.due + forgotten_after;
+}
+
+void RefusedTopics::enter(Topic& topic, Phase phase) {
+  const auto is_busy = [](Phase one) { return one == Phase::asked || one == Phase::trying; };
+  if (is_busy(phase)) ++busy_;
+  if (is_busy(std::exchange(topic.phase, phase))) --busy_;
 }
 
 /// Ends the topic's request or try; the next try is `due`.
 void RefusedTopics::rest(Topic& topic, TimePoint due) {
-  if (std::exchange(topic.phase, Phase::resting) != Phase::resting) --busy_;
+  enter(topic, Phase::resting);
   topic.row = 0;
   topic.due = due;
   wake_ = earlier(wake_, due);
 }
 
-void RefusedTopics::rest_all(TimePoint now) {
+/// Ends refusal and accusation. Keeps the topic until its dead letters have been fetched.
+void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
+  Topic& topic = known->second;
+  enter(topic, Phase::accepted);
+  topic.tries = 0;
+  topic.pause = {};
+  topic.due = now;
+  wake_ = now;
+  if (topic.waiting == 0) topics_.erase(known);
+  if (topics_.empty()) flows_.clear();
+}
+
+void RefusedTopics::on_rows_lost(TimePoint now) {
   for (auto& [name, topic] : topics_)
-    if (topic.phase != Phase::resting) rest(topic, now);
+    if (topic.phase == Phase::asked) rest(topic, now);
 }
 
 void RefusedTopics::grow_pause(Topic& topic, Duration longest, TimePoint now) {
@@ -72,7 +92,7 @@ void RefusedTopics::on_link_down(TimePoint now) {
   for (auto& [name, topic] : topics_) {
     if (topic.phase != Phase::trying) continue;
     if (topic.row != 0) {
-      topic.phase = Phase::asked;  // its letter is queued again, for the next connection
+      enter(topic, Phase::asked);  // its letter is queued again, for the next connection
     } else {
       rest(topic, now);
     }
@@ -135,7 +155,7 @@ bool RefusedTopics::on_refused(const std::string& topic, const Refusal& refusal,
 bool RefusedTopics::refuse(const std::string& topic, const Refusal& refusal, TimePoint now) {
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
-  const bool is_new = known->is_accused();
+  const bool is_new = !known->is_refused();
   const bool is_news = is_new || known->refusal.code != refusal.code;
   if (is_new) known->since = now;
   known->refusal = refusal;
@@ -149,8 +169,10 @@ bool RefusedTopics::refuse(const std::string& topic, const Refusal& refusal, Tim
 
 void RefusedTopics::accuse(const std::string& topic, TimePoint now) {
   Topic* const known = find_or_add(topic, now);
-  if (!known || !known->is_accused()) return;
-  rest(*known, now);
+  if (!known || known->is_refused()) return;
+  enter(*known, Phase::accused);
+  known->due = now;
+  wake_ = earlier(wake_, now + forgotten_after);
 }
 
 bool RefusedTopics::on_lost_alone(const std::string& topic, TimePoint now) {
@@ -172,37 +194,30 @@ void RefusedTopics::put_off_tries(TimePoint now) {
 
 void RefusedTopics::on_published(std::string_view topic) {
   Topic* const known = find(topic);
-  if (!known || known->is_accused()) return;
-  if (std::exchange(known->phase, Phase::trying) == Phase::resting) ++busy_;
+  if (known && known->is_refused()) enter(*known, Phase::trying);
 }
 
 bool RefusedTopics::on_accepted(const std::string& topic, TimePoint now) {
   taken_.set(TopicCounts::slot(topic));
-  Topic* const known = find(topic);
-  if (!known) return false;
-  const bool was_refused = !known->is_accused();
-  rest(*known, now);
-  topics_.erase(topics_.find(topic));
-  if (topics_.empty()) flows_.clear();
-  wake_ = now;
+  const auto known = topics_.find(topic);
+  if (known == topics_.end()) return false;
+  const bool was_refused = known->second.is_refused();
+  if (was_refused || known->second.phase == Phase::accused) accept(known, now);
   if (!was_refused) return false;
   caution_ = Duration::zero();
   tries_put_off_.reset();
-  if (std::ranges::find(accepted_, topic, &Accepted::topic) == accepted_.end())
-    accepted_.push_back({topic});
   return true;
 }
 
 void RefusedTopics::on_not_tried(std::string_view topic, Duration pause, TimePoint now) {
-  Topic* const known = find(topic);
-  if (!known) return;
-  if (known->is_accused()) {
-    topics_.erase(topics_.find(topic));
-  } else if (known->phase != Phase::resting) {
-    rest(*known, now + pause);
+  const auto known = topics_.find(topic);
+  if (known == topics_.end()) return;
+  if (known->second.phase == Phase::accused) return accept(known, now);
+  if (known->second.phase == Phase::resting) {
+    known->second.due = std::max(known->second.due, now + pause);
+  } else if (known->second.is_refused()) {
+    rest(known->second, now + pause);
     wake_ = now;
-  } else {
-    known->due = std::max(known->due, now + pause);
   }
 }
 
@@ -213,87 +228,79 @@ void RefusedTopics::on_dead_letter(std::string_view topic) {
 }
 
 std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlog, TimePoint now) {
-  if (!is_wake_due(now) && accepted_.empty()) return std::nullopt;
-  const bool can_ask = backlog.can_keep() && backlog.has_written_dead_letters();
-  if (const std::string* const topic = next_try(can_ask, now))
-    return RetryDeadLetters{*topic, 1};
-  if (!can_ask) return std::nullopt;
-  std::erase_if(accepted_, [&](const Accepted& one) {
-    const Topic* const known = find(one.topic);
-    return known && !known->is_accused();
-  });
-  const auto next = std::ranges::find_if(accepted_, [&](const Accepted& one) {
-    return !one.is_asked && now >= one.due && !has(one.topic) &&
-           !backlog.has_unread(one.topic);  // the last page was read
-  });
-  if (next == accepted_.end()) return std::nullopt;
-  next->is_asked = true;
-  return RetryDeadLetters{next->topic, resend_page};
+  if (!is_wake_due(now)) return std::nullopt;
+  auto* const next = next_due(backlog, now);
+  if (!next) return std::nullopt;
+  if (!backlog.can_keep() || !backlog.has_written_dead_letters()) {
+    wake_ = earlier(wake_, now + first_pause);
+    return std::nullopt;
+  }
+  auto& [name, topic] = *next;
+  wake_ = now;
+  topic.asked_of = topic.waiting;
+  const bool is_page = topic.phase == Phase::accepted;
+  enter(topic, is_page ? Phase::fetching : Phase::asked);
+  return RetryDeadLetters{name, is_page ? resend_page : 1};
 }
 
-/// Returns the topic whose dead letter is tried now, or null.
-const std::string* RefusedTopics::next_try(bool can_ask, TimePoint now) {
-  if (!is_wake_due(now)) return nullptr;
+/// Returns the topic for which the store is asked next, or null, and sets `wake_`.
+RefusedTopics::Topics::value_type* RefusedTopics::next_due(const Backlog& backlog, TimePoint now) {
   if (tries_put_off_ && now >= *tries_put_off_) tries_put_off_.reset();
   wake_ = tries_put_off_;
-  std::pair<const std::string, Topic>* next = nullptr;
+  Topics::value_type* next = nullptr;
   std::erase_if(topics_, [&](const auto& known) { return is_over(known.second, now); });
   for (auto& known : topics_) {
-    const Topic& topic = known.second;
-    if (topic.phase != Phase::resting) continue;
-    if (topic.due > now) {
-      wake_ = earlier(wake_, topic.due);
-    } else if (topic.waiting == 0) {
+    Topic& topic = known.second;
+    if (topic.phase == Phase::accused && now >= topic.due + forgotten_after)
+      enter(topic, Phase::accepted);  // its letters need not wait for a message that tells
+    const bool is_page = topic.phase == Phase::accepted;
+    const bool is_idle =
+        topic.phase == Phase::accused || (topic.phase == Phase::resting && topic.waiting == 0);
+    if (is_idle && topic.due <= now) {
       wake_ = earlier(wake_, topic.due + forgotten_after);
-    } else if (!next || topic.due < next->second.due) {
-      next = &known;
+    } else if ((is_page || topic.phase == Phase::resting) && topic.due > now) {
+      wake_ = earlier(wake_, topic.due);
+    } else if (is_page ? !backlog.has_unread(known.first)  // the last page was read
+                       : topic.phase == Phase::resting && may_try(now)) {
+      if (!next || topic.due < next->second.due) next = &known;
     }
   }
-  for (const Accepted& one : accepted_)
-    if (one.due > now) wake_ = earlier(wake_, one.due);
-  if (next && !can_ask) wake_ = earlier(wake_, now + first_pause);
-  if (!next || !can_ask || !may_try(now)) return nullptr;
-  next->second.phase = Phase::asked;
-  next->second.asked_of = next->second.waiting;
-  ++busy_;
-  wake_ = now;
-  return &next->first;
+  return next;
 }
 
 void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now) {
-  const std::string& topic = revived.retried_topic;
-  const auto accepted = std::ranges::find(accepted_, topic, &Accepted::topic);
-  const bool is_page = accepted != accepted_.end();
-  if (is_page) accepted->is_asked = false;
+  const auto known = topics_.find(revived.retried_topic);
+  if (known == topics_.end()) return;
+  Topic& topic = known->second;
+  topic.waiting -= std::min(topic.waiting, revived.messages.size());
+  const bool is_page = topic.phase == Phase::fetching;
+  if (!is_page && topic.phase != Phase::asked) return;
   if (!revived.why_failed.empty()) {
-    on_not_tried(topic, first_pause, now);
-    if (!is_page) return;
-    accepted->due = now + store_pause;
-    wake_ = earlier(wake_, accepted->due);
-    return;
+    if (!is_page) return rest(topic, now + first_pause);
+    topic.phase = Phase::accepted;
+    topic.due = now + store_pause;
+    wake_ = earlier(wake_, topic.due);
+  } else if (revived.messages.empty()) {
+    on_no_letter(known, now);
+  } else if (is_page) {
+    topic.phase = Phase::accepted;
+  } else {
+    topic.row = revived.messages.front().row;
   }
-  const bool is_none = revived.messages.empty();
-  if (Topic* const known = find(topic); known && known->phase == Phase::asked)
-    on_letter(*known, is_none ? 0 : revived.messages.front().row, now);
-  if (is_page && is_none) accepted_.erase(accepted);
 }
 
-/// `row`: of the revived letter; 0: there was none.
-void RefusedTopics::on_letter(Topic& topic, std::uint64_t row, TimePoint now) {
-  if (row != 0) {
-    if (topic.waiting > 0) --topic.waiting;
-    topic.row = row;
-    return;
-  }
+void RefusedTopics::on_no_letter(Topics::iterator known, TimePoint now) {
+  Topic& topic = known->second;
   topic.waiting -= std::min(topic.waiting, topic.asked_of);
+  if (topic.phase == Phase::fetching) return accept(known, now);
   rest(topic, now);
   wake_ = now;
 }
 
-void RefusedTopics::on_resent(std::string_view topic, TimePoint now) {
-  Topic* const known = find(topic);
+void RefusedTopics::on_resent(const RevivedMessage& letter, TimePoint now) {
+  Topic* const known = find(letter.topic);
   if (!known) return;
-  if (known->waiting > 0) --known->waiting;
+  if (letter.was_retried && known->waiting > 0) --known->waiting;
   if (known->phase == Phase::resting) rest(*known, now);
   tries_put_off_.reset();
 }
@@ -302,8 +309,8 @@ void RefusedTopics::on_store_opened(std::vector<DeadTopic> dead_topics, TimePoin
   for (DeadTopic& dead : dead_topics) {
     Topic* const known = find_or_add(dead.topic, now);
     if (!known) break;
-    known->waiting = dead.count;
-    if (known->is_accused()) {
+    known->waiting += dead.count;
+    if (known->phase == Phase::accused) {
       known->tries = 1;
       known->refusal = std::move(dead.refusal);
       rest(*known, now);
@@ -314,14 +321,14 @@ void RefusedTopics::on_store_opened(std::vector<DeadTopic> dead_topics, TimePoin
 
 std::size_t RefusedTopics::count() const {
   return static_cast<std::size_t>(
-      std::ranges::count_if(topics_, [](const auto& known) { return !known.second.is_accused(); }));
+      std::ranges::count_if(topics_, [](const auto& known) { return known.second.is_refused(); }));
 }
 
 std::vector<RefusedTopic> RefusedTopics::list(std::size_t most) const {
   std::vector<RefusedTopic> listed;
   for (const auto& [name, topic] : topics_) {
     if (listed.size() == most) break;
-    if (topic.is_accused()) continue;
+    if (!topic.is_refused()) continue;
     listed.push_back({name, topic.refusal, topic.waiting, topic.tries, topic.since});
   }
   return listed;

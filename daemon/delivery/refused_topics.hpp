@@ -4,7 +4,9 @@
 // pauses one message is tried. Once the broker accepts it, the topic is no longer refused. Pure;
 // part of the outbox.
 //
-//   resting -> (due) asked, for a dead letter of the topic -> trying -> resting, or gone
+//   accused -> (lost alone, or refused) resting, or (accepted) gone
+//   resting -> (due) asked, for a dead letter of the topic -> trying -> resting, or accepted
+//   accepted -> fetching, page by page, until no dead letters are left -> gone
 //
 // Brokers also close the connection in place of refusing: Mosquitto for a packet that is too large,
 // NATS for a `.` in a topic. Then the gateway must find out for which message. Only an unanswered
@@ -81,11 +83,10 @@ class RefusedTopics {
   };
 
   bool empty() const { return topics_.empty(); }
-  bool has(std::string_view topic) const { return find(topic) != nullptr; }
   /// Returns whether and how the message `row` of `topic` may be published now. `can_ask`: there is
   /// a store, so that a dead letter of the topic is tried first.
   Turn turn_of(std::string_view topic, std::uint64_t row, bool can_ask, TimePoint now) const;
-  /// Call only for a topic with has().
+  /// Call only when turn_of() is not open.
   const Refusal& reason(std::string_view topic) const { return find(topic)->refusal; }
   std::uint32_t tries(std::string_view topic) const {
     const Topic* const known = find(topic);
@@ -136,12 +137,14 @@ class RefusedTopics {
   /// it was given all dead letters, because it answers in order.
   std::optional<RetryDeadLetters> next_to_ask(const Backlog& backlog, TimePoint now);
   void on_revived(const DeadLettersRevived& revived, TimePoint now);
-  /// Call when an operator has revived a dead letter of `topic`: the topic is tried at once.
-  void on_resent(std::string_view topic, TimePoint now);
-  /// Takes over the dead topics of a newly opened store.
+  /// Call when an operator has revived a dead letter: its topic is tried at once.
+  void on_resent(const RevivedMessage& letter, TimePoint now);
+  /// Call when a page of the store was read: the next page of dead letters may follow.
+  void on_page_read(TimePoint now) { wake_ = topics_.empty() ? wake_ : now; }
+  /// Takes over the dead topics of the store.
   void on_store_opened(std::vector<DeadTopic> dead_topics, TimePoint now);
   /// Call when the store has lost messages, perhaps a requested dead letter.
-  void on_rows_lost(TimePoint now) { rest_all(now); }
+  void on_rows_lost(TimePoint now);
 
   /// Returns when next_to_ask() or turn_of() may return something new.
   std::optional<TimePoint> deadline() const { return wake_; }
@@ -153,20 +156,29 @@ class RefusedTopics {
   std::size_t count() const;
 
  private:
-  enum class Phase : std::uint8_t { resting, asked, trying };
+  enum class Phase : std::uint8_t {
+    accused,   ///< its messages are published alone
+    resting,   ///< until the next try
+    asked,     ///< for a dead letter, which was not published yet
+    trying,    ///< a message of the topic is under way
+    accepted,  ///< no longer refused, but dead letters are left
+    fetching,  ///< the same, and the store was asked for a page of them
+  };
   struct Topic {
+    Phase phase = Phase::accused;
     Refusal refusal;
-    std::uint32_t tries = 0;  // 0: the topic is accused
+    std::uint32_t tries = 0;
     std::size_t waiting = 0;
     std::size_t asked_of = 0;  // `waiting` at the last request
     TimePoint since{};
     Duration pause{};
-    TimePoint due{};  // of the next try; for an accused topic, the time of the accusation
-    Phase phase = Phase::resting;
+    TimePoint due{};                    // of the next try or request; the time of an accusation
     std::uint64_t row = 0;              // of the letter that was asked for
     std::uint32_t losses = 0;           // of the connection while a message was alone, in a row
     std::uint64_t answers_at_loss = 0;  // `answers_` at the first of these losses
-    bool is_accused() const { return tries == 0; }
+    bool is_refused() const {
+      return phase == Phase::resting || phase == Phase::asked || phase == Phase::trying;
+    }
   };
   using Topics = std::map<std::string, Topic, std::less<>>;
   struct Written {
@@ -178,30 +190,23 @@ class RefusedTopics {
     Refusal refusal;
     TimePoint at{};
   };
-  /// A topic that the broker accepts again, while its dead letters are fetched.
-  struct Accepted {
-    std::string topic;
-    bool is_asked = false;
-    TimePoint due{};  // of the next request, when the store has failed
-  };
-
   Topic* find(std::string_view topic);
   const Topic* find(std::string_view topic) const;
   Topic* find_or_add(const std::string& topic, TimePoint now);
   bool may_try(TimePoint now) const;
+  void enter(Topic& topic, Phase phase);
   void grow_pause(Topic& topic, Duration longest, TimePoint now);
   static bool is_over(const Topic& topic, TimePoint now);
   void rest(Topic& topic, TimePoint due);
-  void rest_all(TimePoint now);
+  void accept(Topics::iterator known, TimePoint now);
   void put_off_tries(TimePoint now);
   void accuse(const std::string& topic, TimePoint now);
   void drop_oldest_written();
-  const std::string* next_try(bool can_ask, TimePoint now);
-  void on_letter(Topic& topic, std::uint64_t row, TimePoint now);
+  Topics::value_type* next_due(const Backlog& backlog, TimePoint now);
+  void on_no_letter(Topics::iterator known, TimePoint now);
 
   Topics topics_;
-  std::vector<Accepted> accepted_;
-  std::size_t busy_ = 0;                    // asked or trying
+  std::size_t busy_ = 0;                    // topics that are asked or trying
   Duration caution_{};                      // the last time by which tries were put off
   std::optional<TimePoint> tries_put_off_;  // no try before this time
   std::optional<TimePoint> wake_;

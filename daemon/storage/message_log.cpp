@@ -257,7 +257,8 @@ std::vector<RevivedMessage> MessageLog::revive(std::span<const std::uint64_t> id
   for (const std::uint64_t id : ids) {
     auto listed = find_letter(id);
     if (!listed) continue;
-    revived.push_back({id, listed->message.topic, cost_of(listed->message)});
+    revived.push_back({id, listed->message.topic, cost_of(listed->message),
+                       is_retried(listed->facts.code, listed->facts.tries)});
     records.push_back({listed->stored_at, std::move(listed->message)});
   }
   for (std::size_t i = 0; i < records.size(); ++i) put(revived[i].row, records[i]);

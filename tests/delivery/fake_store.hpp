@@ -80,6 +80,7 @@ class FakeStore {
     for (const auto& [id, letter] : dead_letters) ids.push_back(id);
     return revive(ids, {}, now);
   }
+  DeadLettersRevived revive_one(std::uint64_t id, TimePoint now) { return revive({id}, {}, now); }
 
   std::map<std::uint64_t, Row> rows;
   std::map<std::uint64_t, Letter> dead_letters;
@@ -143,8 +144,10 @@ class FakeStore {
     DeadLettersRevived revived;
     revived.retried_topic = topic;
     for (const std::uint64_t id : ids) {
-      BrokerMessage message = std::move(dead_letters.extract(id).mapped().message);
-      revived.messages.push_back({id, message.topic, cost_of(message)});
+      Letter letter = std::move(dead_letters.extract(id).mapped());
+      BrokerMessage& message = letter.message;
+      revived.messages.push_back(
+          {id, message.topic, cost_of(message), is_retried(letter.why.code, letter.why.tries)});
       rows[id] = {std::move(message), now};
     }
     return revived;

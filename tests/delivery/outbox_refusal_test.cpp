@@ -438,6 +438,24 @@ TEST_F(OutboxRefusalTest, WhatAnOperatorResendsIsTriedAtOnce) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
+TEST_F(OutboxRefusalTest, ALetterIsTriedAgainThoughAnotherOneOfItsTopicWasResentInVain) {
+  is_store_quick = true;
+  link_up();
+  submit("t", 1);
+  refuse_all(topic_name_invalid);
+  submit("t", 2);
+  refuse_all();
+  ASSERT_EQ(store.dead_letters.size(), 2u);
+  outbox->on_store_event(store.revive_one(store.dead_letters.begin()->first, now), now);
+  drain();
+  pass(1s);
+  while (!under_way.empty())
+    number_in(under_way.front().message) == "1" ? refuse_first(topic_name_invalid)
+                                                : acknowledge_first();
+  settle();
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"2"});
+}
+
 TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
   max_bytes = 1000 * stored_cost(3, 4);
   start();
