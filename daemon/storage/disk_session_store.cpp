@@ -150,7 +150,7 @@ bool DiskSessionStore::write(const Changes& changes) {
     return false;
   }
   try {
-    if (!log_->is_in_place()) log_->put_back_in_place();
+    log_->put_back_in_place();
     for (const auto& [id, content] : changes) {
       const auto known = keys_.find(id);
       if (content) {

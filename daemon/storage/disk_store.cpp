@@ -112,7 +112,7 @@ void DiskStore::serve(const Request& request) {
 }
 
 void DiskStore::perform(const WriteToStore& write) {
-  if (!log_->log().is_in_place()) restore_files();
+  restore_files();
   const DeadLetterCounts before = log_->dead_letters();
   const std::size_t damaged = log_->write(write);
   post(StoreWritten{});

@@ -700,12 +700,6 @@ void RecordLog::synchronise() {
   synchronise_directory(directory_);
 }
 
-bool RecordLog::is_in_place() const {
-  return is_same_file(directory_ + "/tally", tally_file_.get()) &&
-         (segments_.empty() ||
-          is_same_file(path_of(segments_.rbegin()->first), segments_.rbegin()->second.file.get()));
-}
-
 /// Completes the segment's list of erased records, which may be gone, from the index. Does so
 /// before the segment is back: without its list, a new process would find erased records again.
 void RecordLog::restore_erased(std::uint32_t number, Segment& segment) {
@@ -721,10 +715,10 @@ void RecordLog::restore_erased(std::uint32_t number, Segment& segment) {
 
 std::vector<std::string> RecordLog::put_back_in_place() {
   std::vector<std::string> written;
-  make_directory();
   for (auto& [number, segment] : segments_) {
     const std::string path = path_of(number);
     if (is_same_file(path, segment.file.get())) continue;
+    make_directory();
     const auto octets = read_file(segment.file.get(), false);
     if (!octets) fail(path);
     const std::string copy = path + ".new";
@@ -737,11 +731,13 @@ std::vector<std::string> RecordLog::put_back_in_place() {
     segment.file = std::move(file);
     written.push_back(path);
   }
-  if (!is_same_file(directory_ + "/tally", tally_file_.get())) {
+  const bool is_tally_gone = !is_same_file(directory_ + "/tally", tally_file_.get());
+  if (is_tally_gone) {
+    make_directory();
     lock();
     write_tally();
   }
-  synchronise_directory(directory_);
+  if (is_tally_gone || !written.empty()) synchronise_directory(directory_);
   return written;
 }
 

@@ -97,10 +97,9 @@ class RecordLog {
   std::uint64_t last_key() const { return last_key_; }
 
   /// Restores segments, their lists and the tally that were moved, removed or replaced while they
-  /// were open. Returns the paths of the restored segments. Throws LogError.
+  /// were open. Returns the paths of the restored segments. Call before each write. Throws
+  /// LogError.
   std::vector<std::string> put_back_in_place();
-  /// Returns true when the tally and the newest segment are in their places.
-  bool is_in_place() const;
 
   /// Makes durable what earlier commits have written without `is_durable`. Throws LogError; the
   /// next call then tries again.

@@ -211,6 +211,23 @@ TEST(DiskSessionStore, DoesNotGrow) {
   EXPECT_EQ(process.loaded.front().content, Bytes(20000, static_cast<std::uint8_t>(390)));
 }
 
+TEST(DiskSessionStore, RestoresAnOldSegmentThatIsRemovedWhileItIsOpen) {
+  const TempDir directory;
+  { Process(directory.path()).save("rests", to_bytes("since long ago")); }
+  const std::string old = StoreUser::newest_segment(directory.path(), "sessions");
+  {
+    Process process(directory.path());
+    process.save("r1", to_bytes("x"));
+    EXPECT_TRUE(process.is_written());
+    std::filesystem::remove(old);
+    process.save("r2", to_bytes("x"));
+    EXPECT_TRUE(process.is_written());
+  }
+  Process process(directory.path());
+  EXPECT_EQ(process.names(), "r1 r2 rests ");
+  EXPECT_EQ(process.notices, "");
+}
+
 TEST(DiskSessionStore, WorksWithoutADirectoryAndSaysSo) {
   const TempDir directory;
   write_file(directory.path() + "/file", "");
