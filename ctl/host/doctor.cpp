@@ -463,9 +463,15 @@ class Examination {
       add("store: lost messages", Health::problem,
           fmt::format("{} stored messages were lost to damage since the start", lost),
           "journalctl -u slam-gateway | grep lost; look at the disk: sudo dmesg | tail");
+    const bool have_little_room = is_true(store, "dead_letters_nearly_full");
     if (const std::uint64_t dead = count_at(store, "dead_letters"); dead > 0)
-      add("store: dead letters", Health::warning,
-          fmt::format("{} messages that the broker would not take", dead),
+      add("store: dead letters", have_little_room ? Health::problem : Health::warning,
+          fmt::format("{} messages that the broker would not take", dead) +
+              (have_little_room
+                   ? "; there is nearly no room for more: on topics that the broker refuses, "
+                     "robots that send much are not acknowledged; " +
+                         text_at(most, "robot") + " has stored most"
+                   : ""),
           "slam-gatewayctl store list; those of a topic go up by themselves once the broker takes "
           "it, "
           "others with store resend, or not at all with store discard");

@@ -94,7 +94,7 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
 Status::Store StatusCollector::store(TimePoint now) const {
   const Backlog& backlog = outbox_.backlog();
   StoreShares::Share largest = backlog.largest_share();
-  const bool has_filled = backlog.is_nearly_full() && 2 * largest.bytes >= backlog.bytes();
+  const bool has_filled = backlog.is_nearly_full() && 2 * largest.bytes >= backlog.taken();
   const bool is_failing = backlog.can_keep() && !outbox_.store_trouble().empty();
   return {to_string(is_failing ? Backlog::State::failing : backlog.state()),
           outbox_.store_trouble(),
@@ -106,6 +106,7 @@ Status::Store StatusCollector::store(TimePoint now) const {
           has_filled,
           duration_cast<seconds>(now - backlog.oldest().value_or(now)),
           backlog.dead_letters().count,
+          backlog.has_little_room_for_letters(),
           outbox_.store_failures()};
 }
 

@@ -140,7 +140,7 @@ struct ListDeadLetters {
   bool with_payloads = false;
 };
 /// Puts the chosen letters back among the undelivered messages, behind the others, oldest first.
-/// Damaged letters are put back only when chosen by id. Answer: `{"resent", "left"}`.
+/// Damaged letters are lost. Answer: `{"resent", "left"}`.
 struct ResendOrder {
   DeadLetterChoice choice;
 };

@@ -35,7 +35,7 @@ bool Backlog::has_room_for(std::string_view topic, std::uint64_t cost) {
     return false;
   }
   // The message's size does not count, so that a robot's small messages do not pass its large ones.
-  if (is_nearly_full() && shares_.bytes_of(topic) >= 2 * free()) {
+  if (is_nearly_full() && !has_share_left(topic, free())) {
     is_share_full_ = true;
     return false;
   }
@@ -46,8 +46,7 @@ void Backlog::release(const Item& item) {
   // Clamped: rows that were lost to damage were not counted exactly.
   bytes_ -= std::min(bytes_, cost_of(item));
   rows_ -= rows_ > 0 ? 1 : 0;
-  shares_.remove(item.message.topic, cost_of(item));
-  if (rows_ == 0) shares_ = {};
+  if (rows_ == 0 && dead_letters_.count == 0) shares_ = {};
   note_room();
 }
 
@@ -58,6 +57,7 @@ void Backlog::note_room() {
 
 void Backlog::forget(const Item& item, TimePoint now) {
   if (item.disk == Disk::none) return;
+  shares_.remove(item.message.topic, cost_of(item));
   release(item);
   if (item.disk == Disk::asked) return;
   erasures_.try_emplace(item.row);
@@ -67,7 +67,9 @@ void Backlog::forget(const Item& item, TimePoint now) {
 bool Backlog::bury(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now) {
   const std::uint64_t cost = cost_of(item);
   if (item.disk == Disk::none) {
-    const bool has_room = dead_letters_.bytes + cost <= max_bytes_ / dead_letter_share;
+    const std::uint64_t free = free_for_letters();
+    const bool has_room = cost <= free && (!has_little_room_for_letters() ||
+                                           has_share_left(item.message.topic, free));
     if (!can_keep() || !has_room || !keep(item)) return false;
   }
   erasures_[item.row] = {item.row, refusal.why, refusal.code, tries};
@@ -167,6 +169,7 @@ void Backlog::on_write_failed(FairQueue& queue, TimePoint now) {
 }
 
 void Backlog::abandon(Item& item, FairQueue& queue) {
+  shares_.remove(item.message.topic, cost_of(item));
   release(item);
   item.disk = Disk::none;
   if (!std::exchange(item.is_dead, false)) return;
@@ -209,14 +212,16 @@ void Backlog::on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now) {
 }
 
 void Backlog::on_revived(const DeadLettersRevived& revived) {
-  for (const RevivedMessage& message : revived.messages) {
+  for (const FormerLetter& message : revived.messages) {
     on_left_memory(message.row, message.topic);
     ++rows_;
     bytes_ += message.bytes;
-    shares_.add(message.topic, message.bytes);
-    dead_letters_.count -= std::min<std::size_t>(dead_letters_.count, 1);
-    dead_letters_.bytes -= std::min(dead_letters_.bytes, message.bytes);
   }
+}
+
+void Backlog::on_dead_letters(const DeadLettersChanged& changed) {
+  dead_letters_ = changed.dead_letters;
+  for (const FormerLetter& letter : changed.discarded) shares_.remove(letter.topic, letter.bytes);
 }
 
 void Backlog::on_load_failed(TimePoint now) {

@@ -11,6 +11,7 @@
 // lower row when that row leaves memory.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
 #include <map>
@@ -43,8 +44,8 @@ class Backlog {
   static constexpr std::size_t max_unforgotten = 65536;
   /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
   static constexpr std::uint64_t dead_letter_share = 4;
-  /// The last part of the store is for robots that have stored less than twice what is still free.
-  /// So a robot that floods leaves room for the others.
+  /// The last part of the store, and of the dead letters' part, is for robots that have stored less
+  /// than twice what is still free there. So a robot that floods leaves room for the others.
   static constexpr std::uint64_t share_reserve = 4;
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{60};
@@ -73,7 +74,7 @@ class Backlog {
   /// Makes a dead letter of `item`, and stores it first if it is not stored yet. Returns false, and
   /// leaves it as it is, when it is not stored and there is no store or no room for it.
   bool bury(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
-  /// Stops counting `item` among the stored messages.
+  /// Stops counting `item` among the stored messages. Its flow keeps its share.
   void release(const Item& item);
   /// Returns true when all dead letters were given to the store.
   bool has_written_dead_letters() const;
@@ -92,7 +93,7 @@ class Backlog {
   /// memory.
   void on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now);
   void on_load_failed(TimePoint now);
-  void on_dead_letters(DeadLetterCounts dead_letters) { dead_letters_ = dead_letters; }
+  void on_dead_letters(const DeadLettersChanged& changed);
   /// Counts revived letters as unread messages. They keep their old rows.
   void on_revived(const DeadLettersRevived& revived);
   /// Deletes delivered rows at once and loads no more. Tries a failing store once more, because
@@ -112,6 +113,12 @@ class Backlog {
   bool is_full() const { return is_full_ || is_share_full_; }
   /// Returns true when only robots that have stored little find room.
   bool is_nearly_full() const { return free() <= max_bytes_ / share_reserve; }
+  /// The same for new messages on topics that the broker refuses.
+  bool has_little_room_for_letters() const {
+    return free_for_letters() <= room_for_letters() / share_reserve;
+  }
+  /// Bytes of messages and dead letters.
+  std::uint64_t taken() const { return bytes_ + dead_letters_.bytes; }
   StoreShares::Share largest_share() const { return shares_.largest(); }
   const DeadLetterCounts& dead_letters() const { return dead_letters_; }
   std::uint64_t stored_total() const { return stored_total_; }
@@ -123,8 +130,14 @@ class Backlog {
   /// Rows on disk that are to be erased, or (with a letter) to become dead letters.
   using Erasures = std::map<std::uint64_t, std::optional<NewDeadLetter>>;
 
-  std::uint64_t taken() const { return bytes_ + dead_letters_.bytes; }
   std::uint64_t free() const { return max_bytes_ - std::min(max_bytes_, taken()); }
+  std::uint64_t room_for_letters() const { return max_bytes_ / dead_letter_share; }
+  std::uint64_t free_for_letters() const {
+    return room_for_letters() - std::min(room_for_letters(), dead_letters_.bytes);
+  }
+  bool has_share_left(std::string_view topic, std::uint64_t free) const {
+    return shares_.bytes_of(topic) < 2 * free;
+  }
   bool has_room_for(std::string_view topic, std::uint64_t cost);
   void note_room();
   void try_again();
@@ -136,7 +149,7 @@ class Backlog {
   std::uint64_t max_bytes_;
   std::uint64_t bytes_ = 0;
   std::size_t rows_ = 0;
-  StoreShares shares_;          // of bytes_, and of rows that were lost to damage since
+  StoreShares shares_;          // of taken(), and of rows that were lost to damage since
   bool is_full_ = false;        // for all robots
   bool is_share_full_ = false;  // for a robot that has stored much
   std::uint64_t stored_total_ = 0;

@@ -51,8 +51,8 @@ inline std::string_view flow_of(std::string_view topic) {
   return topic.substr(0, topic.rfind('/'));
 }
 
-/// Bytes of each flow in the store, so that no flow takes all of it. Memory is bounded as in
-/// TopicCounts: flows whose names share a slot share one limit. Used by the backlog.
+/// Bytes of each flow in the store, dead letters too, so that no flow takes all of it. Memory is
+/// bounded as in TopicCounts: flows whose names share a slot share one limit. Used by the backlog.
 class StoreShares {
  public:
   struct Share {
@@ -150,6 +150,7 @@ struct RetryDeadLetters {
   std::string topic;
   std::size_t max_letters = 0;
 };
+using StoreRequest = std::variant<WriteToStore, LoadFromStore, RetryDeadLetters>;
 
 /// A topic with dead letters that are retried.
 struct DeadTopic {
@@ -195,20 +196,21 @@ struct MessagesLost {
   std::size_t count = 0;
   std::string text;
 };
-/// Comes whenever a dead letter was added or discarded.
-struct DeadLettersChanged {
-  DeadLetterCounts dead_letters;
-};
-/// A dead letter that is a message again, under its old row.
-struct RevivedMessage {
+/// A message that is no longer a dead letter. It has its old row.
+struct FormerLetter {
   std::uint64_t row = 0;
   std::string topic;
   std::uint64_t bytes = 0;   ///< its stored_cost()
   bool was_retried = false;  ///< is_retried()
 };
+/// Comes whenever the number of dead letters has changed.
+struct DeadLettersChanged {
+  DeadLetterCounts dead_letters;
+  std::vector<FormerLetter> discarded = {};
+};
 /// Answers the outbox (RetryDeadLetters), or reports what an operator has revived.
 struct DeadLettersRevived {
-  std::vector<RevivedMessage> messages;
+  std::vector<FormerLetter> messages;
   /// The topic of RetryDeadLetters, which found no letter when `messages` is empty. Empty after an
   /// operator's request.
   std::string retried_topic = {};

@@ -85,7 +85,7 @@ void Outbox::drop(Item& item, const char* why, TimePoint now) {
 
 void Outbox::refuse(Item& item, TimePoint now) {
   if (const auto count = full_throttle_.on_event(now))
-    actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0,
+    actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.taken() : 0,
                                   store_max_bytes_, turn_of(item, now) == Turn::rest,
                                   unsaved_bytes_ - item.cost(), backlog_.largest_share()}));
   if (!item.receipt.is_owed()) return drop(item, "there is no room for it", now);
@@ -457,7 +457,7 @@ void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   backlog_.on_revived(revived);
   notify(store_trouble_.on_revived(revived.why_failed, now));
   if (!revived.retried_topic.empty()) return refused_.on_revived(revived, now);
-  for (const RevivedMessage& message : revived.messages) refused_.on_resent(message, now);
+  for (const FormerLetter& message : revived.messages) refused_.on_resent(message, now);
 }
 
 void Outbox::trace(DeliveryStep::Kind kind, const Item& item, std::string why) {

@@ -136,9 +136,7 @@ class Outbox {
     statistics_.lost += lost.count;
     actions_.push(Notice{Severity::error, std::move(lost.text), {}});
   }
-  void handle(DeadLettersChanged& changed, TimePoint) {
-    backlog_.on_dead_letters(changed.dead_letters);
-  }
+  void handle(DeadLettersChanged& changed, TimePoint) { backlog_.on_dead_letters(changed); }
   void handle(DeadLettersRevived& revived, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void trace(DeliveryStep::Kind kind, const Item& item, std::string why = {});

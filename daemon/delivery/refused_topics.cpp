@@ -297,7 +297,7 @@ void RefusedTopics::on_no_letter(Topics::iterator known, TimePoint now) {
   wake_ = now;
 }
 
-void RefusedTopics::on_resent(const RevivedMessage& letter, TimePoint now) {
+void RefusedTopics::on_resent(const FormerLetter& letter, TimePoint now) {
   Topic* const known = find(letter.topic);
   if (!known) return;
   if (letter.was_retried && known->waiting > 0) --known->waiting;

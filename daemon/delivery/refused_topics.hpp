@@ -138,7 +138,7 @@ class RefusedTopics {
   std::optional<RetryDeadLetters> next_to_ask(const Backlog& backlog, TimePoint now);
   void on_revived(const DeadLettersRevived& revived, TimePoint now);
   /// Call when an operator has revived a dead letter: its topic is tried at once.
-  void on_resent(const RevivedMessage& letter, TimePoint now);
+  void on_resent(const FormerLetter& letter, TimePoint now);
   /// Call when a page of the store was read: the next page of dead letters may follow.
   void on_page_read(TimePoint now) { wake_ = topics_.empty() ? wake_ : now; }
   /// Takes over the dead topics of the store.

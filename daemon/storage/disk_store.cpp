@@ -68,16 +68,10 @@ void DiskStore::stop() {
   thread_.stop();
 }
 
-void DiskStore::ask(WriteToStore write) {
-  thread_.run([this, request = std::move(write)] { serve(request); });
-}
-
-void DiskStore::ask(LoadFromStore load) {
-  thread_.run([this, request = std::move(load)] { serve(request); });
-}
-
-void DiskStore::ask(RetryDeadLetters retry) {
-  thread_.run([this, request = std::move(retry)] { serve(request); });
+void DiskStore::ask(StoreRequest request) {
+  thread_.run([this, request = std::move(request)] {
+    std::visit([this](const auto& what) { serve(what); }, request);
+  });
 }
 
 void DiskStore::perform(StoreOrder order, OrderDone done) {
@@ -89,13 +83,11 @@ void DiskStore::perform(StoreOrder order, OrderDone done) {
 
 void DiskStore::serve(const StoreOrder& order, const OrderDone& done) {
   if (!log_) return done({{}, "there is no store: " + why_closed_});
-  const DeadLetterCounts before = log_->dead_letters();
   try {
     done(std::visit([this](const auto& what) { return answer(what); }, order));
   } catch (const LogError& error) {
     done({{}, fmt::format("store error: {}", error.what())});
   }
-  if (before != log_->dead_letters()) post(DeadLettersChanged{log_->dead_letters()});
 }
 
 template <class Request>
@@ -130,17 +122,23 @@ void DiskStore::perform(const LoadFromStore& load) {
 
 void DiskStore::perform(const RetryDeadLetters& retry) {
   try {
-    revive(log_->retried(retry.topic, retry.max_letters), retry.topic);
+    while (true) {
+      const auto ids = log_->retried(retry.topic, retry.max_letters);
+      if (revive(ids, retry.topic) > 0) return;
+      if (ids.empty()) return post(DeadLettersRevived{{}, retry.topic});
+    }
   } catch (const LogError& error) {
     post(DeadLettersRevived{{}, retry.topic, error.what()});
   }
 }
 
+/// Returns the number of letters that are messages again. The others are damaged.
 std::size_t DiskStore::revive(std::span<const std::uint64_t> ids, const std::string& topic) {
-  auto revived = log_->revive(ids);
-  const std::size_t count = revived.size();
-  post(DeadLettersRevived{std::move(revived), topic});
-  post(DeadLettersChanged{log_->dead_letters()});
+  MessageLog::Revival revival = log_->revive(ids);
+  const std::size_t count = revival.messages.size();
+  report_damaged(revival.damaged.size());
+  if (count > 0) post(DeadLettersRevived{std::move(revival.messages), topic});
+  post(DeadLettersChanged{log_->dead_letters(), std::move(revival.damaged)});
   return count;
 }
 
@@ -157,9 +155,10 @@ OrderAnswer DiskStore::answer(const ListDeadLetters& order) const {
 }
 
 OrderAnswer DiskStore::answer(const DiscardOrder& order) {
-  const auto ids = log_->ids(order.choice);
-  log_->discard(ids);
-  return in_json({{"discarded", ids.size()}});
+  auto discarded = log_->discard(log_->ids(order.choice));
+  const std::size_t count = discarded.size();
+  post(DeadLettersChanged{log_->dead_letters(), std::move(discarded)});
+  return in_json({{"discarded", count}});
 }
 
 OrderAnswer DiskStore::answer(const ResendOrder& order) {
@@ -175,7 +174,7 @@ OrderAnswer DiskStore::answer(const ResendOrder& order) {
   } catch (const LogError&) {
     // The disk fails: the other dead letters stay.
   }
-  return in_json({{"resent", resent}, {"left", ids.size() - resent}});
+  return in_json({{"resent", resent}, {"left", left.size()}});
 }
 
 /// Returns true when the disk has failed for `patience_.unreadable`: unreadable records are lost.

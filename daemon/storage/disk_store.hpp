@@ -44,9 +44,7 @@ class DiskStore {
   void stop();
 
   /// Queues a request of the outbox. At most one write and one load are under way.
-  void ask(WriteToStore write);
-  void ask(LoadFromStore load);
-  void ask(RetryDeadLetters retry);
+  void ask(StoreRequest request);
   /// Carries out an operator's order. `done` is called once, on the loop's thread, or not at all
   /// when stop() comes first.
   void perform(StoreOrder order, OrderDone done);

@@ -102,6 +102,7 @@ void MessageLog::read_all(bool skips_unreadable) {
   bool is_first = true;
   for (auto row = log_.next(0); row; row = log_.next(*row)) {
     const auto record = find(*row, skips_unreadable);
+    if (record) opened_.shares.add(record->message.topic, cost_of(record->message));
     if (record && record->dead) {
       add_letter(*row, *record);
       continue;
@@ -110,16 +111,17 @@ void MessageLog::read_all(bool skips_unreadable) {
     if (!record) continue;  // load() finds and reports the damage
     opened_.bytes += cost_of(record->message);
     opened_.topics.add(record->message.topic);
-    opened_.shares.add(record->message.topic, cost_of(record->message));
     if (std::exchange(is_first, false)) opened_.oldest_age = age_of(*record, now);
   }
   opened_.last_row = log_.last_key();
   opened_.dead_letters = dead_letters();
-  for (const auto& [topic, letters] : retried_) {
+  for (const auto& [topic, letters] : topics_) {
     if (opened_.dead_topics.size() == StoreOpened::max_dead_topics) break;
-    if (const auto first = find(letters.begin()->second, skips_unreadable); first && first->dead)
+    if (letters.retried.empty()) continue;
+    const auto first = find(letters.retried.begin()->second, skips_unreadable);
+    if (first && first->dead)
       opened_.dead_topics.push_back(
-          {topic, {first->dead->code, first->dead->reason}, letters.size()});
+          {topic, {first->dead->code, first->dead->reason}, letters.retried.size()});
   }
 }
 
@@ -143,27 +145,24 @@ std::optional<ListedDeadLetter> MessageLog::find_letter(std::uint64_t id) const 
 /// Counts a dead letter; `record` is already in the log.
 void MessageLog::add_letter(std::uint64_t id, const MessageRecord& record) {
   const DeadLetterFacts& facts = *record.dead;
-  Letter letter{cost_of(record.message) + facts.reason.size(), retried_.end(),
-                facts.code == 0 && facts.tries > 0};
-  if (is_retried(facts.code, facts.tries)) {
-    letter.retried = retried_.try_emplace(record.message.topic).first;
-    letter.retried->second.emplace(!letter.has_lost_connection, id);
-  }
-  letter_bytes_ += letter.bytes;
-  letters_.emplace(id, letter);
+  const auto topic = topics_.try_emplace(record.message.topic).first;
+  const Letter& letter = letters_[id] = {cost_of(record.message), facts.reason.size(), topic};
+  letter_bytes_ += letter.bytes + letter.reason_bytes;
+  ++topic->second.count;
+  if (is_retried(facts.code, facts.tries))
+    topic->second.retried.emplace(facts.code != 0 || facts.tries == 0, id);
 }
 
 /// Stops counting a dead letter, which is no longer in the log as one.
-void MessageLog::drop_letter(std::uint64_t id) {
-  const auto known = letters_.find(id);
-  if (known == letters_.end()) return;
-  const Letter& letter = known->second;
-  letter_bytes_ -= letter.bytes;
-  if (letter.retried != retried_.end()) {
-    letter.retried->second.erase({!letter.has_lost_connection, id});
-    if (letter.retried->second.empty()) retried_.erase(letter.retried);
-  }
-  letters_.erase(known);
+FormerLetter MessageLog::drop_letter(std::uint64_t id) {
+  const Letter letter = letters_.extract(id).mapped();
+  letter_bytes_ -= letter.bytes + letter.reason_bytes;
+  LettersOfTopic& of_topic = letter.topic->second;
+  const bool was_retried =
+      of_topic.retried.erase({false, id}) + of_topic.retried.erase({true, id}) > 0;
+  FormerLetter former{id, letter.topic->first, letter.bytes, was_retried};
+  if (--of_topic.count == 0) topics_.erase(letter.topic);
+  return former;
 }
 
 std::size_t MessageLog::write(const WriteToStore& write) {
@@ -219,8 +218,9 @@ std::vector<ListedDeadLetter> MessageLog::list(const std::string& topic, std::ui
   std::size_t bytes = 0;
   for (auto at = letters_.upper_bound(after); at != letters_.end(); ++at) {
     if (page.size() >= max_count || bytes >= max_bytes) break;
+    if (!topic.empty() && at->second.topic->first != topic) continue;
     auto listed = find_letter(at->first);
-    if (!listed || (!topic.empty() && listed->message.topic != topic)) continue;
+    if (!listed) continue;
     bytes += listed->message.topic.size() + listed->message.payload.size();
     page.push_back(std::move(*listed));
   }
@@ -230,47 +230,46 @@ std::vector<ListedDeadLetter> MessageLog::list(const std::string& topic, std::ui
 std::vector<std::uint64_t> MessageLog::ids(const DeadLetterChoice& choice) const {
   const std::set<std::uint64_t> named(choice.ids.begin(), choice.ids.end());
   std::vector<std::uint64_t> ids;
-  for (const auto& [id, letter] : letters_) {
-    const auto has_topic = [&](std::uint64_t one) {
-      const auto listed = choice.topic.empty() ? std::nullopt : find_letter(one);
-      return listed && listed->message.topic == choice.topic;
-    };
-    if (choice.is_all || named.contains(id) || has_topic(id)) ids.push_back(id);
-  }
+  for (const auto& [id, letter] : letters_)
+    if (choice.is_all || named.contains(id) || letter.topic->first == choice.topic)
+      ids.push_back(id);
   return ids;
 }
 
 std::vector<std::uint64_t> MessageLog::retried(const std::string& topic, std::size_t most) const {
   std::vector<std::uint64_t> page;
-  const auto letters = retried_.find(topic);
-  if (letters == retried_.end()) return page;
-  for (const auto& [is_later, id] : letters->second) {
+  const auto letters = topics_.find(topic);
+  if (letters == topics_.end()) return page;
+  for (const auto& [is_later, id] : letters->second.retried) {
     if (page.size() == most) break;
     page.push_back(id);
   }
   return page;
 }
 
-std::vector<RevivedMessage> MessageLog::revive(std::span<const std::uint64_t> ids) {
-  std::vector<RevivedMessage> revived;
-  std::vector<MessageRecord> records;
+MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids) {
+  std::map<std::uint64_t, MessageRecord> intact;
+  for (const std::uint64_t id : ids)
+    if (auto listed = find_letter(id)) intact[id] = {listed->stored_at, std::move(listed->message)};
   for (const std::uint64_t id : ids) {
-    auto listed = find_letter(id);
-    if (!listed) continue;
-    revived.push_back({id, listed->message.topic, cost_of(listed->message),
-                       is_retried(listed->facts.code, listed->facts.tries)});
-    records.push_back({listed->stored_at, std::move(listed->message)});
+    const auto found = intact.find(id);
+    found == intact.end() ? log_.erase(id) : put(id, found->second);
   }
-  for (std::size_t i = 0; i < records.size(); ++i) put(revived[i].row, records[i]);
   log_.commit(true);
-  for (const RevivedMessage& message : revived) drop_letter(message.row);
-  return revived;
+  Revival revival;
+  for (const std::uint64_t id : ids) {
+    auto& list = intact.contains(id) ? revival.messages : revival.damaged;
+    list.push_back(drop_letter(id));
+  }
+  return revival;
 }
 
-void MessageLog::discard(const std::vector<std::uint64_t>& ids) {
+std::vector<FormerLetter> MessageLog::discard(const std::vector<std::uint64_t>& ids) {
   for (const std::uint64_t id : ids) log_.erase(id);
   log_.commit(true);
-  for (const std::uint64_t id : ids) drop_letter(id);
+  std::vector<FormerLetter> discarded;
+  for (const std::uint64_t id : ids) discarded.push_back(drop_letter(id));
+  return discarded;
 }
 
 }  // namespace slamgw

@@ -80,21 +80,28 @@ class MessageLog {
   std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
   /// Returns the ids of the dead letters that RetryDeadLetters means.
   std::vector<std::uint64_t> retried(const std::string& topic, std::size_t most) const;
-  /// Turns dead letters into messages again, in their rows. Damaged letters stay as they are.
-  std::vector<RevivedMessage> revive(std::span<const std::uint64_t> ids);
-  void discard(const std::vector<std::uint64_t>& ids);
+  struct Revival {
+    std::vector<FormerLetter> messages;
+    std::vector<FormerLetter> damaged;  ///< they are lost
+  };
+  /// Turns dead letters into messages again, in their rows.
+  Revival revive(std::span<const std::uint64_t> ids);
+  std::vector<FormerLetter> discard(const std::vector<std::uint64_t>& ids);
 
   RecordLog& log() { return log_; }
 
  private:
-  /// The retried letters of one topic in the order of RetryDeadLetters: false if the letter has
-  /// lost a connection, and its id.
-  using Retried = std::set<std::pair<bool, std::uint64_t>>;
-  using RetriedOfTopic = std::map<std::string, Retried, std::less<>>;
+  struct LettersOfTopic {
+    std::size_t count = 0;
+    /// Those that are retried, in the order of RetryDeadLetters: false if the letter has lost a
+    /// connection, and its id.
+    std::set<std::pair<bool, std::uint64_t>> retried;
+  };
+  using Topics = std::map<std::string, LettersOfTopic, std::less<>>;
   struct Letter {
-    std::uint64_t bytes = 0;  ///< as counted against max_bytes
-    RetriedOfTopic::iterator retried;
-    bool has_lost_connection = false;
+    std::uint64_t bytes = 0;  ///< stored_cost()
+    std::uint64_t reason_bytes = 0;
+    Topics::iterator topic;
   };
 
   void read_all(bool skips_unreadable);
@@ -104,11 +111,11 @@ class MessageLog {
     log_.put(row, encode_message(record));
   }
   void add_letter(std::uint64_t id, const MessageRecord& record);
-  void drop_letter(std::uint64_t id);
+  FormerLetter drop_letter(std::uint64_t id);
 
   RecordLog log_;                            // by row
   std::map<std::uint64_t, Letter> letters_;  // by row
-  RetriedOfTopic retried_;                   // none is empty
+  Topics topics_;                            // of letters; none is empty
   std::uint64_t letter_bytes_ = 0;
   StoreOpened opened_;
   RecordLog::Summary lost_;

@@ -20,9 +20,7 @@ class FakeStore {
     TimePoint stored{};
   };
 
-  void ask(WriteToStore write) { requests_.push_back(std::move(write)); }
-  void ask(LoadFromStore load) { requests_.push_back(load); }
-  void ask(RetryDeadLetters retry) { requests_.push_back(std::move(retry)); }
+  void ask(StoreRequest request) { requests_.push_back(std::move(request)); }
   bool is_asked() const { return !requests_.empty(); }
   /// Requests that were not served die with their process.
   void on_process_died() { requests_.clear(); }
@@ -42,6 +40,7 @@ class FakeStore {
     opened.dead_letters = count_dead_letters();
     for (const auto& [id, letter] : dead_letters) {
       const std::string& topic = letter.message.topic;
+      opened.shares.add(topic, cost_of(letter.message));
       if (!is_retried(letter.why.code, letter.why.tries)) continue;
       const auto known = std::ranges::find(opened.dead_topics, topic, &DeadTopic::topic);
       if (known != opened.dead_topics.end()) {
@@ -153,7 +152,7 @@ class FakeStore {
     return revived;
   }
 
-  std::deque<std::variant<WriteToStore, LoadFromStore, RetryDeadLetters>> requests_;
+  std::deque<StoreRequest> requests_;
 };
 
 }  // namespace slamgw::test

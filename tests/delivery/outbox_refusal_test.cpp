@@ -465,13 +465,13 @@ TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
     submit("bad", 1000 + i);
     refuse_all();
   }
-  EXPECT_EQ(store.dead_letters.size(), 250u) << "a quarter";
+  EXPECT_EQ(store.dead_letters.size(), 188u) << "three quarters of a quarter";
   EXPECT_TRUE(has_fired(3000, ReceiptOutcome::refused)) << "not acknowledged: the robot keeps it";
   link_down();
   for (std::uint64_t i = 1; i <= 300; ++i) submit("good", 5000 + i);
   EXPECT_TRUE(has_fired(5300, ReceiptOutcome::safe));
   settle();
-  EXPECT_EQ(received_of("bad").size(), 250u);
+  EXPECT_EQ(received_of("bad").size(), 188u);
   EXPECT_EQ(received_of("good").size(), 300u);
 }
 
@@ -484,8 +484,36 @@ TEST_F(OutboxRefusalTest, DeadLettersLeaveRoomForMessages) {
     submit("bad", 1000 + i);
     refuse_all(topic_name_invalid);
   }
-  EXPECT_EQ(store.dead_letters.size(), 100u);
+  EXPECT_EQ(store.dead_letters.size(), 75u);
   EXPECT_TRUE(has_fired(1400, ReceiptOutcome::refused));
+}
+
+TEST_F(OutboxRefusalTest, ARobotWithARefusedTopicLeavesRoomForDeadLettersOfOthers) {
+  max_bytes = 4000 * stored_cost(7, 4);
+  start();
+  is_store_quick = true;
+  link_up();
+  for (std::uint64_t i = 1; i <= 2000; ++i) {
+    submit("r/1/bad", 1000 + i);
+    refuse_all();
+  }
+  EXPECT_TRUE(has_fired(3000, ReceiptOutcome::refused));
+  EXPECT_TRUE(outbox->backlog().has_little_room_for_letters());
+  EXPECT_EQ(outbox->backlog().largest_share().flow, "r/1");
+  for (std::uint64_t i = 1; i <= 50; ++i) {
+    submit("r/2/bad", 4000 + i);
+    refuse_all();
+    EXPECT_TRUE(has_fired(4000 + i, ReceiptOutcome::safe)) << i;
+  }
+  die();
+  start();
+  link_up();
+  submit("r/1/bad", 5000);
+  refuse_all();
+  EXPECT_TRUE(has_fired(5000, ReceiptOutcome::refused)) << "the shares are known after a restart";
+  settle();
+  EXPECT_EQ(outbox->backlog().largest_share().bytes, 0u);
+  EXPECT_FALSE(outbox->backlog().has_little_room_for_letters());
 }
 
 TEST_F(OutboxRefusalTest, UnacknowledgedMessagesOfARefusedTopicDoNotWait) {

@@ -107,6 +107,7 @@ class OutboxRig {
   bool serve_store() {
     if (!store.is_asked()) return false;
     outbox->on_store_event(store.serve(now), now);
+    outbox->on_store_event(DeadLettersChanged{store.count_dead_letters()}, now);
     drain();
     return true;
   }

@@ -123,6 +123,21 @@ TEST_F(DeadLetters, ThoseThatAreNamedAreSentAgainOrDiscarded) {
   EXPECT_EQ(user->await<StoreOpened>()->dead_letters, DeadLetterCounts{});
 }
 
+TEST_F(DeadLetters, CountInTheirRobotsShareUntilTheyAreDiscarded) {
+  make_dead_letters({2, 5});
+  EXPECT_EQ(document(user->perform(DiscardOrder{{{2}, "", false}}))["discarded"], 1);
+  std::unique_ptr<DeadLettersChanged> changed;
+  do changed = user->await<DeadLettersChanged>();
+  while (changed && changed->discarded.empty());
+  ASSERT_TRUE(changed);
+  const std::string topic = "ntnu-slam/robot/r2/update";
+  EXPECT_EQ(changed->discarded[0].topic, topic);
+  EXPECT_EQ(changed->discarded[0].bytes, stored_cost(topic.size(), 20));
+  start_again();
+  EXPECT_EQ(user->await<StoreOpened>()->shares.bytes_of(topic), 2 * stored_cost(topic.size(), 20))
+      << "of messages 5 and 8";
+}
+
 TEST_F(DeadLetters, ManyAreSentAgainPageByPage) {
   ASSERT_TRUE(user->keep(1, 600, 20));
   Ids rows;

@@ -342,6 +342,22 @@ TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
   EXPECT_EQ(user.load(0)->messages.size(), 3u);
 }
 
+TEST_F(StoreDamage, ADamagedDeadLetterHidesNoOtherOfItsTopic) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 9, 100));
+  ASSERT_TRUE(user.make_dead_letters({1, 4, 7}, "refused"));
+  const std::string file = read_file(segment());
+  const auto last = file.rfind(std::string(as_text(StoreUser::message(1, 100).payload)));
+  ASSERT_NE(last, std::string::npos);
+  overwrite(segment(), last + 50, "!");
+  user.store().ask(RetryDeadLetters{"ntnu-slam/robot/r1/update", 1});
+  const auto revived = user.await<DeadLettersRevived>();
+  ASSERT_EQ(revived->messages.size(), 1u);
+  EXPECT_EQ(revived->messages[0].row, 4u);
+  EXPECT_EQ(user.await<DeadLettersChanged>()->dead_letters.count, 1u);
+  EXPECT_NE(user.notices().find(told(1)), std::string::npos) << user.notices();
+}
+
 TEST_F(StoreDamage, ADeadLetterIsOneMessageHoweverOftenItIsSentAgain) {
   {
     StoreUser user(directory.path());

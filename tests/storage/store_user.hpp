@@ -29,7 +29,7 @@ class StoreUser {
             io_, {directory, max_bytes},
             [this](StoreEvent event) {
               if (const auto* revived = std::get_if<DeadLettersRevived>(&event))
-                for (const RevivedMessage& message : revived->messages)
+                for (const FormerLetter& message : revived->messages)
                   resent_.push_back(message.row);
               events_.push_back(std::move(event));
             },

@@ -204,6 +204,10 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["robots"]["offline"] = 1;
   facts.is_clock_synchronised = false;
   EXPECT_EQ(problems_of(facts), "clock; store: dead letters; robots; ");
+  EXPECT_FALSE(has_problem(examine(facts)));
+  facts.status["store"]["dead_letters_nearly_full"] = true;
+  facts.status["store"]["largest"] = {{"robot", "r1"}, {"bytes", 3}};
+  EXPECT_TRUE(has_problem(examine(facts))) << "robots are not acknowledged";
 }
 
 json fleet_of(std::initializer_list<std::pair<const char*, const char*>> gateways) {
