@@ -171,7 +171,8 @@ struct StoreOpened {
   /// At most `max_dead_topics`.
   std::vector<DeadTopic> dead_topics = {};
 
-  static constexpr std::size_t max_dead_topics = 1024;
+  /// As many as RefusedTopics remembers; letters of further topics wait for the next start.
+  static constexpr std::size_t max_dead_topics = 4096;
 };
 /// The store cannot be opened yet; the shell has logged `why`. Comes once at most.
 struct StoreAbsent {

@@ -200,14 +200,12 @@ void Outbox::bury_refused(Item& item, TimePoint now) {
   make_dead_letter(item, refusal, 0, now);
 }
 
-/// Makes a dead letter of a message, or else refuses, drops or withholds it. The gateway's own
-/// retained messages are withheld, because a later one of the topic replaces them.
+/// Makes a dead letter of a message, or else refuses, drops or withholds it.
 void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries,
                               TimePoint now) {
   if (item.is_unacknowledged()) return drop(item, "the broker refuses its topic", now);
   const bool will_be_tried = is_retried(refusal.code, tries);
-  const bool is_own = !item.message.provenance;
-  if (is_own && item.message.retain && will_be_tried) return withhold(item, now);
+  if (is_own_retained(item) && will_be_tried) return withhold(item, now);
   const std::string topic = item.message.topic;
   const std::size_t bytes = item.message.payload.size();
   if (backlog_.bury(item, refusal, tries, now)) {
@@ -217,7 +215,7 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
     if (will_be_tried) return refused_.on_dead_letter(topic);
     return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal, now));
   }
-  if (!is_own && !item.receipt.is_owed()) {  // the robot's message was acknowledged
+  if (item.message.provenance && !item.receipt.is_owed()) {  // a will: its robot may be gone
     if (!will_be_tried) refused_.refuse(topic, refusal, now);
     return withhold(item, now);
   }
@@ -225,9 +223,8 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
   refuse(item, now);
 }
 
-/// Keeps a message in memory until its topic is accepted, because it can neither be a dead letter
-/// nor be dropped. These are the newest of the gateway's own retained messages of each topic, and
-/// messages that a former store has acknowledged.
+/// Keeps a message in memory until its topic is accepted: a will for which the store has no room,
+/// or the newest of the gateway's own retained messages of the topic.
 void Outbox::withhold(Item& item, TimePoint now) {
   const auto makes_void = [&](const auto& known) { return is_replaced_by(item, known.second); };
   if (std::ranges::any_of(queue_.items(), makes_void)) return remove(item, now);
@@ -238,15 +235,12 @@ void Outbox::withhold(Item& item, TimePoint now) {
 /// Returns true for two retained messages of the gateway itself on one topic: the newer replaces
 /// the older.
 bool Outbox::is_replaced_by(const Item& older, const Item& newer) {
-  const auto is_own = [](const Item& item) {
-    return !item.message.provenance && item.message.retain;
-  };
-  return older.row < newer.row && is_own(older) && is_own(newer) &&
+  return older.row < newer.row && is_own_retained(older) && is_own_retained(newer) &&
          older.message.topic == newer.message.topic;
 }
 
 void Outbox::drop_older_withheld(const Item& item, TimePoint now) {
-  if (item.message.provenance || !item.message.retain) return;
+  if (!is_own_retained(item)) return;
   queue_.for_each_aside([&](Item& other) {
     if (is_replaced_by(other, item)) remove(other, now);
   });

@@ -168,6 +168,9 @@ class Outbox {
   void bury_refused(Item& item, TimePoint now);
   void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
   void withhold(Item& item, TimePoint now);
+  static bool is_own_retained(const Item& item) {
+    return !item.message.provenance && item.message.retain;
+  }
   static bool is_replaced_by(const Item& older, const Item& newer);
   void drop_older_withheld(const Item& item, TimePoint now);
   void notify(std::optional<Notice> notice);

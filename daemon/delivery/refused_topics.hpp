@@ -73,7 +73,7 @@ class RefusedTopics {
   /// A loss within this time after a refusal is its consequence.
   static constexpr std::chrono::seconds refusal_to_loss{1};
   /// Further topics are not remembered: the broker refuses their messages one by one.
-  static constexpr std::size_t max_topics = 4096;
+  static constexpr std::size_t max_topics = StoreOpened::max_dead_topics;
 
   enum class Turn : std::uint8_t {
     open,   ///< the topic is not refused

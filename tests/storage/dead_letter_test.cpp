@@ -195,6 +195,20 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   EXPECT_EQ(none->why_failed, "");
 }
 
+/// A right that is missing for all of a thousand robots.
+TEST_F(DeadLetters, OfManyTopicsAreKnownAfterARestart) {
+  WriteToStore write;
+  for (std::uint64_t row = 1; row <= 3000; ++row) {
+    write.keep.push_back({row, StoreUser::message(row, 10), {}});
+    write.keep.back().message.topic = "t/" + std::to_string(row);
+    write.dead_letters.push_back({row, "not authorised", 0x87, 1});
+  }
+  user->store().ask(std::move(write));
+  ASSERT_TRUE(user->await<StoreWritten>());
+  start_again();
+  EXPECT_EQ(user->await<StoreOpened>()->dead_topics.size(), 3000u);
+}
+
 TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {
   ASSERT_TRUE(user->await<StoreOpened>());
   StoreUser second(directory.path());
