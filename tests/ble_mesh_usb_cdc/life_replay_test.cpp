@@ -410,7 +410,7 @@ class ProvisioningReplay {
     const auto event = decode_event(ByteView(packet.octets).subspan(1));
     ASSERT_TRUE(event.has_value()) << packet.text();
     if (const auto* response = std::get_if<CommandResponse>(&*event))
-      session.on_command_ended({response->opcode, response->status, response->data, false});
+      session.on_response(*response, false);
     if (const auto* provisioning = std::get_if<ProvisioningEvent>(&*event))
       session.on_event(*provisioning, now_);
   }

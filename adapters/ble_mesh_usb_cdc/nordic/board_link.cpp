@@ -130,8 +130,6 @@ void BoardLink::on_port_open(TimePoint now) {
 
 void BoardLink::on_port_closed(const std::string& why, TimePoint) {
   stage_ = Stage::closed;
-  in_flight_.reset();
-  is_restart_wanted_ = false;
   go_down(why);
 }
 
@@ -147,7 +145,7 @@ void BoardLink::change_keys(const RadioKeys& keys, TimePoint now) {
 
 void BoardLink::begin_resync(TimePoint now) {
   stage_ = Stage::resyncing;
-  traffic_.on_answer_lost();
+  if (in_flight_ && in_flight_->issuer == Issuer::radio) actions_.push(AnswerLost{});
   in_flight_.reset();
   busy_until_.reset();
   decoder_.reset();
@@ -214,7 +212,7 @@ void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
   unconfirmed_refusal_.clear();
   const StartedBoard& board = start_up_->board();
-  traffic_.on_started(board);
+  actions_.push(board);
   if (board.dropped_events) on_drop_counter(*board.dropped_events, now);
   poll_at_ = now + poll_interval;
   was_cleared_ = false;
@@ -310,7 +308,9 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
                  [&](Heartbeat& heartbeat) {
                    if (is_up_) actions_.push(heartbeat);
                  },
-                 [&](ProvisioningEvent& provisioning) { on_event(provisioning, now); },
+                 [&](ProvisioningEvent& provisioning) {
+                   if (is_up_) actions_.push(provisioning);
+                 },
                  [&](OtherEvent&) { ++counters_.other_events; },
              },
              *event);
@@ -319,7 +319,6 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
 void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
   // The board has lost everything in RAM, and with it the answer to the command in flight.
   ++counters_.restarts;
-  is_restart_wanted_ = false;
   has_restarted_ = has_restarted_ || is_up_;
   if (is_up_)
     go_down(event.hardware_error == 0 ? "the serial board restarted"
@@ -350,30 +349,19 @@ void BoardLink::on_event(CommandResponse& response, TimePoint now) {
   }
 }
 
-void BoardLink::on_event(ProvisioningEvent& event, TimePoint now) {
-  if (!is_up_) return;
-  const bool is_over = std::holds_alternative<ProvisioningComplete>(event) ||
-                       std::holds_alternative<ProvisioningLinkClosed>(event);
-  if (std::holds_alternative<ProvisioningLinkOpened>(event)) hold_until_ = now + longest_hold;
-  if (is_over) hold_until_.reset();
-  actions_.push(event);
-  if (is_over) send_next(now);
-}
-
-void BoardLink::on_response(const CommandResponse& response, Issuer issuer, TimePoint now) {
+void BoardLink::on_response(CommandResponse& response, Issuer issuer, TimePoint now) {
   switch (issuer) {
-    case Issuer::start_up: break;  // handled while starting
+    case Issuer::start_up: return;  // handled while starting
     case Issuer::poll: return on_polled(response, now);
     case Issuer::clear: return on_board_cleared(response.status, now);
-    case Issuer::restart: break;  // the board can't restart
-    case Issuer::traffic:
-      traffic_.on_response(response);
-      // "Invalid data": the board has lost the source address that it got at start-up.
-      if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::packet_send) &&
-          response.status == Status::invalid_data)
-        on_address_lost(now);
-      break;
+    case Issuer::radio: break;
   }
+  // "Invalid data": the board has lost the source address that it got at start-up.
+  const bool is_address_lost =
+      response.opcode == static_cast<std::uint8_t>(CommandOpcode::packet_send) &&
+      response.status == Status::invalid_data;
+  actions_.push(std::move(response));
+  if (is_address_lost) on_address_lost(now);
 }
 
 void BoardLink::on_board_cleared(Status status, TimePoint now) {
@@ -424,20 +412,6 @@ void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
 
 // --- Sending -------------------------------------------------------------------------------------
 
-void BoardLink::send(Outgoing message, TimePoint now) {
-  if (!is_up_ || !traffic_.send(std::move(message))) {
-    ++counters_.sends_dropped;
-    return;
-  }
-  send_next(now);
-}
-
-bool BoardLink::command(Bytes frame, TimePoint now) {
-  if (!is_up_ || !traffic_.command(std::move(frame))) return false;
-  send_next(now);
-  return true;
-}
-
 bool BoardLink::clear_board(TimePoint now) {
   if (stage_ != Stage::running && stage_ != Stage::refused) return false;
   is_clear_wanted_ = true;
@@ -449,20 +423,12 @@ bool BoardLink::clear_board(TimePoint now) {
   return true;
 }
 
-bool BoardLink::restart_board(TimePoint now) {
-  if (!is_up_) return false;
-  is_restart_wanted_ = true;
-  send_next(now);
-  return true;
+void BoardLink::issue_clear(TimePoint now) {
+  if (is_clear_wanted_ && !in_flight_)
+    issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
 }
 
-bool BoardLink::issue_clear(TimePoint now) {
-  if (!is_clear_wanted_ || in_flight_) return false;
-  issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
-  return true;
-}
-
-/// Issues the next command if none is in flight.
+/// Issues the link's own next command if it is due and none is in flight.
 void BoardLink::send_next(TimePoint now) {
   if (stage_ != Stage::running || in_flight_) return;
   if (now >= poll_at_) {
@@ -472,12 +438,7 @@ void BoardLink::send_next(TimePoint now) {
                                                         : CommandOpcode::local_unicast_get),
                  Issuer::poll, now);
   }
-  if (issue_clear(now)) return;
-  if (hold_until_ && now >= *hold_until_) hold_until_.reset();
-  if (!hold_until_ && std::exchange(is_restart_wanted_, false))
-    return issue(encode_command(CommandOpcode::radio_reset), Issuer::restart, now);
-  if (auto frame = traffic_.next(hold_until_.has_value()))
-    issue(std::move(*frame), Issuer::traffic, now);
+  issue_clear(now);
 }
 
 void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
@@ -500,7 +461,7 @@ std::optional<TimePoint> BoardLink::deadline() const {
   std::optional<TimePoint> next = decoder_.deadline();
   if (in_flight_) next = earlier(next, in_flight_->deadline);
   if (stage_ == Stage::starting) next = earlier(next, busy_until_);
-  if (stage_ == Stage::running && !in_flight_) next = earlier(earlier(next, poll_at_), hold_until_);
+  if (stage_ == Stage::running && !in_flight_) next = earlier(next, poll_at_);
   if (stage_ == Stage::refused && !in_flight_) next = earlier(next, retry_at_);
   return next;
 }
@@ -531,8 +492,6 @@ void BoardLink::on_command_timeout(TimePoint now) {
 
 void BoardLink::give_up(const std::string& why, Duration max_delay) {
   stage_ = Stage::closed;
-  in_flight_.reset();
-  busy_until_.reset();
   go_down(why);
   reopen_delay_ = std::min(reopen_delay_, max_delay);
   actions_.push(ReopenPort{reopen_delay_});
@@ -560,8 +519,7 @@ void BoardLink::on_silence() {
 }
 
 void BoardLink::go_down(const std::string& why) {
-  traffic_.on_link_down();
-  hold_until_.reset();
+  in_flight_.reset();
   if (stage_ == Stage::closed) is_clear_wanted_ = has_restarted_ = false;
   const bool was_up = std::exchange(is_up_, false);
   if (was_up) notified_.clear();

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link to one serial board. It gets in step with the board (finds the frame borders), starts it
 // up, and keeps one command in flight. Whenever something is lost, it starts again from the
-// beginning. It does not read robots' messages; BoardTraffic queues messages to robots. Called by
-// BoardRadio, which drains its actions.
+// beginning. It does not read robots' messages, and BoardRadio chooses the commands to a started
+// board. Called by BoardRadio, which drains its actions.
 #pragma once
 
 #include <array>
@@ -13,7 +13,6 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "daemon/core/bytes.hpp"
@@ -112,6 +111,25 @@ class Resync {
   Bytes tail_;     ///< the last octets received, fewer than `awaited_`
 };
 
+/// The answer to the radio's command will not come.
+struct AnswerLost {};
+
+/// StartedBoard comes each time when the board was started up, before LinkIsUp if the link was
+/// down. CommandResponse answers the radio's command.
+using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, StartedBoard,
+                                LinkIsUp, LinkIsDown, CommandResponse, AnswerLost, MessageReceived,
+                                Heartbeat, IvUpdate, ProvisioningEvent, RadioCleared, Notice>;
+
+struct LinkCounters {
+  std::uint64_t resyncs = 0;   ///< attempts to get in step, the first after opening included
+  std::uint64_t restarts = 0;  ///< the board's own
+  std::uint64_t command_timeouts = 0;
+  std::uint64_t malformed_events = 0;
+  std::uint64_t other_events = 0;  ///< not used here, whether the protocol has them or not
+  std::uint64_t board_drops = 0;   ///< events lost inside the board (command 0x14)
+  std::uint64_t tx_complete = 0;
+};
+
 class BoardLink {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
@@ -125,9 +143,6 @@ class BoardLink {
   /// this.
   static constexpr Duration busy_pause = std::chrono::milliseconds{200};
   static constexpr int max_busy_answers = 25;
-  /// Messages that are not urgent wait while a device joins, but no longer than this. The board's
-  /// answers to them could take the place of its one event with the device key.
-  static constexpr Duration longest_hold = std::chrono::seconds{10};
   /// A board that must not be used is checked again at this interval. A board that seems to have
   /// lost its address is checked at most this often.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
@@ -151,24 +166,16 @@ class BoardLink {
   void on_source_delayed(const std::string& why);
 
   bool is_up() const { return is_up_; }
-  void send(Outgoing message, TimePoint now);
-  void withdraw(std::uint16_t destination, const Bytes& payload) {
-    traffic_.withdraw(destination, payload);
-  }
-  bool is_idle() const { return traffic_.is_idle(); }
-  /// Sends one complete command, which ends with CommandEnded unless the link goes down. Repeats it
-  /// if its answer is lost. Returns false if the link is down or an earlier command is under way.
-  bool command(Bytes frame, TimePoint now);
+  /// Returns true if the board waits for a command.
+  bool is_ready() const { return stage_ == Stage::running && !in_flight_; }
+  /// Sends one complete command of the radio. Call only if the link is ready. The command ends with
+  /// CommandResponse, AnswerLost or LinkIsDown.
+  void send(Bytes command, TimePoint now) { issue(std::move(command), Issuer::radio, now); }
   /// Sends State Clear: the board forgets keys, addresses and sequence numbers and is started up
   /// again. Call only on an operator's order. Returns false if no board can be cleared now.
   bool clear_board(TimePoint now);
-  /// Restarts the board, as switching it off and on would, after the command in flight and when the
-  /// line is in step. Returns false if the link is down.
-  bool restart_board(TimePoint now);
   /// Starts the board up with the mesh's changed keys. A board that has the former keys is cleared.
   void change_keys(const RadioKeys& keys, TimePoint now);
-  /// Returns the board that was started up last.
-  const StartedBoard& board() const { return traffic_.board(); }
 
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
@@ -186,7 +193,7 @@ class BoardLink {
     refused
   };
   /// The issuer of the command in flight.
-  enum class Issuer : std::uint8_t { start_up, poll, clear, restart, traffic };
+  enum class Issuer : std::uint8_t { start_up, poll, clear, radio };
 
   struct InFlight {
     std::uint8_t opcode = 0;
@@ -203,8 +210,7 @@ class BoardLink {
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);
   void on_event(CommandResponse& event, TimePoint now);
-  void on_event(ProvisioningEvent& event, TimePoint now);
-  void on_response(const CommandResponse& response, Issuer issuer, TimePoint now);
+  void on_response(CommandResponse& response, Issuer issuer, TimePoint now);
   void on_board_cleared(Status status, TimePoint now);
   void on_polled(const CommandResponse& response, TimePoint now);
   void on_drop_counter(std::uint32_t total, TimePoint now);
@@ -217,7 +223,7 @@ class BoardLink {
 
   void issue(Bytes command, Issuer issuer, TimePoint now);
   void send_next(TimePoint now);
-  bool issue_clear(TimePoint now);
+  void issue_clear(TimePoint now);
   void on_silence();
   void give_up(const std::string& why, Duration max_delay);
   void go_down(const std::string& why);
@@ -245,10 +251,7 @@ class BoardLink {
   TimePoint poll_at_{};   ///< while running
   bool is_address_polled_next_ = false;
   TimePoint not_suspected_until_ = TimePoint::min();
-  std::optional<TimePoint> hold_until_;  ///< while a device joins
-  BoardTraffic traffic_{settings_.ttl, actions_, counters_};
   bool is_clear_wanted_ = false;
-  bool is_restart_wanted_ = false;
   bool was_cleared_ = false;    ///< since the last start-up
   bool has_restarted_ = false;  ///< while the link was up; since the last start-up
   std::optional<std::uint32_t> dropped_events_;

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
 
 namespace slamgw::ble {
@@ -14,13 +15,13 @@ constexpr std::chrono::seconds scan_retry_pause{30};
 
 // --- Requests of the mesh ------------------------------------------------------------------------
 
-void BoardRadio::send(Outgoing message, TimePoint now) {
+void BoardRadio::send(Outgoing message, TimePoint) {
   if (message.is_under_device_key) {
     const auto key = device_keys_.find(message.destination);
     if (key == device_keys_.end() || !key->second.handle) return;
     message.key = key->second.handle;
   }
-  link_.send(std::move(message), now);
+  if (!link_.is_up() || !traffic_.send(std::move(message))) ++sends_dropped_;
 }
 
 void BoardRadio::provision(const ProvisionDevice& device) {
@@ -40,10 +41,8 @@ void BoardRadio::use_device_key(std::uint16_t address, const std::optional<Key>&
     actions_.push(DeviceKeyUsed{address, "this gateway does not have its device key"});
     return;
   }
-  const auto [entry, is_new] = device_keys_.try_emplace(address);
-  DeviceKey& known = entry->second;
+  DeviceKey& known = device_keys_[address];
   known.wanted = key;
-  if (is_new) known.is_waiting = !sweep_.is_done();
   if (known.is_there() && !is_commanded(address)) actions_.push(DeviceKeyUsed{address, {}});
 }
 
@@ -60,13 +59,20 @@ void BoardRadio::clear(TimePoint now) {
   if (!link_.clear_board(now)) actions_.push(RadioCleared{"the BLE link is down"});
 }
 
+bool BoardRadio::restart(TimePoint) {
+  is_restart_wanted_ = link_.is_up();
+  return is_restart_wanted_;
+}
+
 /// The board gets its next command only when the mesh has handled all earlier events.
 std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
   do {
     if (auto action = actions_.pop()) return action;
     while (auto from_link = link_.next_action()) {
       std::visit(overloaded{
-                     [&](CommandEnded& ended) { on_command_ended(ended, now); },
+                     [&](StartedBoard& board) { on_started(board); },
+                     [&](CommandResponse& response) { on_response(response, now); },
+                     [&](AnswerLost&) { on_answer_lost(); },
                      [&](ProvisioningEvent& event) { on_event(event, now); },
                      [&](MessageReceived& message) { on_message(message); },
                      [&](LinkIsDown& down) { on_link_down(down); },
@@ -82,28 +88,40 @@ std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
 void BoardRadio::on_deadline(TimePoint now) {
   link_.on_deadline(now);
   if (scan_retry_at_ && *scan_retry_at_ <= now) scan_retry_at_.reset();
+  if (hold_until_ && *hold_until_ <= now) hold_until_.reset();
   if (session_) session_->on_deadline(now);
   end_session();
 }
 
 // --- Events of the board -------------------------------------------------------------------------
 
-void BoardRadio::on_command_ended(const CommandEnded& ended, TimePoint now) {
-  if (!in_flight_) return;
-  switch (*std::exchange(in_flight_, std::nullopt)) {
-    case Purpose::scan_control:
-      if (ended.status != Status::success && ended.status != Status::invalid_state)
-        on_scan_refused(ended.status, now);
+/// A board that was up may have restarted unnoticed, and does not scan then.
+void BoardRadio::on_started(const StartedBoard& board) {
+  traffic_.on_started(board);
+  if (is_scan_wanted_) is_scanning_ = false;
+}
+
+void BoardRadio::on_answer_lost() {
+  if (traffic_.awaits_response()) return traffic_.on_answer_lost();
+  if (command_) command_->is_repeat = true;
+}
+
+void BoardRadio::on_response(const CommandResponse& response, TimePoint now) {
+  if (traffic_.awaits_response()) return traffic_.on_response(response);
+  if (!command_) return;
+  const Command ended = std::move(*command_);
+  command_.reset();
+  switch (ended.purpose) {
+    case Command::Purpose::restart: return;  // the board can't restart
+    case Command::Purpose::scan_control:
+      if (response.status != Status::success && response.status != Status::invalid_state)
+        on_scan_refused(response.status, now);
       return;
-    case Purpose::session:
-      if (session_) session_->on_command_ended(ended);
+    case Command::Purpose::session:
+      if (session_) session_->on_response(response, ended.is_repeat);
       return end_session();
-    case Purpose::sweep:
-      sweep_.on_command_ended(ended);
-      if (!sweep_.is_done()) return;
-      for (auto& [address, key] : device_keys_) key.is_waiting = false;
-      return;
-    case Purpose::device_key: return on_device_key(ended);
+    case Command::Purpose::sweep: return sweep_.on_response(response);
+    case Command::Purpose::device_key: return on_device_key(ended, response);
   }
 }
 
@@ -121,31 +139,35 @@ void BoardRadio::on_scan_refused(Status status, TimePoint now) {
 
 /// If the board refuses to add or delete a key, its table has unknown entries. The table is then
 /// swept before the next key is added.
-void BoardRadio::on_device_key(const CommandEnded& ended) {
-  DeviceKey& key = device_keys_.at(commanded_);
-  DeviceKeyUsed used{commanded_, {}};
-  const bool is_success = ended.status == Status::success;
+void BoardRadio::on_device_key(const Command& command, const CommandResponse& response) {
+  DeviceKey& key = device_keys_.at(command.node);
+  DeviceKeyUsed used{command.node, {}};
+  const bool is_success = response.status == Status::success;
   if (key.handle) {  // the command was to delete it
-    if (!is_success && !ended.is_repeat) sweep_ = {};
-    key = {key.wanted, !sweep_.is_done()};
+    if (!is_success && !command.is_repeat) sweep_ = {};
+    key = {.wanted = key.wanted};
     if (key.wanted) return;  // another key is to be added
   } else {
-    ByteReader data(ended.data);
+    ByteReader data(response.data);
     key.handle = data.read_u16_le();
     if (is_success && data.ok() && !key.is_there()) return;  // the key is not wanted any more
     if (!is_success || !data.ok()) {
       sweep_ = {};
       key.wanted.reset();
       used.problem = fmt::format("the serial board does not take its device key ({})",
-                                 to_string(ended.status));
+                                 to_string(response.status));
     }
   }
-  if (!key.wanted) device_keys_.erase(commanded_);
+  if (!key.wanted) device_keys_.erase(command.node);
   actions_.push(std::move(used));
 }
 
 void BoardRadio::on_event(const ProvisioningEvent& event, TimePoint now) {
   if (const auto* beacon = std::get_if<UnprovisionedBeacon>(&event)) return actions_.push(*beacon);
+  if (std::holds_alternative<ProvisioningLinkOpened>(event)) hold_until_ = now + longest_hold;
+  if (std::holds_alternative<ProvisioningComplete>(event) ||
+      std::holds_alternative<ProvisioningLinkClosed>(event))
+    hold_until_.reset();
   if (!session_) return;
   const bool had_answered = session_->wants_addresses();
   const bool had_joined = session_->device_key().has_value();
@@ -173,8 +195,10 @@ void BoardRadio::on_link_down(LinkIsDown& down) {
 
 /// Forgets all requests: the board that comes up next does not know them.
 void BoardRadio::forget() {
-  in_flight_.reset();
-  is_scan_wanted_ = is_scanning_ = false;
+  traffic_.on_link_down();
+  command_.reset();
+  hold_until_.reset();
+  is_restart_wanted_ = is_scan_wanted_ = is_scanning_ = false;
   scan_retry_at_.reset();
   device_.reset();
   session_.reset();
@@ -184,49 +208,54 @@ void BoardRadio::forget() {
 
 // --- The next steps ------------------------------------------------------------------------------
 
-/// Gives the board its next command. Returns true if there may be new actions.
+/// Gives the board its next command: urgent messages overtake the commands, and those overtake the
+/// other messages. Returns true if there may be new actions.
 bool BoardRadio::begin_next(TimePoint now) {
-  if (!link_.is_up() || in_flight_) return false;
+  if (!link_.is_ready()) return false;
   // A session begins only after the last answer for an earlier one: it could take that for its own.
-  if (device_ && !session_ && !begin_session(now)) return true;
-  auto frame = choose();
-  // If the link does not take the command, it has gone down and reports that next.
-  if (frame) link_.command(std::move(*frame), now);
+  if (device_ && !session_ && !command_ && !begin_session(now)) return true;
+  if (!command_) command_ = choose();
+  auto frame = traffic_.next(/*is_holding=*/command_ || hold_until_);
+  if (!frame && command_) frame = command_->frame;
+  if (frame) link_.send(std::move(*frame), now);
   return frame.has_value();
 }
 
 /// Returns the next command for an idle board.
-std::optional<Bytes> BoardRadio::choose() {
+std::optional<BoardRadio::Command> BoardRadio::choose() {
+  using Purpose = Command::Purpose;
+  if (!hold_until_ && std::exchange(is_restart_wanted_, false))
+    return Command{Purpose::restart, encode_command(CommandOpcode::radio_reset)};
   if (is_scan_wanted_ != is_scanning_ && !scan_retry_at_) {
     is_scanning_ = is_scan_wanted_;
-    in_flight_ = Purpose::scan_control;
-    return encode_command(is_scanning_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop);
+    return Command{Purpose::scan_control, encode_command(is_scanning_ ? CommandOpcode::scan_start
+                                                                      : CommandOpcode::scan_stop)};
   }
-  if (auto command = session_ ? session_->command() : std::nullopt) {
-    in_flight_ = Purpose::session;
-    return command;
-  }
+  if (auto frame = session_ ? session_->command() : std::nullopt)
+    return Command{Purpose::session, std::move(*frame)};
   return key_command();
 }
 
-/// Returns the next command about device keys. While the table has unknown entries, new keys wait.
-/// The table is swept when all earlier keys are deleted.
-std::optional<Bytes> BoardRadio::key_command() {
-  bool is_sweep_due = !device_keys_.empty();
-  for (auto& [address, key] : device_keys_) {
-    if (key.is_waiting) continue;
-    is_sweep_due = false;
-    if (key.is_there()) continue;
-    commanded_ = address;
-    in_flight_ = Purpose::device_key;
-    if (key.handle) return encode_command(CommandOpcode::devkey_delete, *key.handle);
-    key.on_board = key.wanted;
-    return encode_command(CommandOpcode::devkey_add, address, link_.board().subnet_handle,
-                          *key.wanted);
-  }
-  const auto sweep = is_sweep_due ? sweep_.command() : std::nullopt;
-  if (sweep) in_flight_ = Purpose::sweep;
-  return sweep;
+/// Returns the next command about device keys. A key is added when the table has no unknown keys.
+std::optional<BoardRadio::Command> BoardRadio::key_command() {
+  using Purpose = Command::Purpose;
+  const auto due = std::ranges::find_if(device_keys_,
+                                        [](const auto& entry) { return !entry.second.is_there(); });
+  if (due == device_keys_.end()) return std::nullopt;
+  auto& [address, key] = *due;
+  if (key.handle)
+    return Command{Purpose::device_key, encode_command(CommandOpcode::devkey_delete, *key.handle),
+                   address};
+  const auto is_own = [&](std::uint16_t handle) {
+    return std::ranges::any_of(device_keys_,
+                               [&](const auto& own) { return own.second.handle == handle; });
+  };
+  if (auto sweep = sweep_.command(is_own)) return Command{Purpose::sweep, std::move(*sweep)};
+  key.on_board = key.wanted;
+  return Command{Purpose::device_key,
+                 encode_command(CommandOpcode::devkey_add, address, traffic_.board().subnet_handle,
+                                *key.wanted),
+                 address};
 }
 
 bool BoardRadio::begin_session(TimePoint now) {
@@ -237,7 +266,7 @@ bool BoardRadio::begin_session(TimePoint now) {
     return false;
   }
   context_ = context_ == 0 ? 1 : 0;
-  session_.emplace(*device_, *pair, context_, link_.board().version, now);
+  session_.emplace(*device_, *pair, context_, traffic_.board().version, now);
   return true;
 }
 
@@ -254,9 +283,9 @@ void BoardRadio::end_session() {
 
 Counters BoardRadio::counters() const {
   const LinkCounters& link = link_.counters();
-  return {{"sends_dropped", link.sends_dropped},
-          {"sent", link.sent},
-          {"send_refused", link.send_refused},
+  return {{"sends_dropped", sends_dropped_},
+          {"sent", traffic_.sent()},
+          {"send_refused", traffic_.refused()},
           {"tx_complete", link.tx_complete},
           {"board_drops", link.board_drops},
           {"board_restarts", link.restarts},

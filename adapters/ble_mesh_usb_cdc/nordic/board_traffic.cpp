@@ -19,12 +19,7 @@ void BoardTraffic::on_started(const StartedBoard& board) {
 void BoardTraffic::on_link_down() {
   urgent_.clear();
   normal_.clear();
-  command_.reset();
   purpose_ = Purpose::none;
-}
-
-void BoardTraffic::on_answer_lost() {
-  if (std::exchange(purpose_, Purpose::none) == Purpose::command) is_command_repeated_ = true;
 }
 
 // --- Sending -------------------------------------------------------------------------------------
@@ -49,13 +44,6 @@ void BoardTraffic::erase_messages(const auto& is_meant) {
   std::erase_if(normal_, is_meant);
 }
 
-bool BoardTraffic::command(Bytes frame) {
-  if (command_) return false;
-  command_ = std::move(frame);
-  is_command_repeated_ = false;
-  return true;
-}
-
 std::optional<Bytes> BoardTraffic::next(bool is_holding) {
   if (handle_to_check_) {
     purpose_ = Purpose::check_handle;
@@ -63,10 +51,6 @@ std::optional<Bytes> BoardTraffic::next(bool is_holding) {
                           *std::exchange(handle_to_check_, std::nullopt));
   }
   if (handle_to_remove_) return remove_handle(*std::exchange(handle_to_remove_, std::nullopt));
-  if (urgent_.empty() && command_) {
-    purpose_ = Purpose::command;
-    return command_;
-  }
   if (next_queue().empty() || (urgent_.empty() && is_holding)) return std::nullopt;
   return next_message();
 }
@@ -105,10 +89,6 @@ void BoardTraffic::on_response(const CommandResponse& response) {
   switch (std::exchange(purpose_, Purpose::none)) {
     case Purpose::none:
     case Purpose::remove_handle: break;
-    case Purpose::command:
-      command_.reset();
-      actions_.push(CommandEnded{response, is_command_repeated_});
-      break;
     case Purpose::message: on_sent(response); break;
     case Purpose::add_handle: on_handle_added(response); break;
     case Purpose::check_handle: on_handle_checked(response); break;
@@ -141,7 +121,7 @@ void BoardTraffic::on_handle_checked(const CommandResponse& response) {
 
 void BoardTraffic::on_sent(const CommandResponse& response) {
   if (response.status == Status::success) {
-    ++counters_.sent;
+    ++sent_;
     return;
   }
   // The board does not know the handle or the key. It counts how often an address was added, and
@@ -155,7 +135,7 @@ void BoardTraffic::on_sent(const CommandResponse& response) {
 }
 
 void BoardTraffic::refuse(std::uint16_t destination, std::string why) {
-  ++counters_.send_refused;
+  ++refused_;
   actions_.push(SendRefused{destination, std::move(why)});
 }
 

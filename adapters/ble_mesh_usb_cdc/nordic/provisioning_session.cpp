@@ -129,11 +129,11 @@ std::optional<Bytes> ProvisioningSession::command() const {
   return commands_.front();
 }
 
-void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
+void ProvisioningSession::on_response(const CommandResponse& response, bool is_repeat) {
   if (state_ != State::running || commands_.empty()) return;
   commands_.pop_front();
-  if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::housekeeping_get)) {
-    ByteReader data(ended.data);
+  if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::housekeeping_get)) {
+    ByteReader data(response.data);
     const std::uint32_t dropped = data.read_u32_le();
     if (data.ok())
       end_.remark =
@@ -141,17 +141,18 @@ void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
     return fail(key_was_lost);
   }
   // The board obeyed the first copy, but its answer was lost.
-  const bool was_done = ended.is_repeat && ended.status == Status::invalid_state;
-  if (ended.status == Status::success || was_done) return;
-  if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::provision) &&
-      ended.status == Status::invalid_state) {
+  const bool was_done = is_repeat && response.status == Status::invalid_state;
+  if (response.status == Status::success || was_done) return;
+  if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::provision) &&
+      response.status == Status::invalid_state) {
     is_context_busy_ = true;
     return fail(
         "the serial board is still busy with earlier provisioning links, which end by themselves "
         "within a minute");
   }
   fail(fmt::format("the serial board answers \"{}\" (0x{:02x}) to command 0x{:02x}",
-                   to_string(ended.status), static_cast<unsigned>(ended.status), ended.opcode));
+                   to_string(response.status), static_cast<unsigned>(response.status),
+                   response.opcode));
 }
 
 void ProvisioningSession::on_event(const ProvisioningEvent& event, TimePoint now) {

@@ -10,7 +10,6 @@
 #include <span>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 namespace slamgw::ble {
@@ -42,9 +41,10 @@ class ProvisioningSession {
   ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair, std::uint8_t context,
                       SerialVersion version, TimePoint now);
 
-  /// Returns the command that the board should get now, the same one until on_command_ended().
+  /// Returns the command that the board should get now, the same one until on_response().
   std::optional<Bytes> command() const;
-  void on_command_ended(const CommandEnded& ended);
+  /// `is_repeat`: the first answer was lost, and the board may have obeyed then.
+  void on_response(const CommandResponse& response, bool is_repeat);
   void on_event(const ProvisioningEvent& event, TimePoint now);
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);

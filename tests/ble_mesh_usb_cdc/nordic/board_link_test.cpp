@@ -303,7 +303,7 @@ TEST(BoardLink, HoldsNothingBackForLong) {
   rig.start();
   rig.say(hex("02 c1 00"));
   rig.command("nr1/cmd", hex("01 00 02 00"));
-  rig.run_for(BoardLink::longest_hold - 1ms);
+  rig.run_for(BoardRadio::longest_hold - 1ms);
   EXPECT_TRUE(rig.sent_to(0x0100).empty());
   rig.run_for(10ms);
   EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);

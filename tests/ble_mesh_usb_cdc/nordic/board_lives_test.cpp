@@ -230,6 +230,22 @@ TEST(BoardLives, CanBeBegunWithoutHands) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
+TEST(BoardLives, ARestartThatIsLostOnTheLineIsRepeated) {
+  LivesRig rig;
+  rig.start();
+  bool is_lost = false;
+  rig.spoil = [&](Bytes& transfer) {
+    if (is_lost || transfer != hex("01 0e")) return;
+    transfer.clear();
+    is_lost = true;
+  };
+  EXPECT_TRUE(rig.mesh.begin_new_life(rig.now));
+  rig.run_for(10s);
+  EXPECT_TRUE(is_lost);
+  EXPECT_EQ(rig.board.count(0x0e), 1u);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
 TEST(BoardLives, UseTheFirstAddressAgainAfterTheLastAndSaySo) {
   LivesRig rig;
   rig.start();
@@ -311,6 +327,18 @@ TEST(BoardLives, GiveNoRobotTheirAddresses) {
 
 /// It restarts while its port stays open, and its event 81 does not arrive.
 void reset_unseen(LivesRig& rig) { rig.board.restart(); }
+
+/// A board that was built with storage keeps its address, so nothing shows that it has restarted.
+TEST(BoardThatRestartedUnseen, ScansAgain) {
+  LivesRig rig;
+  rig.board.forgets = false;
+  rig.start();
+  reset_unseen(rig);
+  rig.say(hex("00"));  // the rest of its event
+  rig.run_for(2s);
+  rig.add(1);
+  EXPECT_TRUE(rig.all_configured(30s));
+}
 
 TEST(BoardThatRestartedUnseen, IsStartedAnewWhenItRefusesASend) {
   LivesRig rig;
