@@ -25,42 +25,54 @@ constexpr std::uint16_t first_group = 0xc000;
 constexpr std::uint16_t last_group = 0xfeff;
 constexpr std::size_t max_groups = last_group - first_group + 1;
 
-bool parse_address(std::string_view digits, std::uint16_t& out) {
-  if (digits.starts_with("0x")) digits.remove_prefix(2);
-  const auto address = parse_number<std::uint16_t>(digits, hexadecimal);
-  out = address.value_or(out);
-  return address.has_value();
-}
+constexpr std::uint32_t format_version = 2;
+constexpr std::uint8_t max_ttl = 127;
+constexpr std::uint16_t max_interval_ms = 320;
 
-bool is_group_address(std::uint16_t address) {
-  return address >= first_group && address <= last_group;
-}
+// Readers of the JSON files of a mesh. A missing or invalid value yields nothing.
 
-// Readers of members in the JSON files of a mesh. A missing or invalid member yields nothing.
+/// Returns null if the member is missing, or if `json` is not an object.
+const Json& member(const Json& json, const char* name) {
+  static const Json missing;
+  const auto found = json.find(name);
+  return found == json.end() ? missing : *found;
+}
 
 std::optional<std::string> read_text(const Json& json, const char* name) {
-  if (!json.is_object()) return std::nullopt;
-  const auto member = json.find(name);
-  if (member == json.end() || !member->is_string()) return std::nullopt;
-  return member->get<std::string>();
+  const Json& value = member(json, name);
+  return value.is_string() ? std::optional(value.get<std::string>()) : std::nullopt;
+}
+
+/// Reads a name of a robot or a gateway; empty if it is missing or invalid.
+std::string read_name(const Json& json, const char* name) {
+  const auto text = read_text(json, name);
+  return text && is_valid_level(*text) ? *text : std::string();
 }
 
 /// Reads a whole number from 0 to `max`.
-std::optional<std::uint32_t> read_count(const Json& json, const char* name, std::uint32_t max) {
-  if (!json.is_object()) return std::nullopt;
-  const auto member = json.find(name);
-  if (member == json.end() || !member->is_number_unsigned()) return std::nullopt;
-  const auto value = member->get<std::uint64_t>();
-  if (value > max) return std::nullopt;
-  return static_cast<std::uint32_t>(value);
+template <class Number>
+std::optional<Number> read_count(const Json& json, const char* name, Number max) {
+  const Json& value = member(json, name);
+  if (!value.is_number_unsigned() || value.get<std::uint64_t>() > max) return std::nullopt;
+  return value.get<Number>();
 }
 
-/// Returns an empty array if the member is missing, and null if it is not an array.
-const Json* read_array(const Json& json, const char* name) {
-  static const Json empty = Json::array();
-  const auto member = json.find(name);
-  if (member == json.end()) return &empty;
-  return member->is_array() ? &*member : nullptr;
+/// Reads the text of one of these values.
+template <class Value>
+std::optional<Value> read_one_of(const Json& json, const char* name,
+                                 std::initializer_list<Value> values) {
+  const auto text = read_text(json, name);
+  for (const Value value : values)
+    if (text == to_string(value)) return value;
+  return std::nullopt;
+}
+
+/// Calls `read` for each entry of a list, which may be missing. Returns false if the member is not
+/// a list of at most `max` entries, or if `read` does.
+bool read_list(const Json& json, const char* name, std::size_t max, const auto& read) {
+  const auto list = json.find(name);
+  if (list == json.end()) return true;
+  return list->is_array() && list->size() <= max && std::ranges::all_of(*list, read);
 }
 
 /// Reads 32 hex digits, any case; UUIDs also with hyphens.
@@ -69,43 +81,48 @@ std::optional<std::array<std::uint8_t, 16>> read_octets(const Json& json, const 
   return digits ? parse_uuid(*digits) : std::nullopt;
 }
 
-/// Reads a number, or text of up to 4 hex digits with or without 0x; 0x0001-0x7fff.
+/// Reads up to 4 hex digits with or without 0x.
+std::optional<std::uint16_t> address_of(const Json& text) {
+  if (!text.is_string()) return std::nullopt;
+  const auto written = text.get<std::string>();
+  std::string_view digits = written;
+  if (digits.starts_with("0x")) digits.remove_prefix(2);
+  return parse_number<std::uint16_t>(digits, hexadecimal);
+}
+
+/// Reads a group address, 0xc000-0xfeff.
+std::optional<std::uint16_t> group_of(const Json& text) {
+  const auto address = address_of(text);
+  return address >= first_group && address <= last_group ? address : std::nullopt;
+}
+
+/// Reads a number, or text as address_of() does; 0x0001-0x7fff.
+std::optional<std::uint16_t> unicast_of(const Json& value) {
+  auto address = address_of(value);
+  if (value.is_number_unsigned() && value.get<std::uint64_t>() <= last_unicast_address)
+    address = value.get<std::uint16_t>();
+  return address > 0 && address <= last_unicast_address ? address : std::nullopt;
+}
+
 std::optional<std::uint16_t> read_unicast(const Json& json, const char* name) {
-  std::uint16_t address = 0;
-  if (const auto text = read_text(json, name)) {
-    if (!parse_address(*text, address)) return std::nullopt;
-  } else if (const auto number = read_count(json, name, last_unicast_address)) {
-    address = static_cast<std::uint16_t>(*number);
-  }
-  if (address == 0 || address > last_unicast_address) return std::nullopt;
-  return address;
+  return unicast_of(member(json, name));
 }
 
-/// Reads a unicast address as read_unicast() does, or the text of a group address.
+/// Reads a unicast address, or a group address.
 std::optional<std::uint16_t> read_destination(const Json& json, const char* name) {
-  if (const auto unicast = read_unicast(json, name)) return unicast;
-  std::uint16_t group = 0;
-  const auto text = read_text(json, name);
-  if (!text || !parse_address(*text, group) || !is_group_address(group)) return std::nullopt;
-  return group;
+  const auto unicast = read_unicast(json, name);
+  return unicast ? unicast : group_of(member(json, name));
 }
 
-/// Reads a list of texts with group addresses, each 0xc000-0xfeff.
 std::optional<std::vector<std::uint16_t>> read_groups(const Json& json, const char* name) {
-  const auto* list = read_array(json, name);
-  if (list == nullptr || list->size() > max_groups) return std::nullopt;
   std::vector<std::uint16_t> groups;
-  for (const auto& text : *list) {
-    std::uint16_t& group = groups.emplace_back();
-    if (!text.is_string() || !parse_address(text.get<std::string>(), group)) return std::nullopt;
-    if (!is_group_address(group)) return std::nullopt;
-  }
-  return groups;
+  const bool is_read = read_list(json, name, max_groups, [&](const Json& text) {
+    const auto group = group_of(text);
+    if (group) groups.push_back(*group);
+    return group.has_value();
+  });
+  return is_read ? std::optional(std::move(groups)) : std::nullopt;
 }
-
-constexpr std::uint32_t format_version = 2;
-constexpr std::uint32_t max_ttl = 127;
-constexpr std::uint32_t max_interval_ms = 320;
 
 OrderedJson wishes_json(const NodeWishes& wishes) {
   OrderedJson json = OrderedJson::object();
@@ -160,23 +177,20 @@ bool read_life(const Json& json, RadioLife& life) {
   const auto found = json.find("life");
   if (found == json.end()) return true;
   const auto number = read_count(*found, "number", UINT32_MAX);
-  const auto kind = read_text(*found, "kind");
-  if (!number || !kind) return false;
+  if (!number || !read_text(*found, "kind")) return false;
   life.number = *number;
   life.source = read_unicast(*found, "source").value_or(0);
   life.radio = read_text(*found, "board").value_or("");
-  for (const RadioKind each : {RadioKind::forgets, RadioKind::keeps})
-    if (*kind == to_string(each)) life.kind = each;
+  life.kind = read_one_of(*found, "kind", {RadioKind::forgets, RadioKind::keeps})
+                  .value_or(RadioKind::unknown);
   return true;
 }
 
 /// Returns `none` if the step is missing or unknown.
 RefreshStep read_step(const Json& json, const char* name) {
-  const auto text = read_text(json, name);
-  for (const RefreshStep step :
-       {RefreshStep::distributing, RefreshStep::switching, RefreshStep::finishing})
-    if (text == to_string(step)) return step;
-  return RefreshStep::none;
+  return read_one_of(json, name,
+                     {RefreshStep::distributing, RefreshStep::switching, RefreshStep::finishing})
+      .value_or(RefreshStep::none);
 }
 
 /// Returns false if the member is damaged.
@@ -191,27 +205,17 @@ bool read_refresh(const Json& json, NodeDatabase& database) {
   return true;
 }
 
-std::optional<NodeState> read_state(const Json& json) {
-  const auto text = read_text(json, "state");
-  for (const NodeState state : {NodeState::reserved, NodeState::provisioned, NodeState::configured})
-    if (text == to_string(state)) return state;
-  return std::nullopt;
-}
-
 /// Returns false if the settings are damaged. Without them the node is left as it is.
 bool read_applied(const Json& json, Node& node) {
-  if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
+  node.ttl = read_count(json, "ttl", max_ttl);
   if (!json.contains("gateway") || !json.contains("groups")) return true;
   const auto destination = read_destination(json, "gateway");
   auto groups = read_groups(json, "groups");
   if (!destination || !groups) return false;
   node.applied =
-      AppliedSettings{*destination, std::move(*groups), json.value("changing", Json()) == true};
-  if (!json.contains("relay_group")) return true;
-  const auto relay_group = read_destination(json, "relay_group");
-  if (!relay_group || !is_group_address(*relay_group)) return false;
-  node.applied->relay_group = relay_group;
-  return true;
+      AppliedSettings{*destination, std::move(*groups), member(json, "changing") == true};
+  node.applied->relay_group = group_of(member(json, "relay_group"));
+  return node.applied->relay_group || !json.contains("relay_group");
 }
 
 /// Returns false if the member is damaged.
@@ -219,22 +223,20 @@ bool read_wishes(const Json& node, NodeWishes& wishes) {
   const auto found = node.find("wanted");
   if (found == node.end()) return true;
   if (!found->is_object()) return false;
-  if (const auto ttl = read_count(*found, "ttl", max_ttl))
-    wishes.ttl = static_cast<std::uint8_t>(*ttl);
-  if (const auto relay = found->find("relay"); relay != found->end() && relay->is_boolean())
-    wishes.relay = relay->get<bool>();
+  wishes.ttl = read_count(*found, "ttl", max_ttl);
+  if (const Json& relay = member(*found, "relay"); relay.is_boolean())
+    wishes.relay = relay.get<bool>();
   const auto groups = read_groups(*found, "groups");
   if (!groups || groups->size() > NodeWishes::max_groups) return false;
   wishes.groups = *groups;
-  const Json publications = found->value("publications", Json::object());
+  const Json& publications = member(*found, "publications");
   for (const ModelId& model : publishers)
     if (const auto address = read_destination(publications, to_string(model).c_str()))
       wishes.publications[to_string(model)] = *address;
   const auto sends = read_count(*found, "transmit", max_ttl);
   const auto interval_ms = read_count(*found, "transmit_interval_ms", max_interval_ms);
   if (sends && interval_ms && Transmissions::is_valid(*sends, *interval_ms))
-    wishes.transmit =
-        Transmissions{static_cast<std::uint8_t>(*sends), static_cast<std::uint16_t>(*interval_ms)};
+    wishes.transmit = Transmissions{*sends, *interval_ms};
   return true;
 }
 
@@ -242,22 +244,18 @@ std::optional<Node> read_node(const Json& json) {
   const auto uuid = read_octets(json, "uuid");
   const auto address = read_unicast(json, "address");
   const auto elements = read_count(json, "elements", max_elements);
-  const auto state = read_state(json);
+  const auto state = read_one_of(
+      json, "state", {NodeState::reserved, NodeState::provisioned, NodeState::configured});
   const auto new_address = read_unicast(json, "new_address");
   if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
   if (json.contains("new_address") && !new_address) return std::nullopt;
-  Node node{.uuid = *uuid,
-            .address = *address,
-            .elements = static_cast<std::uint8_t>(*elements),
-            .state = *state};
+  Node node{.uuid = *uuid, .address = *address, .elements = *elements, .state = *state};
   node.new_address = new_address.value_or(0);
-  if (new_address) {  // an older file has one count for both addresses
-    const auto count = read_count(json, "new_elements", max_elements).value_or(*elements);
-    node.new_elements = static_cast<std::uint8_t>(std::max(count, 1U));
-  }
+  if (new_address)  // an older file has one count for both addresses
+    node.new_elements = std::max<std::uint8_t>(
+        read_count(json, "new_elements", max_elements).value_or(*elements), 1);
   node.refreshed = read_step(json, "refreshed");
-  node.name = read_text(json, "name").value_or("");
-  if (!is_valid_level(node.name)) node.name.clear();  // the node gets its default name
+  node.name = read_name(json, "name");
   node.device_key = read_octets(json, "device_key");
   const bool has_radio_key = json.contains("device_key") && json["device_key"].is_null();
   if (!node.device_key && !has_radio_key && node.state != NodeState::reserved) return std::nullopt;
@@ -266,31 +264,27 @@ std::optional<Node> read_node(const Json& json) {
 }
 
 bool read_nodes(const Json& json, NodeDatabase& database) {
-  const auto* nodes = read_array(json, "nodes");
-  if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes) return false;
-  for (const auto& member : *nodes) {
-    const auto node = read_node(member);
+  return read_list(json, "nodes", NodeDatabase::max_nodes, [&](const Json& each) {
+    const auto node = read_node(each);
     if (!node || database.find(node->uuid) ||
         !is_address_free(database, node->address, node->elements, {}, node->uuid) ||
         !is_address_free(database, node->joining_address(), node->joining_elements(), {},
                          node->uuid))
       return false;
     database.nodes.push_back(*node);
-  }
-  return true;
+    return true;
+  });
 }
 
 bool read_removed(const Json& json, NodeDatabase& database) {
-  const auto* removed = read_array(json, "removed");
-  if (removed == nullptr || removed->size() > NodeDatabase::max_removed) return false;
-  for (const auto& member : *removed) {
-    const auto uuid = read_octets(member, "uuid");
-    const auto address = read_unicast(member, "address");
-    const auto elements = read_count(member, "elements", max_elements);
+  return read_list(json, "removed", NodeDatabase::max_removed, [&](const Json& each) {
+    const auto uuid = read_octets(each, "uuid");
+    const auto address = read_unicast(each, "address");
+    const auto elements = read_count(each, "elements", max_elements);
     if (!uuid || !address || !elements) return false;
-    database.removed.push_back({*uuid, *address, static_cast<std::uint8_t>(*elements)});
-  }
-  return true;
+    database.removed.push_back({*uuid, *address, *elements});
+    return true;
+  });
 }
 
 /// Returns false if the member is damaged.
@@ -298,20 +292,15 @@ bool read_gateways(const Json& json, NodeDatabase& database) {
   if (json.contains("guest")) {
     database.guest_address = read_unicast(json, "guest");
     if (!database.guest_address) return false;
-    const auto addresses = read_count(json, "guest_addresses", max_sources);
-    database.guest_addresses = static_cast<std::uint16_t>(std::max(addresses.value_or(1), 1U));
-    database.host = read_text(json, "host").value_or("");
-    if (!is_valid_level(database.host)) database.host.clear();
+    database.guest_addresses =
+        std::max<std::uint16_t>(read_count(json, "guest_addresses", max_sources).value_or(1), 1);
+    database.host = read_name(json, "host");
   }
-  if (!json.contains("gateways")) return true;
-  const auto* gateways = read_array(json, "gateways");
-  if (gateways == nullptr || gateways->size() > first_robot_address) return false;
-  for (const auto& member : *gateways) {
-    const auto address = read_unicast(Json{{"address", member}}, "address");
-    if (!address) return false;
-    database.gateways.push_back(*address);
-  }
-  return true;
+  return read_list(json, "gateways", first_robot_address, [&](const Json& each) {
+    const auto address = unicast_of(each);
+    if (address) database.gateways.push_back(*address);
+    return address.has_value();
+  });
 }
 
 }  // namespace
@@ -376,18 +365,13 @@ namespace {
 
 /// Returns the key with index 0 in a list of `{"index", "key"}`.
 std::optional<Key> read_key_0(const Json& json, const char* list) {
-  const auto* keys = read_array(json, list);
-  if (keys == nullptr) return std::nullopt;
-  for (const auto& key : *keys)
-    if (read_count(key, "index", 0)) return read_octets(key, "key");
+  for (const Json& key : member(json, list))
+    if (read_count(key, "index", 0U)) return read_octets(key, "key");
   return std::nullopt;
 }
 
 bool is_configured(const Json& node) {
-  const auto complete = node.find("configComplete");
-  if (complete != node.end() && complete->is_boolean() && complete->get<bool>()) return true;
-  const auto* app_keys = read_array(node, "appKeys");
-  return app_keys != nullptr && !app_keys->empty();
+  return member(node, "configComplete") == true || !member(node, "appKeys").empty();
 }
 
 std::optional<Node> read_imported_node(const Json& json) {
@@ -395,14 +379,12 @@ std::optional<Node> read_imported_node(const Json& json) {
   const auto device_key = read_octets(json, "deviceKey");
   const auto address = read_unicast(json, "unicastAddress");
   if (!uuid || !device_key || !address) return std::nullopt;
-  const auto* elements = read_array(json, "elements");
-  const std::size_t count = elements == nullptr ? 1 : std::max<std::size_t>(elements->size(), 1);
+  const std::size_t count = std::max<std::size_t>(member(json, "elements").size(), 1);
   if (count > max_elements) return std::nullopt;
   Node node{.uuid = *uuid, .address = *address, .elements = static_cast<std::uint8_t>(count)};
   node.device_key = device_key;
   node.state = is_configured(json) ? NodeState::configured : NodeState::provisioned;
-  const auto name = read_text(json, "name");
-  if (name && is_valid_level(*name)) node.name = *name;
+  node.name = read_name(json, "name");
   return node;
 }
 
@@ -415,20 +397,22 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
   database.keys = {*net_key, *app_key};
   database.life.number = 1;  // the tool's own radio
   database.iv_index = read_count(json, "ivIndex", UINT32_MAX).value_or(0);
-  const auto* nodes = read_array(json, "nodes");
-  if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes)
-    return Refusal{
-        fmt::format("`nodes` must be a list with at most {} entries", NodeDatabase::max_nodes)};
-  for (std::size_t i = 0; i < nodes->size(); ++i) {
-    auto node = (*nodes)[i].is_object() ? read_imported_node((*nodes)[i]) : std::nullopt;
-    if (!node)
-      return Refusal{fmt::format("nodes[{}] lacks a UUID, a deviceKey or a unicastAddress", i)};
+  const auto read = [&](const Json& each) {
+    auto node = read_imported_node(each);
+    if (!node) return false;
     // The robots' names must differ, unlike those in the tool.
     if (std::ranges::find(database.nodes, node->name, &Node::name) != database.nodes.end())
       node->name.clear();
     database.nodes.push_back(std::move(*node));
-  }
-  return database;
+    return true;
+  };
+  if (read_list(json, "nodes", NodeDatabase::max_nodes, read)) return database;
+  const Json& nodes = member(json, "nodes");
+  if (nodes.is_array() && nodes.size() <= NodeDatabase::max_nodes)
+    return Refusal{fmt::format("nodes[{}] lacks a UUID, a deviceKey or a unicastAddress",
+                               database.nodes.size())};
+  return Refusal{
+      fmt::format("`nodes` must be a list with at most {} entries", NodeDatabase::max_nodes)};
 }
 
 }  // namespace

@@ -17,7 +17,7 @@
 
 namespace slamgw::ble {
 
-inline constexpr std::uint32_t max_elements = 255;  ///< of one node
+inline constexpr std::uint8_t max_elements = 255;  ///< of one node
 
 /// Maximum of addresses for the lives of forgetful radios: each life gets the next one, from the
 /// gateway's own up. A robot's replay list has 40 places, which other senders need too, and a robot
