@@ -222,10 +222,22 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
   return false;
 }
 
-void Admission::refuse(const Uuid& uuid, const std::string& why, TimePoint now) {
+/// Puts off the device's next attempt, and ends the order for it.
+void Admission::fail(const Uuid& uuid, const std::string& why, TimePoint now) {
+  permit_.on_failed(uuid, why);
   candidates_.on_failure(uuid, now);
-  notify(Severity::warning, fmt::format("the device {} did not join: {}", to_hex(uuid), why));
   if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(why);
+}
+
+void Admission::refuse(const Uuid& uuid, const std::string& why, TimePoint now) {
+  notify(Severity::warning, fmt::format("the device {} did not join: {}", to_hex(uuid), why));
+  fail(uuid, why, now);
+}
+
+void Admission::remove(Uuid uuid) {
+  candidates_.erase(uuid);
+  permit_.on_failed(uuid, "it was removed");
+  nodes_.remove(uuid);
 }
 
 /// The address is the device's from now on. The device joins as soon as this is on disk.
@@ -278,12 +290,7 @@ void Admission::advance(TimePoint now) {
 void Admission::begin_joining(TimePoint now) {
   const Uuid uuid = *std::exchange(chosen_, std::nullopt);
   const Node* node = nodes_.find(uuid);
-  if (node == nullptr) {
-    permit_.on_failed(uuid, "it can't join now");
-    candidates_.on_failure(uuid, now);
-    if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse("it can't join now");
-    return;
-  }
+  if (node == nullptr) return fail(uuid, "it can't join now", now);
   const NodeDatabase& database = *nodes_.database();
   joining_ = uuid;
   elements_ = 0;
@@ -372,8 +379,7 @@ void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
   if (!joining_) return;
   const Uuid uuid = *std::exchange(joining_, std::nullopt);
   if (ended.failure.empty()) return;
-  permit_.on_failed(uuid, ended.failure);
-  candidates_.on_failure(uuid, now);
+  fail(uuid, ended.failure, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
   const std::string what_next =
@@ -385,7 +391,6 @@ void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
   if (ended.may_have_joined) release(uuid);
   notify(Severity::warning, fmt::format("the device {} did not join: {}; {}{}", to_hex(uuid),
                                         ended.failure, what_next, ended.remark));
-  if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(ended.failure);
 }
 
 }  // namespace slamgw::ble

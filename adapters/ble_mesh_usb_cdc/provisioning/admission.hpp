@@ -143,6 +143,9 @@ class Admission : private ProvisionerPart {
   /// This device is joining now, or next.
   bool is_chosen(const Uuid& uuid) const { return is_joining(uuid) || chosen_ == uuid; }
 
+  /// Removes a node, or a device that may join, on an operator's order.
+  void remove(Uuid uuid);
+
   JoinPermit& permit() { return permit_; }
   const JoinPermit& permit() const { return permit_; }
   Candidates& candidates() { return candidates_; }
@@ -154,6 +157,7 @@ class Admission : private ProvisionerPart {
   bool reserve(const Candidate& candidate, const std::string& name, TimePoint now);
   void keep(const Uuid& uuid, std::uint16_t address, std::uint8_t elements,
             const std::string& name);
+  void fail(const Uuid& uuid, const std::string& why, TimePoint now);
   void refuse(const Uuid& uuid, const std::string& why, TimePoint now);
   bool make_room();
   void begin_joining(TimePoint now);

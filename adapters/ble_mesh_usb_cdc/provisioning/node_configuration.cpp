@@ -20,6 +20,8 @@ constexpr std::array servers{ModelId{nordic, 0x0005}, ModelId{nordic, 0x0007},
                              ModelId{nordic, 0x0009}, ModelId{nordic, 0x0000},
                              generic_on_off_server};
 
+/// Returns true for the models that get the application key: those of Nordic's company (among them
+/// the thesis's, 5.2.1), for on/off and for health.
 bool is_bound(const ModelId& model) {
   return model.company == nordic || model == health_server || model == generic_on_off_server ||
          model == generic_on_off_client;
@@ -45,14 +47,15 @@ ConfigurationStep appkey_step(const Key& app_key) {
 }
 
 /// Returns a request about one model. Its answer repeats element and model, whatever its status.
-ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std::uint16_t element,
-                             const ModelId& model) {
-  return {.what = fmt::format("{} of model {}", what, to_string(model)),
+ConfigurationStep model_step(std::string_view what, Bytes request, Opcode answer,
+                             const ModelElement& of) {
+  return {.what = fmt::format("{} of model {}", what, to_string(of.model)),
           .request = std::move(request),
           .answer = answer,
-          .echoed_head = octets_of(element),
-          .echoed_tail = encode_model_id(model),
-          .is_required = false};
+          .echoed_head = octets_of(of.element),
+          .echoed_tail = encode_model_id(of.model),
+          .is_required = false,
+          .about = of};
 }
 
 std::vector<std::uint16_t> groups_of(const ConfigurationSettings& settings, const ModelId& model) {
@@ -68,21 +71,19 @@ bool may_have_groups(const ConfigurationSettings& settings, const ModelId& model
 }
 
 /// Asks for the model's groups. A model without support for groups is right if none are wanted.
-ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t element,
-                            const ModelId& model) {
+ConfigurationStep list_step(const ConfigurationSettings& settings, const ModelElement& of) {
   auto step = model_step(
-      "the list of subscriptions", encode_model_subscription_get(element, model),
-      model.company ? vendor_model_subscription_list : sig_model_subscription_list, element, model);
-  step.echoed_head = octets_of(element, std::exchange(step.echoed_tail, {}));
-  if (groups_of(settings, model).empty()) step.also_done = not_a_subscribe_model;
-  step.lists_groups_of = ModelElement{element, model};
+      "the list of subscriptions", encode_model_subscription_get(of.element, of.model),
+      of.model.company ? vendor_model_subscription_list : sig_model_subscription_list, of);
+  step.echoed_head = octets_of(of.element, std::exchange(step.echoed_tail, {}));
+  if (groups_of(settings, of.model).empty()) step.also_done = not_a_subscribe_model;
   return step;
 }
 
 ConfigurationStep group_step(std::string_view what, Bytes request, const ModelElement& of,
                              std::uint16_t group) {
   auto step = model_step(fmt::format("{} 0x{:04x}", what, group), std::move(request),
-                         model_subscription_status, of.element, of.model);
+                         model_subscription_status, of);
   step.echoed_tail = octets_of(group, encode_model_id(of.model));
   return step;
 }
@@ -99,37 +100,36 @@ std::uint8_t publish_retransmit_count(const Composition& composition) {
   return is_nordics ? 0 : 1;
 }
 
-void add_publication(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
-                     std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
-  if (!is_one_of(publishers, model)) return;
-  const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
-  const auto wish = settings.wishes.publications.find(to_string(model));
+using Steps = std::vector<ConfigurationStep>;
+
+void add_publication(Steps& steps, const ConfigurationSettings& settings, const ModelElement& of) {
+  if (!is_one_of(publishers, of.model)) return;
+  const std::uint8_t period = of.model == health_server ? period_10_s : std::uint8_t{0};
+  const auto wish = settings.wishes.publications.find(to_string(of.model));
   const std::uint16_t destination =
       wish == settings.wishes.publications.end() ? settings.destination : wish->second;
-  const Publication publication{element, destination, settings.ttl,
-                                period,  model,       retransmit_count};
+  const Publication publication{of.element, destination, settings.ttl,
+                                period,     of.model,    settings.retransmit_count};
   steps.push_back(model_step("the publication", encode_model_publication_set(publication),
-                             model_publication_status, element, model));
+                             model_publication_status, of));
 }
 
-void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
-               std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
-  steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
-                             model_app_status, element, model));
-  add_publication(steps, settings, element, model, retransmit_count);
-  if (may_have_groups(settings, model)) steps.push_back(list_step(settings, element, model));
+/// Binds the application key to the model. A model that sends gets a publication to the gateway; a
+/// model that listens gets groups.
+void add_model(Steps& steps, const ConfigurationSettings& settings, const ModelElement& of) {
+  steps.push_back(model_step("the key binding", encode_model_app_bind(of.element, of.model),
+                             model_app_status, of));
+  add_publication(steps, settings, of);
+  if (may_have_groups(settings, of.model)) steps.push_back(list_step(settings, of));
 }
 
-/// Calls `add` for each model that has the application key, in the order of the elements.
-void add_each(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
-              std::uint16_t address, const Composition& composition, decltype(&add_model) add) {
-  std::uint16_t element = address;
-  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
-  for (const auto& models : composition.elements) {
-    for (const ModelId& model : models)
-      if (is_bound(model)) add(steps, settings, element, model, retransmit_count);
-    ++element;
-  }
+/// Asks for the model's publication and its groups.
+void add_questions(Steps& steps, const ConfigurationSettings& settings, const ModelElement& of) {
+  if (is_one_of(publishers, of.model))
+    steps.push_back(model_step("the publication",
+                               encode_model_publication_get(of.element, of.model),
+                               model_publication_status, of));
+  if (may_have_groups(settings, of.model)) steps.push_back(list_step(settings, of));
 }
 
 ConfigurationStep composition_step() {
@@ -157,7 +157,7 @@ ConfigurationStep state_step(std::string what, Bytes request, Opcode answer, Byt
 }
 
 /// Sets the values that an operator has chosen for this node alone.
-void add_wishes(std::vector<ConfigurationStep>& steps, const NodeWishes& wishes) {
+void add_wishes(Steps& steps, const NodeWishes& wishes) {
   if (wishes.ttl)
     steps.push_back(state_step("the default TTL", encode_default_ttl_set(*wishes.ttl),
                                default_ttl_status, Bytes{*wishes.ttl}));
@@ -220,43 +220,15 @@ std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose,
   return {composition_step()};
 }
 
-/// Asks for the model's publication and its groups.
-void add_questions(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
-                   std::uint16_t element, const ModelId& model, std::uint8_t /*retransmit_count*/) {
-  const auto ask = [&](ConfigurationStep step) {
-    step.lists_groups_of.reset();  // nothing is changed
-    step.about = ModelElement{element, model};
-    steps.push_back(std::move(step));
-  };
-  if (is_one_of(publishers, model))
-    ask(model_step("the publication", encode_model_publication_get(element, model),
-                   model_publication_status, element, model));
-  if (may_have_groups(settings, model)) ask(list_step(settings, element, model));
-}
-
-/// Returns the steps that configure a node, by its composition. The application key is bound to its
-/// models of Nordic's company (among them the thesis's, 5.2.1), for on/off and for health. Models
-/// that send get a publication to the gateway; models that listen get groups. `address` is the
-/// node's.
-std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
-                                                  std::uint16_t address,
-                                                  const Composition& composition) {
-  std::vector<ConfigurationStep> steps{appkey_step(settings.app_key)};
-  add_each(steps, settings, address, composition, add_model);
-  add_wishes(steps, settings.wishes);
-  return steps;
-}
-
 /// Returns the steps that leave a model with the groups of the settings, from its present groups.
 /// Groups are deleted one by one: Subscription Delete All or Overwrite can stop a robot that runs
 /// Nordic's code (all releases) on a failed assertion. That happens if the model has more
 /// subscriptions than the robot has subscription lists. Virtual addresses stay: a list has only
 /// their hashes, and they are deleted by their label.
-std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
-                                           const ModelElement& of,
-                                           const std::vector<std::uint16_t>& subscribed) {
+Steps plan_groups(const ConfigurationSettings& settings, const ModelElement& of,
+                  const std::vector<std::uint16_t>& subscribed) {
   const std::set<std::uint16_t> has(subscribed.begin(), subscribed.end());
-  std::vector<ConfigurationStep> steps;
+  Steps steps;
   const std::vector<std::uint16_t> wanted = groups_of(settings, of.model);
   for (const std::uint16_t group : has)  // first, to make room
     if (is_group(group) && !is_one_of(wanted, group))
@@ -297,11 +269,24 @@ Duration NodeConfiguration::time_limit() const {
   return is_short ? ping_time_limit : step_time_limit;
 }
 
-std::vector<ConfigurationStep> NodeConfiguration::plan(const Composition& composition) const {
-  if (purpose_ == Purpose::configure) return plan_configuration(settings_, address_, composition);
-  std::vector<ConfigurationStep> steps;  // publications alone, or questions
-  add_each(steps, settings_, address_, composition,
-           purpose_ == Purpose::move ? add_publication : add_questions);
+/// Returns the steps for the models that have the application key, in the order of the elements.
+std::vector<ConfigurationStep> NodeConfiguration::plan(const Composition& composition) {
+  settings_.retransmit_count = publish_retransmit_count(composition);
+  const bool is_whole = purpose_ == Purpose::configure;
+  const auto add = is_whole                    ? add_model
+                   : purpose_ == Purpose::move ? add_publication
+                                               : add_questions;
+  Steps steps;
+  if (is_whole) steps.push_back(appkey_step(settings_.app_key));
+  ModelElement of{address_, {}};
+  for (const auto& models : composition.elements) {
+    for (const ModelId& model : models) {
+      of.model = model;
+      if (is_bound(model)) add(steps, settings_, of);
+    }
+    ++of.element;
+  }
+  if (is_whole) add_wishes(steps, settings_.wishes);
   return steps;
 }
 
@@ -371,10 +356,11 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
       return finish(State::failed, "its composition data can't be read");
     for (auto& next : plan(*composition)) steps_.push_back(std::move(next));
   }
-  if (step.lists_groups_of && status == 0) {
-    auto groups =
-        plan_groups(settings_, *step.lists_groups_of,
-                    decode_subscription_list(message.params, step.lists_groups_of->model));
+  const bool lists_groups =
+      step.answer == sig_model_subscription_list || step.answer == vendor_model_subscription_list;
+  if (purpose_ == Purpose::configure && lists_groups && status == 0) {
+    auto groups = plan_groups(settings_, *step.about,
+                              decode_subscription_list(message.params, step.about->model));
     steps_.insert(steps_.begin(), std::move_iterator(groups.begin()),
                   std::move_iterator(groups.end()));
   }

@@ -36,15 +36,14 @@ struct ConfigurationStep {
   std::string what;  ///< for the operator
   Bytes request;     ///< access message
   Opcode answer = 0;
-  bool has_status = true;                            ///< the answer's first octet is a status
-  Bytes echoed_head = {};                            ///< the octets after the answer's status
-  Bytes echoed_tail = {};                            ///< the last octets of the answer
-  bool is_required = true;                           ///< without it, further steps make no sense
-  std::uint8_t also_done = 0;                        ///< a status that counts as success
-  std::optional<ModelElement> lists_groups_of = {};  ///< the answer lists this model's groups
-  std::optional<ModelElement> about = {};            ///< the model that an inquiry asks about
-  Bytes expected = {};        ///< if not empty: the answer of a node that has obeyed
-  bool is_sent_once = false;  ///< not repeated without an answer
+  bool has_status = true;                  ///< the answer's first octet is a status
+  Bytes echoed_head = {};                  ///< the octets after the answer's status
+  Bytes echoed_tail = {};                  ///< the last octets of the answer
+  bool is_required = true;                 ///< without it, further steps make no sense
+  std::uint8_t also_done = 0;              ///< a status that counts as success
+  std::optional<ModelElement> about = {};  ///< the model that it concerns
+  Bytes expected = {};                     ///< if not empty: the answer of a node that has obeyed
+  bool is_sent_once = false;               ///< not repeated without an answer
 
   /// Returns true also for an answer that refuses the request.
   bool is_answered_by(const AccessMessage& message) const;
@@ -58,6 +57,7 @@ struct ConfigurationSettings {
   std::optional<std::uint16_t> relay_group = {};  ///< of the updates that are relayed to robots
   NodeWishes wishes = {};
   bool had_relay_group = false;                   ///< the robot may hear a relay group
+  std::uint8_t retransmit_count = 0;              ///< of its publications, by its composition
   RefreshState refresh = {};                      ///< for `refresh`: the step, and the new keys
   std::vector<ConfigurationStep> questions = {};  ///< of a `survey`
 };
@@ -124,7 +124,7 @@ class NodeConfiguration {
     return purpose_ == Purpose::ping || purpose_ == Purpose::inquire || purpose_ == Purpose::survey;
   }
   Duration time_limit() const;
-  std::vector<ConfigurationStep> plan(const Composition& composition) const;
+  std::vector<ConfigurationStep> plan(const Composition& composition);
   void keep(const ConfigurationStep& step, const MessageReceived& from, ByteView params,
             TimePoint now);
   void on_answer(const AccessMessage& message, TimePoint now);

@@ -346,9 +346,7 @@ void NodeConversations::on_reset(const Node& node, bool is_done, const std::stri
   std::string json = nodes_.json(node);
   const bool was_reset = is_done && node.state != NodeState::reserved;
   json.insert(json.size() - 1, fmt::format(R"(,"was_reset":{})", was_reset));
-  admission_.candidates().erase(node.uuid);
-  admission_.permit().on_failed(node.uuid, "it was removed");
-  nodes_.remove(node.uuid);
+  admission_.remove(node.uuid);
   notify(Severity::notice, fmt::format("{} was removed from the mesh", id), id);
   if (is_ordered) order_.answer(json);
 }

@@ -126,20 +126,14 @@ void OperatorOrders::take(const ProvisionOrder& wanted, TimePoint now) {
   order_->robot = wanted.robot;
 }
 
-std::string OperatorOrders::problem_with_permit(const PermitJoinOrder& wanted) const {
+OrderAnswer OperatorOrders::permit_join(const PermitJoinOrder& wanted, TimePoint now) {
   const bool is_closing = wanted.time.count() <= 0;
   std::string problem = problem_with_mesh();
-  if (!problem.empty() || is_closing) return problem;
-  if (!wanted.robot.empty()) problem = problem_with_name(wanted.robot, std::nullopt);
-  if (problem.empty() && !link_.is_up) problem = link_is_down();
-  return problem;
-}
-
-OrderAnswer OperatorOrders::permit_join(const PermitJoinOrder& wanted, TimePoint now) {
-  if (std::string problem = problem_with_permit(wanted); !problem.empty())
-    return {{}, std::move(problem)};
+  if (problem.empty() && !is_closing && !wanted.robot.empty())
+    problem = problem_with_name(wanted.robot, std::nullopt);
+  if (problem.empty() && !is_closing && !link_.is_up) problem = link_is_down();
+  if (!problem.empty()) return {{}, std::move(problem)};
   JoinPermit& permit = admission_.permit();
-  const bool is_closing = wanted.time.count() <= 0;
   const bool was_open = permit.is_open();
   is_closing ? permit.close() : permit.open(wanted.time, wanted.robot, now);
   if (permit.is_open() || was_open)
@@ -405,9 +399,7 @@ void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
     const std::uint16_t address = nodes_.find(uuid)->address;
     const std::string id = nodes_.id_of(address);
     conversations_.drop(address);
-    admission_.candidates().erase(uuid);
-    admission_.permit().on_failed(uuid, "it was removed");
-    nodes_.remove(uuid);
+    admission_.remove(uuid);
     notify(Severity::notice,
            id + " keeps the mesh's old keys and is removed from this mesh" +
                (refresh_.is_on() ? "; it may have heard the new keys: if strangers may have it, "

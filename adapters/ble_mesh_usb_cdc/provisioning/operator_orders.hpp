@@ -66,7 +66,6 @@ class OperatorOrders : private ProvisionerPart {
   void on_refresh_stored(const std::string& problem);
   const Node* find_robot(const std::string& robot) const;
   OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
-  std::string problem_with_permit(const PermitJoinOrder& wanted) const;
   std::string problem_with_mesh() const;
   const Node* node_called(const std::string& robot);
   const Node* node_to_ask(OpenOrder::Kind kind, const std::string& robot, Duration limit,
