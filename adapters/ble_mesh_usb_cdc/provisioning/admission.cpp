@@ -152,7 +152,7 @@ void Admission::on_link_down(const LinkIsDown& down, TimePoint now) {
 
 bool Admission::wants_scan() const {
   if (!is_idle()) return false;
-  if (order_.is(OpenOrder::Kind::scan) || order_.is(OpenOrder::Kind::provision)) return true;
+  if (order_ && order_->kind <= OpenOrder::Kind::remove) return true;
   return is_open() && nodes_.database() != nullptr && !nodes_.is_guest();
 }
 

@@ -380,6 +380,10 @@ void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
   send_at_ = now + refused_pause;
 }
 
+void NodeConfiguration::on_beacon() {
+  if (stage_ == Stage::talking && purpose_ == Purpose::reset) finish(State::succeeded, {});
+}
+
 std::optional<TimePoint> NodeConfiguration::deadline() const {
   if (stage_ != Stage::talking) return std::nullopt;
   return std::min(send_at_, step_since_ + time_limit());

@@ -102,6 +102,9 @@ class NodeConfiguration {
   /// Returns true if the message came under this node's device key, as answers do.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(const std::string& why, TimePoint now);
+  /// The node sends beacons of a device without a mesh. So a reset has succeeded, even if its
+  /// answer was lost: the node can't answer any more.
+  void on_beacon();
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 

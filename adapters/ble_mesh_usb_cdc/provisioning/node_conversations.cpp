@@ -31,6 +31,12 @@ void NodeConversations::on_key_used(const DeviceKeyUsed& used, TimePoint now) {
   if (found != conversations_.end()) found->second.on_key_used(used.problem, now);
 }
 
+void NodeConversations::on_beacon(const Uuid& uuid) {
+  const Node* node = nodes_.find(uuid);
+  const auto found = node ? conversations_.find(node->address) : conversations_.end();
+  if (found != conversations_.end()) found->second.on_beacon();
+}
+
 // --- The next node -------------------------------------------------------------------------------
 
 bool NodeConversations::needs_configuration(const Node& node) const {

@@ -15,7 +15,7 @@ namespace slamgw::ble {
 /// the order; the part that fulfils it answers.
 class OpenOrder {
  public:
-  enum class Kind : std::uint8_t {  // the kinds up to `config` need the radio
+  enum class Kind : std::uint8_t {  // up to `config` they need the radio, up to `remove` beacons
     scan,
     provision,
     remove,

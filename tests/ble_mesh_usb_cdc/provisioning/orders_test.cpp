@@ -395,6 +395,26 @@ TEST(Orders, RemoveResetsTheRobotAndDoesNotTakeItBack) {
   EXPECT_EQ(rig.answer()["address"], "0x0101") << rig.answer();
 }
 
+/// The robot is reset when it has answered, so it can't answer again.
+TEST(Orders, RemoveSucceedsThoughTheRobotsAnswerIsLost) {
+  for (const bool is_open : {true, false}) {
+    JoinedRig joined;
+    ProvisioningRig rig(is_open ? Settings{} : by_hand(), joined.on_disk());
+    rig.board = joined.board;
+    rig.start();
+    rig.spoil = [](Bytes& transfer) {
+      constexpr std::size_t message_frame = 23;
+      if (to_hex(transfer).ends_with("804a")) transfer.resize(transfer.size() - message_frame);
+    };
+    rig.order(RemoveOrder{"ble-0100"});
+    rig.pass(10s);
+    EXPECT_EQ(rig.answer()["robot"], "ble-0100") << rig.answer();
+    EXPECT_TRUE(rig.on_disk().nodes.empty());
+    rig.pass(30s);
+    EXPECT_EQ(rig.board.devices.devices[0].address, 0) << "it does not join again by itself";
+  }
+}
+
 /// What is removed may have been stolen: it knows the keys that the others go on with.
 TEST(Orders, RemoveChangesNoKey) {
   JoinedRig rig;
