@@ -329,11 +329,10 @@ void CobsMesh::on_lien_frame(const LienFrame& frame, TimePoint now) {
     return;
   }
   const LienConnection::ArqOutcome outcome = peer.connection.on_arq(frame.data);
-  if (outcome.is_new_connection) open_receipts_.erase(std::exchange(peer.open_receipt, 0));
+  if (outcome.is_new_connection) peer.open_receipt = 0;
   if (outcome.reply) reply(frame.source, *outcome.reply);
   if (!outcome.message) return;
   peer.open_receipt = ++last_receipt_;
-  open_receipts_.emplace(peer.open_receipt, frame.source);
   on_lien_message(peer, *outcome.message, peer.open_receipt);
 }
 
@@ -349,11 +348,10 @@ void CobsMesh::on_lien_message(Peer& peer, ByteView message, std::uint64_t recei
 }
 
 void CobsMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
-  const auto open = open_receipts_.find(receipt_id);
-  if (open == open_receipts_.end()) return;
-  const std::uint8_t address = open->second;
-  open_receipts_.erase(open);
-  Peer& peer = peers_.at(address);
+  const auto open = std::ranges::find_if(
+      peers_, [&](const auto& entry) { return entry.second.open_receipt == receipt_id; });
+  if (receipt_id == 0 || open == peers_.end()) return;
+  auto& [address, peer] = *open;
   peer.open_receipt = 0;
   switch (outcome) {
     case ReceiptOutcome::safe: reply(address, peer.connection.on_safe()); break;

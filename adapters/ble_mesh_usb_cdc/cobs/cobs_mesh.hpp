@@ -192,7 +192,6 @@ class CobsMesh {
   bool is_up_ = false;
   std::string down_reason_;
   std::map<std::uint8_t, Peer> peers_;
-  std::map<std::uint64_t, std::uint8_t> open_receipts_;  ///< at most one for each peer
   std::uint64_t last_receipt_ = 0;
   std::uint64_t reports_ = 0;
   std::uint64_t rejected_ = 0;

@@ -13,7 +13,6 @@ void BoardTraffic::on_started(const StartedBoard& board) {
   board_ = board;
   purpose_ = Purpose::none;
   handle_to_check_.reset();
-  handle_to_remove_.reset();
 }
 
 void BoardTraffic::on_link_down() {
@@ -50,7 +49,6 @@ std::optional<Bytes> BoardTraffic::next(bool is_holding) {
     return encode_command(CommandOpcode::address_get,
                           *std::exchange(handle_to_check_, std::nullopt));
   }
-  if (handle_to_remove_) return remove_handle(*std::exchange(handle_to_remove_, std::nullopt));
   if (next_queue().empty() || (urgent_.empty() && is_holding)) return std::nullopt;
   return next_message();
 }
@@ -60,9 +58,11 @@ Bytes BoardTraffic::next_message() {
   destination_ = queue.front().destination;
   const auto handle = board_.addresses.publication_handle(destination_);
   if (!handle) {
-    if (board_.addresses.is_full()) {
-      if (const auto oldest = board_.addresses.take_least_recent())
-        return remove_handle(oldest->handle);
+    const auto oldest =
+        board_.addresses.is_full() ? board_.addresses.take_least_recent() : std::nullopt;
+    if (oldest) {
+      purpose_ = Purpose::remove_handle;
+      return encode_command(CommandOpcode::publication_remove, oldest->handle);
     }
     purpose_ = Purpose::add_handle;
     return encode_command(CommandOpcode::publication_add, destination_);
@@ -76,11 +76,6 @@ Bytes BoardTraffic::next_message() {
                              .ttl = ttl_,
                              .payload = message.payload},
                             board_.version);
-}
-
-Bytes BoardTraffic::remove_handle(std::uint16_t handle) {
-  purpose_ = Purpose::remove_handle;
-  return encode_command(CommandOpcode::publication_remove, handle);
 }
 
 // --- Answers of the board ------------------------------------------------------------------------
@@ -100,12 +95,7 @@ void BoardTraffic::on_handle_added(const CommandResponse& response) {
   const std::uint16_t handle = data.read_u16_le();
   if (response.status == Status::success && data.ok())
     return board_.addresses.add_publication({destination_, handle});
-  if (response.status == Status::rejected) {  // the board's table is fuller than we know
-    if (const auto oldest = board_.addresses.take_least_recent()) {
-      handle_to_remove_ = oldest->handle;
-      return;
-    }
-  }
+  if (response.status == Status::rejected && board_.addresses.on_full()) return;
   refuse(destination_, fmt::format("the board gives no handle for 0x{:04x} ({})", destination_,
                                    to_string(response.status)));
   erase_messages([&](const Outgoing& message) { return message.destination == destination_; });

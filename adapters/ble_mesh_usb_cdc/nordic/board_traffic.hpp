@@ -53,7 +53,6 @@ class BoardTraffic {
 
   std::deque<Outgoing>& next_queue() { return urgent_.empty() ? normal_ : urgent_; }
   Bytes next_message();
-  Bytes remove_handle(std::uint16_t handle);
   void on_handle_added(const CommandResponse& response);
   void on_handle_checked(const CommandResponse& response);
   void on_sent(const CommandResponse& response);
@@ -70,7 +69,6 @@ class BoardTraffic {
   Purpose purpose_ = Purpose::none;
   std::uint16_t destination_ = 0;                 ///< of the message that the last command was for
   std::optional<std::uint16_t> handle_to_check_;  ///< of `destination_`
-  std::optional<std::uint16_t> handle_to_remove_;
 };
 
 }  // namespace slamgw::ble

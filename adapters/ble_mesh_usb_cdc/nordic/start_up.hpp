@@ -51,7 +51,13 @@ class AddressBook {
   void forget_publication(std::uint16_t address) {
     publications_.remove_if([&](const Publication& p) { return p.address == address; });
   }
-  bool is_full() const { return subscriptions_.size() + publications_.size() >= max_addresses; }
+  bool is_full() const { return size() >= capacity_; }
+  /// Call when the board has no room for another address: its table is smaller, or fuller, than
+  /// known. Returns false if no publication can make room.
+  bool on_full() {
+    capacity_ = size();
+    return !publications_.empty();
+  }
   /// Removes and returns the publication that was unused for longest.
   std::optional<Publication> take_least_recent() {
     if (publications_.empty()) return std::nullopt;
@@ -61,6 +67,9 @@ class AddressBook {
   }
 
  private:
+  std::size_t size() const { return subscriptions_.size() + publications_.size(); }
+
+  std::size_t capacity_ = max_addresses;
   std::set<std::uint16_t> subscriptions_;
   std::list<Publication> publications_;  ///< most recently used first
 };
