@@ -10,12 +10,6 @@
 
 namespace slamgw::ble {
 
-void LineHealth::on_port_open() {
-  losses_ = 0;
-  has_lost_step_ = false;
-  timeouts_ = 0;
-}
-
 void LineHealth::on_lost_step(TimePoint now) {
   has_lost_step_ = true;
   count(now);
@@ -124,7 +118,7 @@ BoardLink::BoardLink(BoardSettings settings, std::optional<RadioKeys> keys, std:
     : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
 
 void BoardLink::on_port_open(TimePoint now) {
-  health_.on_port_open();
+  health_ = {};
   begin_resync(now);
 }
 
@@ -230,15 +224,13 @@ void BoardLink::on_keys_needed(TimePoint now) {
     start_up_->on_keys(keys_->keys);
     return continue_start_up(now);
   }
-  stage_ = Stage::awaiting_keys;
   if (!std::exchange(are_keys_requested_, true)) actions_.push(GenerateKeys{});
 }
 
 void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
   keys_ = RadioKeys{keys};
   are_keys_requested_ = false;
-  if (stage_ != Stage::awaiting_keys) return;  // the next start-up uses the keys
-  stage_ = Stage::starting;
+  if (!awaits(StartUp::State::needs_keys)) return;  // the next start-up uses the keys
   start_up_->on_keys(keys);
   continue_start_up(now);
 }
@@ -251,25 +243,23 @@ void BoardLink::on_source_needed(TimePoint now) {
     not_suspected_until_ = now + confirmed_interval;
     go_down("the serial board restarted without a start event");
   }
-  stage_ = Stage::awaiting_source;
   actions_.push(SourceWanted{start_up_->board().uuid, addresses, was_cleared_});
 }
 
 void BoardLink::on_source(std::uint16_t source, std::uint16_t count, TimePoint now) {
-  if (stage_ != Stage::awaiting_source) return;
-  stage_ = Stage::starting;
+  if (!awaits(StartUp::State::needs_source)) return;
   start_up_->on_source(source, count);
   continue_start_up(now);
 }
 
 void BoardLink::on_source_delayed(const std::string& why) {
-  if (stage_ == Stage::awaiting_source)
+  if (awaits(StartUp::State::needs_source))
     go_down("the board waits for its next address until that is on disk: " + why);
 }
 
 void BoardLink::on_keys_failed(const std::string& why, TimePoint now) {
   are_keys_requested_ = false;
-  if (stage_ == Stage::awaiting_keys) refuse(why, now);
+  if (awaits(StartUp::State::needs_keys)) refuse(why, now);
 }
 
 // --- Events of the board -------------------------------------------------------------------------
@@ -449,15 +439,8 @@ void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
 // --- Time ----------------------------------------------------------------------------------------
 
 std::optional<TimePoint> BoardLink::deadline() const {
-  switch (stage_) {
-    case Stage::closed: return std::nullopt;
-    case Stage::resyncing: return resync_.deadline();
-    case Stage::awaiting_keys:
-    case Stage::awaiting_source: return decoder_.deadline();
-    case Stage::refused:
-    case Stage::starting:
-    case Stage::running: break;
-  }
+  if (stage_ == Stage::closed) return std::nullopt;
+  if (stage_ == Stage::resyncing) return resync_.deadline();
   std::optional<TimePoint> next = decoder_.deadline();
   if (in_flight_) next = earlier(next, in_flight_->deadline);
   if (stage_ == Stage::starting) next = earlier(next, busy_until_);

@@ -22,9 +22,9 @@
 
 namespace slamgw::ble {
 
-/// Decides whether a serial line is usable: counts its faults and names the likely cause. The line
-/// has no checksum. So lost or added octets show only as torn frames, refusals of commands that
-/// were never sent, and missing answers. Called by BoardLink.
+/// Decides whether an open serial line is usable: counts its faults and names the likely cause. The
+/// line has no checksum. So lost or added octets show only as torn frames, refusals of commands
+/// that were never sent, and missing answers. Called by BoardLink.
 class LineHealth {
  public:
   /// Losses in a row after which the link gives the line up.
@@ -36,7 +36,6 @@ class LineHealth {
   /// Unanswered commands with one opcode in a row after which the link gives the line up.
   static constexpr int max_timeouts = 3;
 
-  void on_port_open();
   /// Octets were lost or added: a frame was torn, or the board did not understand a command.
   void on_lost_step(TimePoint now);
   void on_timeout(std::uint8_t opcode, TimePoint now);
@@ -183,15 +182,7 @@ class BoardLink {
   const LinkCounters& counters() const { return counters_; }
 
  private:
-  enum class Stage : std::uint8_t {
-    closed,
-    resyncing,
-    starting,
-    awaiting_keys,
-    awaiting_source,
-    running,
-    refused
-  };
+  enum class Stage : std::uint8_t { closed, resyncing, starting, running, refused };
   /// The issuer of the command in flight.
   enum class Issuer : std::uint8_t { start_up, poll, clear, radio };
 
@@ -201,6 +192,10 @@ class BoardLink {
     Issuer issuer = Issuer::start_up;
   };
 
+  /// Returns true while the start-up waits for this.
+  bool awaits(StartUp::State what) const {
+    return stage_ == Stage::starting && start_up_->state() == what;
+  }
   void begin_resync(TimePoint now);
   void begin_start_up(TimePoint now);
   void continue_start_up(TimePoint now);

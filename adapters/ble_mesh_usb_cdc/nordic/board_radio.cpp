@@ -169,12 +169,7 @@ void BoardRadio::on_event(const ProvisioningEvent& event, TimePoint now) {
       std::holds_alternative<ProvisioningLinkClosed>(event))
     hold_until_.reset();
   if (!session_) return;
-  const bool had_answered = session_->wants_addresses();
-  const bool had_joined = session_->device_key().has_value();
   session_->on_event(event, now);
-  if (!had_answered && session_->wants_addresses())
-    actions_.push(DeviceAnswered{session_->elements()});
-  if (!had_joined && session_->device_key()) actions_.push(DeviceJoined{*session_->device_key()});
   end_session();
 }
 
@@ -266,7 +261,7 @@ bool BoardRadio::begin_session(TimePoint now) {
     return false;
   }
   context_ = context_ == 0 ? 1 : 0;
-  session_.emplace(*device_, *pair, context_, traffic_.board().version, now);
+  session_.emplace(*device_, *pair, context_, traffic_.board().version, actions_, now);
   return true;
 }
 

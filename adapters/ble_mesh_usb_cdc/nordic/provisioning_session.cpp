@@ -113,8 +113,10 @@ std::string_view error_text(std::uint8_t error) {
 }  // namespace
 
 ProvisioningSession::ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair,
-                                         std::uint8_t context, SerialVersion version, TimePoint now)
+                                         std::uint8_t context, SerialVersion version,
+                                         ActionQueue<RadioAction>& actions, TimePoint now)
     : key_pair_(key_pair),
+      actions_(actions),
       context_(context),
       static_oob_(device.static_oob),
       due_(now + wait_limit) {
@@ -172,7 +174,7 @@ void ProvisioningSession::on(const ProvisioningLinkOpened&, TimePoint now) {
 void ProvisioningSession::on(const CapabilitiesReceived& event, TimePoint now) {
   if (stage_ > Stage::awaiting_capabilities) return;
   if (event.elements == 0) return fail("the device says that it has no element");
-  elements_ = event.elements;
+  actions_.push(DeviceAnswered{event.elements});
   static_oob_types_ = event.static_oob_types;
   enter(Stage::awaiting_addresses, now);
 }
@@ -205,7 +207,7 @@ void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
 
 void ProvisioningSession::on(const ProvisioningComplete& event, TimePoint now) {
   if (stage_ != Stage::completing) return;
-  device_key_ = event.device_key;
+  actions_.push(DeviceJoined{event.device_key});
   enter(Stage::closing, now);
 }
 
@@ -262,7 +264,7 @@ void ProvisioningSession::enter(Stage stage, TimePoint now) {
 
 void ProvisioningSession::fail(std::string why) {
   state_ = State::failed;
-  if (!device_key_) end_.failure = std::move(why);  // else only the link failed
+  if (stage_ != Stage::closing) end_.failure = std::move(why);
 }
 
 }  // namespace slamgw::ble

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
+#include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
 
@@ -38,8 +39,9 @@ class ProvisioningSession {
   static constexpr Duration close_limit = std::chrono::seconds{3};
 
   /// `context` is the board's provisioning link for this session; `version` is the board's.
+  /// `actions` takes DeviceAnswered and DeviceJoined, and must outlive this object.
   ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair, std::uint8_t context,
-                      SerialVersion version, TimePoint now);
+                      SerialVersion version, ActionQueue<RadioAction>& actions, TimePoint now);
 
   /// Returns the command that the board should get now, the same one until on_response().
   std::optional<Bytes> command() const;
@@ -55,16 +57,12 @@ class ProvisioningSession {
   /// Returns true if the board did not even begin: its context still waits for the end of an
   /// earlier link.
   bool is_context_busy() const { return is_context_busy_; }
-  /// Returns 0 until the device has sent its capabilities.
-  std::uint8_t elements() const { return elements_; }
   /// Returns true while the session waits until each element has an address on disk.
   bool wants_addresses() const {
     return state_ == State::running && stage_ == Stage::awaiting_addresses;
   }
   void on_addresses(TimePoint now);
   void fail(std::string why);
-  /// Returns the device key once the device is in the mesh. The link may still have to end.
-  const std::optional<Key>& device_key() const { return device_key_; }
 
  private:
   enum class Stage : std::uint8_t {
@@ -74,7 +72,7 @@ class ProvisioningSession {
     exchanging,
     completing,  ///< the board has the shared secret: the device may join at any moment
     counting,    ///< the key is lost; the board is asked how many events it has dropped
-    closing
+    closing      ///< the device has joined; only the link has to end
   };
 
   // The board's events about this session's link.
@@ -89,6 +87,7 @@ class ProvisioningSession {
   bool uses_static_oob() const { return static_oob_ && (static_oob_types_ & 1) != 0; }
 
   KeyPair key_pair_;
+  ActionQueue<RadioAction>& actions_;
   std::uint8_t context_;
   std::optional<Key> static_oob_;
   State state_ = State::running;
@@ -96,9 +95,7 @@ class ProvisioningSession {
   TimePoint due_;
   JoinEnded end_;
   bool is_context_busy_ = false;
-  std::uint8_t elements_ = 0;
   std::uint8_t static_oob_types_ = 0;
-  std::optional<Key> device_key_;
   std::deque<Bytes> commands_;  ///< at most four: one device causes no more
 };
 

@@ -428,26 +428,15 @@ void OperatorOrders::on_link_down() {
 
 void OperatorOrders::on_deadline(TimePoint now) {
   if (!order_ || now < order_->due) return;
-  const Uuid uuid = order_->uuid;
-  switch (order_->kind) {
-    case Kind::scan: return order_.answer(scan_json(now));
-    case Kind::provision: {
-      const Node* node = nodes_.find(uuid);
-      const bool is_under_way =
-          admission_.is_chosen(uuid) || (node != nullptr && node->state == NodeState::provisioned);
-      if (is_under_way) break;
-      return order_.refuse("it was not heard: is it switched on, in reach, and in no mesh?");
-    }
-    case Kind::ping:
-      return order_.refuse(
-          "the gateway is configuring this robot, which does not answer; try again later");
-    case Kind::remove:
-    case Kind::config:
-    case Kind::import_mesh:
-    case Kind::export_mesh:
-    case Kind::refresh_keys:
-    case Kind::reset_board: break;
-  }
+  if (order_.is(Kind::scan)) return order_.answer(scan_json(now));
+  if (order_.is(Kind::ping))
+    return order_.refuse(
+        "the gateway is configuring this robot, which does not answer; try again later");
+  const Node* node = nodes_.find(order_->uuid);
+  const bool is_under_way = admission_.is_chosen(order_->uuid) ||
+                            (node != nullptr && node->state == NodeState::provisioned);
+  if (order_.is(Kind::provision) && !is_under_way)
+    return order_.refuse("it was not heard: is it switched on, in reach, and in no mesh?");
   order_.refuse("it takes longer: the order continues in the background; see `ble nodes`");
 }
 
