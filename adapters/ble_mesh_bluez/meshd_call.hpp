@@ -45,9 +45,6 @@ struct ImportRemoteNode {
   std::uint16_t address = 0;
   Key device_key{};
 };
-struct DeleteRemoteNode {
-  std::uint16_t address = 0;
-};
 struct ExportKeys {};
 struct UnprovisionedScan {};
 struct UnprovisionedScanCancel {};
@@ -70,10 +67,9 @@ struct DevKeySend {
 struct GetAddresses {};
 struct GetIvIndex {};
 
-using MeshdCall =
-    std::variant<Attach, Import, Leave, ImportSubnet, ImportAppKey, ImportRemoteNode,
-                 DeleteRemoteNode, ExportKeys, UnprovisionedScan, UnprovisionedScanCancel, AddNode,
-                 Send, DevKeySend, GetAddresses, GetIvIndex>;
+using MeshdCall = std::variant<Attach, Import, Leave, ImportSubnet, ImportAppKey, ImportRemoteNode,
+                               ExportKeys, UnprovisionedScan, UnprovisionedScanCancel, AddNode,
+                               Send, DevKeySend, GetAddresses, GetIvIndex>;
 
 /// Make this call; a MeshdAnswer with its number follows.
 struct CallMeshd {
@@ -86,7 +82,7 @@ struct AcceptToken {};
 struct GiveAddress {
   std::optional<std::uint16_t> address;
 };
-/// Leave the bus and come back, so that meshd releases the node.
+/// Leave the bus and come back, so that meshd releases the node; MeshdCame or MeshdGone follows.
 struct Reconnect {};
 using MeshdRequest = std::variant<CallMeshd, AcceptToken, GiveAddress, Reconnect>;
 

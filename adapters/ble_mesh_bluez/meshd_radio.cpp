@@ -107,7 +107,8 @@ void MeshdRadio::forget() {
   is_sending_ = is_scan_wanted_ = false;
   rescan_at_.reset();
   join_.reset();
-  imported_.clear();
+  if (std::exchange(is_clearing_, false))
+    actions_.push(RadioCleared{"bluetooth-meshd has not answered"});
 }
 
 void MeshdRadio::pause(const std::string& why, Duration time, TimePoint now) {
@@ -151,7 +152,7 @@ void MeshdRadio::begin_node(TimePoint now) {
 /// Asks for the node's address. The answer also means that the disk has the node.
 void MeshdRadio::ask_for_source(std::uint16_t addresses) {
   stage_ = addresses == 0 ? Stage::awaiting_source : Stage::awaiting_disk;
-  actions_.push(SourceWanted{encode_node(*node_), addresses, was_cleared_});
+  actions_.push(SourceWanted{encode_node(*node_), addresses});
 }
 
 void MeshdRadio::use_source(std::uint16_t source, std::uint16_t, TimePoint) {
@@ -173,7 +174,6 @@ void MeshdRadio::make_node() {
 void MeshdRadio::on(const JoinComplete& complete, TimePoint) {
   if (stage_ != Stage::importing) return;
   node_->token = complete.token;
-  was_cleared_ = false;
   ask_for_source(max_sources);
 }
 
@@ -191,7 +191,10 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
                          {}});
     return begin_node(now);
   }
-  if (answer.error == already_exists) requests_.push(Reconnect{});  // attached since before a pause
+  if (answer.error == already_exists) {  // attached since before a pause
+    requests_.push(Reconnect{});
+    return on(MeshdGone{reason(answer)}, now);
+  }
   if (!answer.is_success()) return pause(reason(answer), retry_after, now);
   stage_ = Stage::preparing;
   call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
@@ -207,10 +210,8 @@ void MeshdRadio::leave(const std::string& why) {
   stage_ = Stage::leaving;
   call(Leave{*node_->token}, [this](const MeshdAnswer& answer, TimePoint now) {
     const bool is_gone = answer.is_success() || answer.error == not_found;
-    if (std::exchange(is_clearing_, false)) {
-      was_cleared_ = is_gone;
+    if (std::exchange(is_clearing_, false))
       actions_.push(RadioCleared{is_gone ? "" : reason(answer)});
-    }
     if (!is_gone) return pause(reason(answer), retry_after, now);
     begin_node(now);
   });
@@ -221,8 +222,8 @@ void MeshdRadio::clear(TimePoint) {
     actions_.push(RadioCleared{"the BLE link is down"});
     return;
   }
-  is_clearing_ = true;
   leave("an operator has ordered a new node for the gateway");
+  is_clearing_ = true;
 }
 
 bool MeshdRadio::restart(TimePoint) {
@@ -391,16 +392,8 @@ void MeshdRadio::on(DevKeyMessage& message, TimePoint now) {
 
 void MeshdRadio::use_device_key(std::uint16_t address, const std::optional<Key>& key) {
   if (!key) return actions_.push(DeviceKeyUsed{address, {}});  // meshd has it since the node joined
-  imported_.insert(address);
   call(ImportRemoteNode{address, *key}, [this, address](const MeshdAnswer& answer, TimePoint) {
     actions_.push(DeviceKeyUsed{address, answer.is_success() ? "" : reason(answer)});
-  });
-}
-
-void MeshdRadio::forget_device_key(std::uint16_t address) {
-  if (imported_.erase(address) == 0) return actions_.push(DeviceKeyUsed{address, {}});
-  call(DeleteRemoteNode{address}, [this, address](const MeshdAnswer&, TimePoint) {
-    actions_.push(DeviceKeyUsed{address, {}});
   });
 }
 
@@ -448,13 +441,15 @@ void MeshdRadio::answer_device(const std::string& refusal, TimePoint) {
 
 void MeshdRadio::on(const AddNodeComplete& added, TimePoint) {
   if (!join_ || join_->device.uuid != added.uuid) return;
-  call(ExportKeys{}, [this, address = added.address](const MeshdAnswer& answer, TimePoint) {
-    const auto key = answer.device_keys.find(address);
-    DeviceJoined joined;
-    if (key != answer.device_keys.end()) joined.device_key = key->second;
-    actions_.push(joined);
-    end_join({});
-  });
+  call(ExportKeys{},
+       [this, uuid = added.uuid, address = added.address](const MeshdAnswer& answer, TimePoint) {
+         if (!join_ || join_->device.uuid != uuid) return;  // given up since
+         const auto key = answer.device_keys.find(address);
+         DeviceJoined joined;
+         if (key != answer.device_keys.end()) joined.device_key = key->second;
+         actions_.push(joined);
+         end_join({});
+       });
 }
 
 void MeshdRadio::on(const AddNodeFailed& failed, TimePoint) {

@@ -9,7 +9,6 @@
 #include <functional>
 #include <map>
 #include <optional>
-#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -85,7 +84,10 @@ class MeshdRadio final : public Radio {
   void provision(const ProvisionDevice& device) override { join_ = Join{device}; }
   void answer_device(const std::string& refusal, TimePoint now) override;
   void use_device_key(std::uint16_t address, const std::optional<Key>& key) override;
-  void forget_device_key(std::uint16_t address) override;
+  /// meshd keeps the keys of all nodes, until the gateway's node leaves.
+  void forget_device_key(std::uint16_t address) override {
+    actions_.push(DeviceKeyUsed{address, {}});
+  }
   void on_keys(const MeshKeys& keys, TimePoint now) override;
   void on_keys_failed(const std::string& why, TimePoint now) override;
   void change_keys(const RadioKeys& keys, TimePoint now) override;
@@ -178,8 +180,7 @@ class MeshdRadio final : public Radio {
   std::map<std::uint64_t, Done> calls_;  ///< calls without an answer yet, by number
   std::uint16_t source_ = 0;
   std::optional<Key> own_device_key_;  ///< of a node that has not been up yet
-  bool was_cleared_ = false;           ///< an operator cleared the node, and no node was made since
-  bool is_clearing_ = false;
+  bool is_clearing_ = false;           ///< RadioCleared is owed
 
   std::deque<Step> steps_;
   int copies_ = 0;
@@ -191,7 +192,6 @@ class MeshdRadio final : public Radio {
   bool is_scan_wanted_ = false;
   std::optional<TimePoint> rescan_at_;  ///< set while meshd scans
   std::optional<Join> join_;
-  std::set<std::uint16_t> imported_;  ///< addresses whose device keys meshd got from here
   TimePoint ask_iv_at_{};
   std::uint64_t refused_ = 0;
   std::uint64_t dropped_ = 0;

@@ -120,13 +120,6 @@ void FakeMeshd::take(const ImportRemoteNode& call, MeshdAnswer& answer) {
   if (own != nullptr) own->remote_keys[call.address] = call.device_key;
 }
 
-void FakeMeshd::take(const DeleteRemoteNode& call, MeshdAnswer& answer) {
-  FakeNode* own = node(answer);
-  if (own == nullptr) return;
-  if (call.address == own->address) return void(answer.error = invalid_arguments);
-  demand(own->remote_keys.erase(call.address) == 1, "only a known key is deleted");
-}
-
 void FakeMeshd::take(const ExportKeys&, MeshdAnswer& answer) {
   if (const FakeNode* own = node(answer)) answer.device_keys = own->remote_keys;
 }

@@ -71,7 +71,6 @@ class FakeMeshd {
   void take(const ImportSubnet& call, MeshdAnswer& answer);
   void take(const ImportAppKey& call, MeshdAnswer& answer);
   void take(const ImportRemoteNode& call, MeshdAnswer& answer);
-  void take(const DeleteRemoteNode& call, MeshdAnswer& answer);
   void take(const ExportKeys& call, MeshdAnswer& answer);
   void take(const UnprovisionedScan& call, MeshdAnswer& answer);
   void take(const UnprovisionedScanCancel& call, MeshdAnswer& answer);

@@ -27,7 +27,10 @@ struct RadioRig {
     while (true) {
       while (auto action = radio.next_action(now)) on_action(std::get<RadioEvent>(*action));
       if (auto request = radio.next_request()) {
-        if (const auto* call = std::get_if<CallMeshd>(&*request)) meshd.call(*call);
+        if (const auto* call = std::get_if<CallMeshd>(&*request)) {
+          last_call = call->number;
+          meshd.call(*call);
+        }
         if (std::holds_alternative<AcceptToken>(*request)) meshd.accept_token();
         continue;
       }
@@ -44,6 +47,8 @@ struct RadioRig {
     if (about_nodes == nullptr) return;
     if (std::holds_alternative<SourceWanted>(*about_nodes)) radio.use_source(0x0001, 32, now);
     if (const auto* ended = std::get_if<JoinEnded>(about_nodes)) joins.push_back(*ended);
+    if (std::holds_alternative<DeviceJoined>(*about_nodes)) ++joined;
+    if (const auto* ended = std::get_if<RadioCleared>(about_nodes)) cleared.push_back(*ended);
   }
   void run_for(Duration time) {
     for (const TimePoint end = now + time; now < end; now += 5ms) {
@@ -72,6 +77,9 @@ struct RadioRig {
   bool is_up = false;
   std::vector<SendRefused> refusals;
   std::vector<JoinEnded> joins;
+  std::vector<RadioCleared> cleared;
+  int joined = 0;
+  std::uint64_t last_call = 0;
 };
 
 TEST(MeshdRadio, SendsOneMessageAtATimeAndUrgentOnesFirst) {
@@ -150,6 +158,42 @@ TEST(MeshdRadio, TellsWhenMeshdEndsADeviceThatItRefused) {
   rig.settle();
   ASSERT_EQ(rig.joins.size(), 1u);
   EXPECT_EQ(rig.joins[0].failure, "its addresses are taken");
+}
+
+TEST(MeshdRadio, AKeyThatComesAfterTheJoinWasGivenUpIsNotTheNextDevices) {
+  RadioRig rig;
+  rig.meshd.does_not_answer = true;
+  ProvisionDevice device;
+  device.uuid = {1};
+  device.address = destination;
+  rig.radio.provision(device);
+  rig.settle();
+  rig.feed(AddNodeComplete{device.uuid, destination});
+  const std::uint64_t keys_wanted = rig.last_call;
+  rig.run_for(MeshdRadio::join_time_limit + 100ms);
+  ASSERT_EQ(rig.joins.size(), 1u);
+  device.uuid = {2};
+  device.address = destination + 1;
+  rig.radio.provision(device);
+  rig.settle();
+  rig.feed(MeshdAnswer{.number = keys_wanted, .device_keys = {{destination, Key{7}}}});
+  EXPECT_EQ(rig.joined, 0);
+  EXPECT_EQ(rig.joins.size(), 1u);
+}
+
+TEST(MeshdRadio, SaysThatItsNodeWasNotClearedWhenMeshdGoesBeforeItAnswers) {
+  RadioRig rig;
+  rig.meshd.does_not_answer = true;
+  rig.radio.clear(rig.now);
+  rig.settle();
+  EXPECT_TRUE(rig.cleared.empty());
+  rig.feed(MeshdGone{"it is not running"});
+  ASSERT_EQ(rig.cleared.size(), 1u);
+  EXPECT_NE(rig.cleared[0].problem, "");
+  rig.meshd.does_not_answer = false;
+  rig.meshd.restart();
+  rig.feed(MeshdCame{});
+  EXPECT_EQ(rig.cleared.size(), 1u) << "once";
 }
 
 }  // namespace

@@ -84,9 +84,6 @@ struct Composer {
     return compose(node_path, management, "ImportRemoteNode", call.address, one_element,
                    call.device_key);
   }
-  SdBusMessage operator()(const DeleteRemoteNode& call) const {
-    return compose(node_path, management, "DeleteRemoteNode", call.address, one_element);
-  }
   SdBusMessage operator()(const ExportKeys&) const {
     return compose(node_path, management, "ExportKeys");
   }

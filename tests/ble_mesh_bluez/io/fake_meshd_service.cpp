@@ -57,7 +57,6 @@ struct FakeMeshdService::Objects {
       SD_BUS_METHOD("ImportSubnet", "qay", "", on_import_subnet, open),
       SD_BUS_METHOD("ImportAppKey", "qqay", "", on_import_app_key, open),
       SD_BUS_METHOD("ImportRemoteNode", "qyay", "", on_import_remote_node, open),
-      SD_BUS_METHOD("DeleteRemoteNode", "qy", "", on_delete_remote_node, open),
       SD_BUS_METHOD("ExportKeys", "", "a{sv}", on_export_keys, open),
       SD_BUS_METHOD("UnprovisionedScan", "a{sv}", "", on_scan, open),
       SD_BUS_METHOD("UnprovisionedScanCancel", "", "", on_scan_cancel, open),
@@ -260,13 +259,6 @@ int FakeMeshdService::on_import_remote_node(sd_bus_message* message, void* self,
   std::uint8_t count = 0;
   sd_bus_message_read(message, "qy", &call.address, &count);
   call.device_key = read_key(message);
-  return service(self).take(message, call);
-}
-
-int FakeMeshdService::on_delete_remote_node(sd_bus_message* message, void* self, sd_bus_error*) {
-  DeleteRemoteNode call;
-  std::uint8_t count = 0;
-  sd_bus_message_read(message, "qy", &call.address, &count);
   return service(self).take(message, call);
 }
 

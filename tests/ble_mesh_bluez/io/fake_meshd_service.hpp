@@ -52,7 +52,6 @@ class FakeMeshdService {
   static int on_import_subnet(sd_bus_message* message, void* self, sd_bus_error*);
   static int on_import_app_key(sd_bus_message* message, void* self, sd_bus_error*);
   static int on_import_remote_node(sd_bus_message* message, void* self, sd_bus_error*);
-  static int on_delete_remote_node(sd_bus_message* message, void* self, sd_bus_error*);
   static int on_export_keys(sd_bus_message* message, void* self, sd_bus_error*);
   static int on_scan(sd_bus_message* message, void* self, sd_bus_error*);
   static int on_scan_cancel(sd_bus_message* message, void* self, sd_bus_error*);
