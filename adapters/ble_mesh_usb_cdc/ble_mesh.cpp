@@ -38,12 +38,6 @@ void BleMesh::on_keys_failed(const GenerateKeys& wanted, const std::string& why,
   settle(now);
 }
 
-bool BleMesh::begin_new_life(TimePoint now) {
-  const bool is_begun = provisioner_.lives().kind() != RadioKind::keeps && radio_->restart(now);
-  settle(now);
-  return is_begun;
-}
-
 void BleMesh::settle(TimePoint now) {
   while (true) {
     if (provisioner_.take_change()) robots_.on_nodes_changed(now);
@@ -152,13 +146,14 @@ void BleMesh::judge_hearing(TimePoint now) {
               {}});
 }
 
-/// Begins a new life of the radio if that may help. Tries once for each life, and not in a life
-/// that it has begun itself.
+/// Restarts the radio with an address that no robot has heard, if that may help; the radio forgets
+/// everything. Tries once for each life, and not in a life that it has begun itself.
 bool BleMesh::try_new_life(TimePoint now) {
-  const std::uint32_t life = provisioner_.lives().number();
-  const bool is_suspected = now - up_since_ <= address_suspected_for && life != tried_life_;
-  if (!is_suspected || !begin_new_life(now)) return false;
-  tried_life_ = life + 1;
+  const SourceLives& lives = provisioner_.lives();
+  const bool is_suspected =
+      now - up_since_ <= address_suspected_for && lives.number() != tried_life_;
+  if (!is_suspected || lives.kind() == RadioKind::keeps || !radio_->restart(now)) return false;
+  tried_life_ = lives.number() + 1;
   return true;
 }
 

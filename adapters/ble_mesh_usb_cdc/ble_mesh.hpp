@@ -36,9 +36,6 @@ class BleMesh {
   /// `wanted` is the action that these keys answer.
   void on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now);
-  /// Restarts the radio with an address that no robot has heard; the radio forgets everything.
-  /// Returns false if the radio is down or keeps its address.
-  bool begin_new_life(TimePoint now);
   /// `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   /// `id` comes back in OrderEnded.

@@ -130,7 +130,6 @@ TEST(BoardLives, ABoardThatKeepsItsNumbersKeepsItsAddress) {
   EXPECT_NE(rig.detail().find("keeps its address at power-off, sends from 0x0001 (life 1)"),
             std::string::npos)
       << rig.detail();
-  EXPECT_FALSE(rig.mesh.begin_new_life(rig.now)) << "a restart does not help";
 }
 
 TEST(BoardLives, AnotherBoardIsAnotherLife) {
@@ -217,33 +216,6 @@ TEST(BoardLives, BeginAnewWhenAnOperatorClearsTheBoard) {
   rig.run_for(2s);
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
   EXPECT_EQ(rig.detail().find("forgets"), std::string::npos) << rig.detail();
-}
-
-TEST(BoardLives, CanBeBegunWithoutHands) {
-  LivesRig rig;
-  EXPECT_FALSE(rig.mesh.begin_new_life(rig.now)) << "the link is down";
-  rig.start();
-  EXPECT_TRUE(rig.mesh.begin_new_life(rig.now));
-  rig.run_for(2s);
-  EXPECT_EQ(rig.board.count(0x0e), 1u);
-  EXPECT_TRUE(rig.is_up());
-  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
-}
-
-TEST(BoardLives, ARestartThatIsLostOnTheLineIsRepeated) {
-  LivesRig rig;
-  rig.start();
-  bool is_lost = false;
-  rig.spoil = [&](Bytes& transfer) {
-    if (is_lost || transfer != hex("01 0e")) return;
-    transfer.clear();
-    is_lost = true;
-  };
-  EXPECT_TRUE(rig.mesh.begin_new_life(rig.now));
-  rig.run_for(10s);
-  EXPECT_TRUE(is_lost);
-  EXPECT_EQ(rig.board.count(0x0e), 1u);
-  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
 TEST(BoardLives, UseTheFirstAddressAgainAfterTheLastAndSaySo) {
@@ -403,9 +375,9 @@ TEST(BoardThatRestartedUnseen, IsLookedAtOnceIn30SecondsWhenItRefusesAllTheSame)
 }
 
 /// Robots send a message and repeat it, each copy answered, as they do when they hear nothing.
-void repeat_all(LivesRig& rig, std::string_view set) {
+void repeat_all(LivesRig& rig, std::string_view set, int copies = 7) {
   Duration gap = 280ms;
-  for (int copy = 0; copy <= 6; ++copy) {
+  for (int copy = 0; copy < copies; ++copy) {
     for (std::uint16_t robot = 0x0201; robot <= 0x0203; ++robot) {
       rig.hear(robot, set);
       rig.receipt(rig.all<Report>().back().receipt.id);
@@ -466,6 +438,22 @@ TEST(BoardLives, NoOtherOneIsTriedWithABoardThatKeepsItsAddress) {
   EXPECT_EQ(rig.count_notices("switch them off and on"), 1);
 }
 
+TEST(BoardLives, ARestartThatIsLostOnTheLineIsRepeated) {
+  LivesRig rig;
+  rig.start();
+  bool is_lost = false;
+  rig.spoil = [&](Bytes& transfer) {
+    if (is_lost || transfer != hex("01 0e")) return;
+    transfer.clear();
+    is_lost = true;
+  };
+  repeat_all(rig, "c5 59 00 01");
+  rig.run_for(10s);
+  EXPECT_TRUE(is_lost);
+  EXPECT_EQ(rig.board.count(0x0e), 1u);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
 TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
   LivesRig rig;
   rig.start();
@@ -474,8 +462,8 @@ TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
   LivesRig joining;
   joining.start();
   joining.say(hex("02 c1 00"));
-  EXPECT_TRUE(joining.mesh.begin_new_life(joining.now));
-  joining.run_for(1s);
+  repeat_all(joining, "c5 59 00 01", 6);
+  EXPECT_EQ(joining.count_notices("to send from another address"), 1);
   EXPECT_EQ(joining.board.count(0x0e), 0u);
   joining.say(hex("03 c2 00 02"));
   joining.run_for(1s);
