@@ -69,7 +69,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
                MeshListener& listener, ForMachine&&... for_machine)
       : BleShell<Machine>(io,
-                          make(load_mesh(store_directory, settings), settings, std::move(topics),
+                          make(MeshFile(store_directory), settings, std::move(topics),
                                std::move(names), std::forward<ForMachine>(for_machine)...),
                           listener),
         loop_(io),
@@ -94,12 +94,14 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
 
  private:
   template <class... ForMachine>
-  static typename BleShell<Machine>::Made make(LoadedMesh loaded, const Settings& settings,
+  static typename BleShell<Machine>::Made make(const MeshFile& file, const Settings& settings,
+    const auto loaded = file.load(settings.address);
                                                TopicScheme topics, RobotNames names,
                                                ForMachine&&... for_machine) {
     return {std::make_unique<Machine>(settings, std::move(topics), std::move(names),
-                                      loaded.database, std::forward<ForMachine>(for_machine)...),
-            std::move(loaded.problem)};
+                                      loaded.has_value() ? *loaded : std::nullopt,
+                                      std::forward<ForMachine>(for_machine)...),
+            loaded.has_value() ? std::string() : loaded.error().why};
   }
   void generate_keys(const GenerateKeys& wanted) {
     const auto keys = generate_random_keys();

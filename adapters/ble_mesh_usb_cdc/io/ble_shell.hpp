@@ -47,7 +47,7 @@ class BleShell : public MeshShell<Machine> {
 
   struct Made {
     std::unique_ptr<Machine> machine;
-    std::string problem;  ///< why the mesh stays off; else empty
+    std::string problem = {};  ///< why the mesh stays off; else empty
   };
 
   /// `listener` must outlive the shell.

@@ -13,10 +13,7 @@ class CobsAdapter final : public SerialShell<BleShell<CobsMesh>> {
   CobsAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
               RobotNames names, MeshListener& listener, OpenPort open_port = {})
       : SerialShell(std::move(open_port), settings, io,
-                    Made{std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names)),
-                         settings.cobs_content == CobsContent::positions && !settings.robot_id
-                             ? "ble_mesh.robot_id is not set: positions carry no sender"
-                             : ""},
+                    Made{std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names))},
                     listener) {}
 
  private:

@@ -67,28 +67,29 @@ bool sync_directory(const std::string& path) {
   return is_synced;
 }
 
-/// Sets `problem` if this gateway must not use the address. If two senders in a mesh share an
-/// address, robots drop the messages of one of them.
-void check_address(const NodeDatabase& database, std::uint16_t address, std::string& problem) {
-  if (const Node* const taken = database.find_address(address))
-    problem = fmt::format(
-        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose a free address",
-        address, to_hex(taken->uuid));
-  if (database.guest_address && *database.guest_address != address)
-    problem = fmt::format(
-        "ble_mesh.address must be 0x{:04x}, which the gateway that provisions this mesh has given "
-        "this one",
-        *database.guest_address);
+/// Returns why this gateway must not use the address; empty if it may. If two senders in a mesh
+/// share an address, robots drop the messages of one of them.
+std::string problem_with_address(const NodeDatabase& database, std::uint16_t address) {
   if (std::ranges::find(database.gateways, address) != database.gateways.end())
-    problem = fmt::format(
+    return fmt::format(
         "ble_mesh.address 0x{:04x} was given to another gateway of this mesh: choose a free "
         "address",
         address);
+  if (database.guest_address && *database.guest_address != address)
+    return fmt::format(
+        "ble_mesh.address must be 0x{:04x}, which the gateway that provisions this mesh has given "
+        "this one",
+        *database.guest_address);
+  if (const Node* const taken = database.find_address(address))
+    return fmt::format(
+        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose a free address",
+        address, to_hex(taken->uuid));
+  return {};
 }
 
 }  // namespace
 
-Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
+Result<std::optional<NodeDatabase>, Refusal> MeshFile::load(std::uint16_t address) const {
   std::string content;
   int error = read_file(path_, content);
   // Waits for a disk that fails for a moment: without its keys the whole mesh would stay off.
@@ -107,6 +108,8 @@ Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
         "restore it from a backup; without it every robot must be provisioned again (move it away "
         "to start a new mesh)",
         path_)};
+  if (std::string problem = problem_with_address(*database, address); !problem.empty())
+    return Refusal{std::move(problem)};
   return std::optional(*database);
 }
 
@@ -132,17 +135,6 @@ std::string MeshFile::write(const NodeDatabase& database,
   if (!sync_directory(directory))
     return fmt::format("{} can't be made safe on disk: {}", directory, last_error());
   return {};
-}
-
-LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings) {
-  LoadedMesh mesh;
-  if (const auto loaded = MeshFile(store_directory).load(); !loaded.has_value()) {
-    mesh.problem = loaded.error().why;
-  } else {
-    mesh.database = *loaded;
-  }
-  if (mesh.database) check_address(*mesh.database, settings.address, mesh.problem);
-  return mesh;
 }
 
 bool fill_random(std::span<std::uint8_t> octets) {

@@ -10,7 +10,6 @@
 
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
-#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw::ble {
@@ -19,9 +18,10 @@ class MeshFile {
  public:
   explicit MeshFile(const std::string& directory) : path_(directory + "/mesh.json") {}
 
-  /// Returns nothing if there is no file. The error is a sentence for the operator. A file that
-  /// can't be read must not be replaced: without its keys the mesh is lost.
-  Result<std::optional<NodeDatabase>, Refusal> load() const;
+  /// Returns nothing if there is no file. The error says why the mesh must stay off. A file that
+  /// can't be read must not be replaced: without its keys the mesh is lost. Checks `address`,
+  /// `ble_mesh.address`, against the file. Blocks, for some seconds if the disk fails.
+  Result<std::optional<NodeDatabase>, Refusal> load(std::uint16_t address) const;
   /// Returns an error message, empty if the file is on disk. Never replaces an existing file.
   std::string create(const NodeDatabase& database) const;
   /// As create(), but replaces an existing file.
@@ -35,14 +35,6 @@ class MeshFile {
 
   std::string path_;
 };
-
-/// The content of `mesh.json`.
-struct LoadedMesh {
-  std::optional<NodeDatabase> database;
-  std::string problem;  ///< why the mesh must stay off; else empty
-};
-/// Loads `mesh.json` from this directory and checks `settings.address` against it; blocks.
-LoadedMesh load_mesh(const std::string& store_directory, const Settings& settings);
 
 /// The system's RandomSource.
 bool fill_random(std::span<std::uint8_t> octets);

@@ -278,14 +278,6 @@ TEST_F(BoardAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
   streams.stop();
 }
 
-TEST_F(BoardAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
-  settings.protocol = Protocol::cobs;
-  CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
-  streams.start();
-  EXPECT_TRUE(listener.has_notice("ble_mesh.robot_id"));
-  streams.stop();
-}
-
 TEST_F(BoardAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
   const auto gates = std::make_shared<Gates>();
   adapter = std::make_unique<BoardAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"),
