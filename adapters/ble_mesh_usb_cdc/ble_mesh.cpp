@@ -296,9 +296,10 @@ std::size_t BleMesh::queued_for(std::string_view id) const {
   return robot ? robot->commands.size() : 0;
 }
 
-OpenCommands BleMesh::open_commands() const {
-  OpenCommands open;
-  for (const auto& [address, robot] : robots_) robot.commands.list(robot.id, open);
+std::map<std::string, OpenCommands> BleMesh::open_commands() const {
+  std::map<std::string, OpenCommands> open;
+  for (const auto& [address, robot] : robots_)
+    if (robot.commands.size() > 0) open.emplace(robot.id, robot.commands.open_commands());
   return open;
 }
 

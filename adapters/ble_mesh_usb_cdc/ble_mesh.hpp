@@ -6,6 +6,7 @@
 // radio. The radio's shell, a BleMeshShell, calls it and drains its actions after each input.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -72,8 +73,8 @@ class BleMesh {
   Counters counters() const;
   /// Returns the database if it may not be on disk yet, else null. Write it before the daemon ends.
   const NodeDatabase* unsaved() const;
-  /// Commands that have no outcome yet.
-  OpenCommands open_commands() const;
+  /// Returns the commands that have no outcome yet, by robot.
+  std::map<std::string, OpenCommands> open_commands() const;
   /// Returns the number of open commands for this robot.
   std::size_t queued_for(std::string_view robot) const;
 

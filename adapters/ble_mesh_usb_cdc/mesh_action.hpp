@@ -17,8 +17,6 @@ namespace slamgw::ble {
 struct StoreMesh {
   NodeDatabase database;
 };
-/// Write BleMesh::open_commands() down if they have changed: they must survive a crash.
-struct CommandsChanged {};
 /// The radio has heard a robot, in a mesh that several gateways share.
 struct HeardRobot {
   std::string robot;
@@ -30,8 +28,8 @@ struct OrderEnded {
   OrderAnswer answer;
 };
 
-using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, CommandsChanged,
-                                HeardRobot, OrderEnded, MeshEvent>;
+using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, HeardRobot,
+                                OrderEnded, MeshEvent>;
 using MeshActions = ActionQueue<MeshAction>;
 
 /// The state of the link to the radio, from the radio's events. BleMesh keeps it.

@@ -162,7 +162,7 @@ class CommandWalk {
           << "command " << number << " went on the air after its outcome";
     }
     EXPECT_EQ(rig_.board.count(0xac), 0u) << "no operator has the board cleared";
-    EXPECT_TRUE(rig_.kept.empty()) << "nothing is under way any more";
+    EXPECT_TRUE(rig_.mesh.open_commands().empty()) << "nothing is under way any more";
   }
 
   Chances chances_;

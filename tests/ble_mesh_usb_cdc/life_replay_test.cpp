@@ -231,7 +231,6 @@ class LifeReplay : public EventLog {
                      stored = std::move(store.database);
                      mesh.on_stored({}, now);
                    },
-                   [](CommandsChanged&) {},
                    [](HeardRobot&) {},
                    [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                    [&](MeshEvent& event) {

@@ -179,7 +179,6 @@ class MeshRig : public EventLog {
   bool answers_stores = true;
   std::uint64_t last_command = 0;  ///< the id of the last one
   std::string store_problem;
-  std::vector<OpenCommand> kept;  ///< over a crash
   std::vector<OrderAnswer> answers;
   std::vector<HeardRobot> heard;
 
@@ -211,7 +210,6 @@ class MeshRig : public EventLog {
                        stored.push_back(std::move(store.database));
                        if (answers_stores) mesh.on_stored(store_problem, now);
                      },
-                     [&](CommandsChanged&) { kept = mesh.open_commands(); },
                      [&](HeardRobot& robot) { heard.push_back(std::move(robot)); },
                      [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                      [&](MeshEvent& event) {

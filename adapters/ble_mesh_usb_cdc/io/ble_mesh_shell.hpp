@@ -38,7 +38,6 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
     disk_.join();
     // Writes changes since the last write began, such as the key of a robot that just joined.
     if (const NodeDatabase* unsaved = this->machine().unsaved()) file_.replace(*unsaved);
-    keep_commands();
   }
   void manage(BleOrder order, OrderDone done) override {
     if (this->is_stopped()) return done({{}, "slam-gatewayd is stopping"});
@@ -84,7 +83,6 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
                    [&](ReopenPort& port) { perform_on_port(port); },
                    [this](GenerateKeys& wanted) { generate_keys(wanted); },
                    [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
-                   [this](CommandsChanged&) { keep_commands(); },
                    [this](HeardRobot& heard) { on_heard_(heard); },
                    [this](OrderEnded& ended) { end_order(ended); },
                    [this](MeshEvent& event) { this->listener().on_mesh_event(std::move(event)); },
@@ -95,9 +93,9 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
  private:
   template <class... ForMachine>
   static typename BleShell<Machine>::Made make(const MeshFile& file, const Settings& settings,
-    const auto loaded = file.load(settings.address);
                                                TopicScheme topics, RobotNames names,
                                                ForMachine&&... for_machine) {
+    const auto loaded = file.load(settings.address);
     return {std::make_unique<Machine>(settings, std::move(topics), std::move(names),
                                       loaded.has_value() ? *loaded : std::nullopt,
                                       std::forward<ForMachine>(for_machine)...),
@@ -149,16 +147,14 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
   void end_interrupted_commands() {
     const Now now = read_clocks();
     for (const auto& [robot, content] : sessions_.load()) {
-      kept_commands_[robot] = decode_open_commands(robot, content, now);
+      kept_commands_[robot] = decode_open_commands(content, now);
       for (const OpenCommand& command : kept_commands_[robot])
-        this->listener().on_mesh_event(outcome_after_restart(command, now.mono));
+        this->listener().on_mesh_event(outcome_after_restart(robot, command, now.mono));
     }
-    keep_commands();
   }
-  void keep_commands() {
-    std::map<std::string, OpenCommands> open;
-    for (const OpenCommand& command : this->machine().open_commands())
-      open[command.robot].push_back(command);
+  /// Writes the open commands down if they have changed: they must survive a crash.
+  void on_drained() override {
+    std::map<std::string, OpenCommands> open = this->machine().open_commands();
     std::vector<SessionStore::Change> changes;
     for (const auto& [robot, commands] : open)
       if (kept_commands_[robot] != commands)

@@ -55,15 +55,20 @@ class BleShell : public MeshShell<Machine> {
       : problem_(std::move(made.problem)),
         listener_(listener),
         machine_(std::move(made.machine)),
-        driver_(io, *machine_, [this](MachineAction& action) {
-          if (!is_stopped_) perform(action);
-        }) {}
+        driver_(
+            io, *machine_,
+            [this](MachineAction& action) {
+              if (!is_stopped_) perform(action);
+            },
+            [this] { on_drained(); }) {}
 
   /// Opens the link to the radio, and keeps it open from then on.
   virtual void open() = 0;
   virtual void close() = 0;
   /// Does one action of the machine; not called after stop().
   virtual void perform(MachineAction& action) = 0;
+  /// The machine's actions are done.
+  virtual void on_drained() {}
 
   bool is_stopped() const { return is_stopped_; }
   const std::string& problem() const { return problem_; }

@@ -82,7 +82,7 @@ Bytes encode_open_commands(const OpenCommands& commands, const Now& now) {
   return out.take();
 }
 
-OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const Now& now) {
+OpenCommands decode_open_commands(ByteView octets, const Now& now) {
   OpenCommands commands;
   ByteReader in(octets);
   while (in.remaining() > 0) {
@@ -92,15 +92,16 @@ OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const
     if (!in.ok()) break;
     const std::int64_t now_ms = epoch_ms(now.wall);
     const milliseconds age{now_ms - std::clamp<std::int64_t>(arrived_ms, 0, now_ms)};
-    commands.push_back({std::string(robot), type, now.mono - age, is_sent});
+    commands.push_back({type, now.mono - age, is_sent});
   }
   return commands;
 }
 
-CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now) {
+CommandOutcome outcome_after_restart(const std::string& robot, const OpenCommand& command,
+                                     TimePoint now) {
   return {Mesh::ble,
           CommandId::none,
-          command.robot,
+          robot,
           command.type,
           command.is_sent ? CommandResult::timeout : CommandResult::refused,
           duration_cast<milliseconds>(now - command.arrived),
@@ -235,11 +236,12 @@ TimePoint CommandQueue::earliest_start() const {
   return late == late_answers_until_.end() ? TimePoint::min() : late->second;
 }
 
-void CommandQueue::list(const std::string& robot, OpenCommands& open) const {
+OpenCommands CommandQueue::open_commands() const {
+  OpenCommands open;
   if (outstanding_)
-    open.push_back({robot, outstanding_->entry.command.type, outstanding_->entry.arrived, true});
-  for (const Entry& entry : waiting_)
-    open.push_back({robot, entry.command.type, entry.arrived, false});
+    open.push_back({outstanding_->entry.command.type, outstanding_->entry.arrived, true});
+  for (const Entry& entry : waiting_) open.push_back({entry.command.type, entry.arrived, false});
+  return open;
 }
 
 std::optional<TimePoint> CommandQueue::deadline(bool may_send) const {

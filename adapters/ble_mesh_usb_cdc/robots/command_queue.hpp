@@ -84,7 +84,6 @@ Result<Command, Refusal> make_command(const Settings& settings, std::string_view
 /// crash the next daemon finds the command there and reports its outcome. It does not send the
 /// command again: the robot may have carried it out.
 struct OpenCommand {
-  std::string robot;
   std::string type;
   TimePoint arrived{};
   bool is_sent = false;  ///< at least once over the mesh
@@ -97,9 +96,10 @@ using OpenCommands = std::vector<OpenCommand>;
 /// restart of the host.
 Bytes encode_open_commands(const OpenCommands& commands, const Now& now);
 /// Stops where `octets` are damaged. A time ahead of `now` counts as `now`.
-OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const Now& now);
+OpenCommands decode_open_commands(ByteView octets, const Now& now);
 /// Returns the outcome of a command that an earlier daemon had under way.
-CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
+CommandOutcome outcome_after_restart(const std::string& robot, const OpenCommand& command,
+                                     TimePoint now);
 
 /// The outcome of one command, without the robot.
 struct EndedCommand : CommandOutcome {
@@ -141,8 +141,8 @@ class CommandQueue {
   UnderWay under_way() const { return {outstanding_->entry.command, outstanding_->copies}; }
   /// `may_send`: includes the time when next_transmission() is due.
   std::optional<TimePoint> deadline(bool may_send = true) const;
-  /// Appends the commands that have not ended.
-  void list(const std::string& robot, OpenCommands& open) const;
+  /// Returns the commands that have not ended.
+  OpenCommands open_commands() const;
   std::size_t size() const { return waiting_.size() + (outstanding_ ? 1 : 0); }
 
  private:

@@ -21,7 +21,6 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
   command->id = id;
   command->message = message;
   conclude(robot, robot.commands.add(std::move(*command), now));
-  actions_.push(CommandsChanged{});
   transmit_due(robot, now);
 }
 
@@ -60,9 +59,7 @@ void Downlink::refuse_all(Robot& robot, const std::string& why, TimePoint now) {
 std::vector<WaitingMessage> Downlink::give_up(Robot& robot, TimePoint now) {
   conclude(robot, robot.commands.end_sent(CommandResult::timeout,
                                           "the robot moved to another gateway", now));
-  std::vector<WaitingMessage> waiting = robot.commands.take_waiting(now);
-  if (!waiting.empty()) actions_.push(CommandsChanged{});
-  return waiting;
+  return robot.commands.take_waiting(now);
 }
 
 /// While the gate is closed, nothing is sent: another gateway may command the robot, and a repeat
@@ -76,7 +73,6 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
   if (robot.commands.size() == 0 || !gate_.is_open_for(robot)) return;
   auto access = robot.commands.next_transmission(now);
   if (!access) return;
-  actions_.push(CommandsChanged{});
   if (is_traced_) {
     const CommandQueue::UnderWay sent = robot.commands.under_way();
     emit(MeshStep{.kind = MeshStep::Kind::sent,
@@ -92,7 +88,6 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
 }
 
 void Downlink::conclude(const Robot& robot, EndedCommands ended) {
-  if (!ended.empty()) actions_.push(CommandsChanged{});
   for (EndedCommand& command : ended) {
     ++ended_[static_cast<std::size_t>(command.result)];
     if (!command.access.empty()) radio_.withdraw(robot.address, command.access);

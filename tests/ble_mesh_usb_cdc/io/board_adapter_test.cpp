@@ -296,8 +296,8 @@ TEST_F(BoardAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
 
 TEST_F(BoardAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   const Now now = read_clocks();
-  sessions.sessions["nr1"] = encode_open_commands({{"nr1", "cmd", now.mono - 2s, true}}, now);
-  sessions.sessions["nr2"] = encode_open_commands({{"nr2", "x", now.mono - 1s, false}}, now);
+  sessions.sessions["nr1"] = encode_open_commands({{"cmd", now.mono - 2s, true}}, now);
+  sessions.sessions["nr2"] = encode_open_commands({{"x", now.mono - 1s, false}}, now);
   adapter->start();
   const auto outcomes = listener.all<CommandOutcome>();
   ASSERT_EQ(outcomes.size(), 2u);
@@ -320,9 +320,7 @@ TEST_F(BoardAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
-  const auto kept = [&] {
-    return decode_open_commands("nr1", sessions.sessions["nr1"], read_clocks());
-  };
+  const auto kept = [&] { return decode_open_commands(sessions.sessions["nr1"], read_clocks()); };
   for (std::uint64_t id = 1; id <= 2; ++id)
     adapter->on_broker_message(
         {"nr1", {"ntnu-slam/server/nr1/x", {1, 2}, Qos::at_least_once, false}, CommandId{id}});

@@ -264,7 +264,7 @@ TEST_F(Downlink, ARobotThatIsGivenUpTakesItsWaitingCommandsAlong) {
   EXPECT_EQ(outcomes()[0].id, CommandId{1});
   EXPECT_EQ(outcomes()[0].result, CommandResult::timeout);
   EXPECT_EQ(outcomes()[0].why, "the robot moved to another gateway");
-  EXPECT_TRUE(rig.kept.empty()) << "a restart knows nothing of them";
+  EXPECT_TRUE(rig.mesh.open_commands().empty()) << "a restart knows nothing of them";
   rig.run_for(40s);
   EXPECT_EQ(rig.sent_to(first_robot).size(), 1u);
   EXPECT_EQ(outcomes().size(), 1u);

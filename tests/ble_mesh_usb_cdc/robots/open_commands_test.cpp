@@ -11,32 +11,30 @@ using namespace std::chrono_literals;
 const Now start{TimePoint{} + 100s, WallTime{} + 1000s};
 
 TEST(OpenCommands, AreReadAsTheyWereWritten) {
-  const OpenCommands commands{{"nr \"1\"", "cmd", start.mono - 5s, true},
-                              {"nr \"1\"", "æøå", start.mono, false}};
-  EXPECT_EQ(decode_open_commands("nr \"1\"", encode_open_commands(commands, start), start),
-            commands);
-  EXPECT_TRUE(decode_open_commands("nr1", {}, start).empty());
+  const OpenCommands commands{{"cmd", start.mono - 5s, true}, {"æøå", start.mono, false}};
+  EXPECT_EQ(decode_open_commands(encode_open_commands(commands, start), start), commands);
+  EXPECT_TRUE(decode_open_commands({}, start).empty());
 }
 
 TEST(OpenCommands, GrowOlderWhileTheHostIsOff) {
-  const Bytes octets = encode_open_commands({{"nr1", "cmd", start.mono, true}}, start);
+  const Bytes octets = encode_open_commands({{"cmd", start.mono, true}}, start);
   const Now later{TimePoint{} + 3s, start.wall + 60s};  // another life of the monotonic clock
-  const auto read = decode_open_commands("nr1", octets, later);
+  const auto read = decode_open_commands(octets, later);
   ASSERT_EQ(read.size(), 1u);
-  EXPECT_EQ(outcome_after_restart(read[0], later.mono).after, 60s);
+  EXPECT_EQ(outcome_after_restart("nr1", read[0], later.mono).after, 60s);
   const Now set_back{TimePoint{} + 3s, start.wall - 60s};
-  EXPECT_EQ(decode_open_commands("nr1", octets, set_back).at(0).arrived, set_back.mono);
+  EXPECT_EQ(decode_open_commands(octets, set_back).at(0).arrived, set_back.mono);
 }
 
 TEST(OpenCommands, EndWhereTheyAreDamaged) {
-  const OpenCommands commands{{"nr1", "cmd", start.mono, true}, {"nr1", "x", start.mono, false}};
+  const OpenCommands commands{{"cmd", start.mono, true}, {"x", start.mono, false}};
   const Bytes octets = encode_open_commands(commands, start);
   const std::size_t first = encode_open_commands({commands[0]}, start).size();
   for (std::size_t size = 0; size < octets.size(); ++size)
-    EXPECT_EQ(decode_open_commands("nr1", ByteView(octets).first(size), start).size(),
+    EXPECT_EQ(decode_open_commands(ByteView(octets).first(size), start).size(),
               size < first ? 0u : 1u);
   const Bytes nonsense(40, 0xff);
-  EXPECT_TRUE(decode_open_commands("nr1", nonsense, start).empty());
+  EXPECT_TRUE(decode_open_commands(nonsense, start).empty());
 }
 
 }  // namespace
