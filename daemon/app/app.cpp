@@ -400,6 +400,30 @@ void App::on_outbox_drained() {
 
 // --- Operators -----------------------------------------------------------------------------------
 
+void App::on_request(const std::string& who, control::Request request, Answer answer) {
+  using namespace control;
+  const OrderDone done = [answer](const OrderAnswer& ended) { answer(order_line(ended)); };
+  std::visit(overloaded{
+                 [&](StatusRequest&) { answer(result_line(status())); },
+                 [&](RobotsRequest& asked) {
+                   answer(result_line(status_.robots(asked.robot, read_clocks().mono)));
+                 },
+                 [&](FleetRequest&) { answer(result_line(fleet_.status())); },
+                 [&](MqttsnClientsRequest& asked) { done(meshes_.mqttsn_clients(asked.robot)); },
+                 [&](ReloadRequest&) { done(reload(who)); },
+                 [&](ForgetRequest& order) { done(forget(who, order.robot)); },
+                 [&](SendRequest& command) {
+                   send(who, std::move(command),
+                        [answer](const nlohmann::json& outcome) { answer(result_line(outcome)); });
+                 },
+                 [&](PingRequest& asked) { ping(asked.robot, done); },
+                 [&](BleOrder& order) { manage_ble(who, std::move(order), done); },
+                 [&](StoreOrder& order) { manage_store(who, std::move(order), done); },
+                 [](WatchRequest&) {},
+             },
+             request);
+}
+
 nlohmann::json App::status() {
   Status status = status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono);
   if (config_.ble_mesh.provisioning.over_mqtt)
@@ -409,32 +433,22 @@ nlohmann::json App::status() {
   return to_json(status);
 }
 
-nlohmann::json App::robots(const std::optional<std::string>& robot) {
-  return status_.robots(robot, read_clocks().mono);
-}
-
-nlohmann::json App::fleet() { return fleet_.status(); }
-
-OrderAnswer App::mqttsn_clients(const std::optional<std::string>& robot) {
-  return meshes_.mqttsn_clients(robot);
-}
-
 void App::on_watched(bool is_watched) {
   trace_.turn(is_watched);
   meshes_.each(&MeshAdapter::trace, is_watched);
   outbox_driver_->on_trace(is_watched);
 }
 
-void App::send(const std::string& who, const std::string& robot, const std::string& type,
-               Bytes payload, std::function<void(nlohmann::json)> done) {
+void App::send(const std::string& who, control::SendRequest command, OperatorCommands::Done done) {
   // The outcome is performed when `gateway` ends, after `done` is registered.
   MachineDriver<Gateway>::Input gateway(gateway_driver_);
   const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
     return gateway->commands().on_operator_command(who, to, what, std::move(bytes), read_clocks());
   };
-  const std::string refusal =
-      operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
-  if (!refusal.empty()) log_notice(audit_notice(who, {"command " + type, robot}, refusal));
+  const std::string refusal = operator_commands_.send(
+      command.robot, command.type, std::move(command.payload), submit, std::move(done));
+  if (!refusal.empty())
+    log_notice(audit_notice(who, {"command " + command.type, command.robot}, refusal));
 }
 
 OrderAnswer App::forget(const std::string& who, const std::string& robot) {

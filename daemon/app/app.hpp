@@ -54,9 +54,9 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_border_router();
   void start_control();
   void wait_for_signal();
-  OrderAnswer reload(const std::string& who) override;
+  OrderAnswer reload(const std::string& who);
   OrderAnswer read_configuration();
-  OrderAnswer forget(const std::string& who, const std::string& robot) override;
+  OrderAnswer forget(const std::string& who, const std::string& robot);
   void report_configured_robots();
   void publish_offline_at(const BrokerSettings& left);
   /// Applies the settings that can change while the daemon runs.
@@ -99,16 +99,13 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_subscribe_result(const std::string& filter, bool is_granted) override;
   void on_message(BrokerMessage message, const UserProperties& said) override;
 
-  nlohmann::json status() override;
-  nlohmann::json robots(const std::optional<std::string>& robot) override;
-  nlohmann::json fleet() override;
-  OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) override;
+  void on_request(const std::string& who, control::Request request, Answer answer) override;
   void on_watched(bool is_watched) override;
-  void send(const std::string& who, const std::string& robot, const std::string& type,
-            Bytes payload, std::function<void(nlohmann::json)> done) override;
-  void ping(const std::string& robot, OrderDone done) override;
-  void manage_ble(const std::string& who, BleOrder order, OrderDone done) override;
-  void manage_store(const std::string& who, StoreOrder order, OrderDone done) override;
+  nlohmann::json status();
+  void send(const std::string& who, control::SendRequest command, OperatorCommands::Done done);
+  void ping(const std::string& robot, OrderDone done);
+  void manage_ble(const std::string& who, BleOrder order, OrderDone done);
+  void manage_store(const std::string& who, StoreOrder order, OrderDone done);
 
   Config config_;
   const std::string config_file_;

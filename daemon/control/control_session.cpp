@@ -10,7 +10,6 @@
 #include <boost/asio/write.hpp>
 #include <utility>
 
-#include "daemon/core/result.hpp"
 #include "daemon/observability/audit_notice.hpp"
 
 namespace slamgw {
@@ -102,7 +101,7 @@ void ControlSession::on_line(error_code error, std::size_t size) {
   if (error) return end();
   const std::string line = input_.substr(0, size - 1);
   input_.erase(0, size);
-  arm_idle_timer();
+  idle_timer_.cancel();  // the client may wait as long as its order takes
   handle(line);
   // The next request is read after this answer is written, so that answers can't pile up. A watcher
   // is always read, which shows when it disconnects.
@@ -115,50 +114,16 @@ void ControlSession::handle(const std::string& line) {
     ++counters_.bad_requests;
     return answer(control::error_line(request.error()));
   }
-  perform(*request);
-}
-
-void ControlSession::perform(control::Request& request) {
-  using namespace control;
-  std::visit(
-      overloaded{
-          [this](StatusRequest&) { answer(result_line(handler_.status())); },
-          [this](RobotsRequest& asked) { answer(result_line(handler_.robots(asked.robot))); },
-          [this](ReloadRequest&) { answer(order_line(handler_.reload(who_))); },
-          [this](FleetRequest&) { answer(result_line(handler_.fleet())); },
-          [this](MqttsnClientsRequest& asked) {
-            answer(order_line(handler_.mqttsn_clients(asked.robot)));
-          },
-          [this](ForgetRequest& order) { answer(order_line(handler_.forget(who_, order.robot))); },
-          [this](WatchRequest& asked) {
-            answer(result_line("watching"));
-            watch_ = std::move(asked);
-            on_watch_();
-          },
-          [this](SendRequest& order) {
-            handler_.send(who_, order.robot, order.type, std::move(order.payload),
-                          [self = weak_from_this()](const nlohmann::json& outcome) {
-                            const auto session = self.lock();
-                            if (session && !session->is_closed_)
-                              session->answer(result_line(outcome));
-                          });
-          },
-          [this](PingRequest& asked) { handler_.ping(asked.robot, answer_order()); },
-          [this](BleOrder& order) { handler_.manage_ble(who_, std::move(order), answer_order()); },
-          [this](StoreOrder& order) {
-            handler_.manage_store(who_, std::move(order), answer_order());
-          }},
-      request);
-}
-
-/// Returns the callback that answers an order. Stops the idle timer, because the client may wait as
-/// long as the order takes.
-OrderDone ControlSession::answer_order() {
-  idle_timer_.cancel();
-  return [self = weak_from_this()](const OrderAnswer& done) {
-    const auto session = self.lock();
-    if (session && !session->is_closed_) session->answer(control::order_line(done));
-  };
+  if (auto* watch = std::get_if<control::WatchRequest>(&*request)) {
+    answer(control::result_line("watching"));
+    watch_ = std::move(*watch);
+    return on_watch_();
+  }
+  handler_.on_request(who_, std::move(*request),
+                      [self = weak_from_this()](const std::string& answered) {
+                        const auto session = self.lock();
+                        if (session && !session->is_closed_) session->answer(answered);
+                      });
 }
 
 void ControlSession::answer(const std::string& line) {

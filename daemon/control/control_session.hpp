@@ -59,8 +59,6 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void read_line();
   void on_line(boost::system::error_code error, std::size_t size);
   void handle(const std::string& line);
-  void perform(control::Request& request);
-  OrderDone answer_order();
   void answer(const std::string& line);
   /// Queues an answer for a watcher, or cuts the watcher off when too much waits already.
   void offer(const std::string& line);

@@ -45,16 +45,20 @@
 namespace slamgw::control {
 
 struct StatusRequest {};
-/// Without a robot: about every robot.
+/// Answered with an array that has a row for each robot, or only for this one.
 struct RobotsRequest {
   std::optional<std::string> robot;
 };
+/// Answered with the changes that took effect and those that need a restart. If the configuration
+/// has problems, answered with these, one a line, and nothing changes.
 struct ReloadRequest {};
+/// Answered with the gateways of this broker and what they serve.
 struct FleetRequest {};
-/// Without a robot: about every client.
+/// Answered with the sessions of MQTT-SN, or only with this robot's.
 struct MqttsnClientsRequest {
   std::optional<std::string> robot;
 };
+/// Removes a robot that is offline from the registry and its presence from the broker.
 struct ForgetRequest {
   std::string robot;
 };
@@ -67,6 +71,7 @@ struct WatchRequest {
   std::optional<std::string> robot;
   std::optional<std::string> type;
 };
+/// Sends a command to a robot; answered with `{"outcome", "after_ms", "why"}`.
 struct SendRequest {
   std::string robot;
   std::string type;

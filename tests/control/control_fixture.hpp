@@ -48,45 +48,61 @@ class FakeHandler : public ControlHandler {
   std::deque<OrderAnswer> store_answers;    ///< given at once, one after the other
   std::optional<OrderAnswer> order_answer;  ///< given at once when set
 
-  nlohmann::json status() override { return status_answer; }
-  nlohmann::json robots(const std::optional<std::string>& robot) override {
+  void on_request(const std::string& by, control::Request request, Answer answer) override {
+    using namespace control;
+    const OrderDone done = [answer](const OrderAnswer& ended) { answer(order_line(ended)); };
+    std::visit(
+        overloaded{
+            [&](StatusRequest&) { answer(result_line(status_answer)); },
+            [&](RobotsRequest& asked) { answer(result_line(robots(asked.robot))); },
+            [&](FleetRequest&) { answer(result_line(fleet_answer)); },
+            [&](MqttsnClientsRequest& asked) { done(mqttsn_clients(asked.robot)); },
+            [&](ReloadRequest&) { done(reload(by)); },
+            [&](ForgetRequest& order) { done(forget(by, order.robot)); },
+            [&](SendRequest& command) {
+              who.push_back(by);
+              sent.push_back({command.robot, command.type, std::move(command.payload),
+                              [answer](const auto& outcome) { answer(result_line(outcome)); }});
+            },
+            [&](PingRequest& asked) { ping(asked.robot, done); },
+            [&](BleOrder& order) { manage_ble(by, std::move(order), done); },
+            [&](StoreOrder& order) { manage_store(by, std::move(order), done); },
+            [](WatchRequest&) { ADD_FAILURE() << "is the server's own"; },
+        },
+        request);
+  }
+  nlohmann::json robots(const std::optional<std::string>& robot) {
     if (!robot) return robots_answer;
     nlohmann::json found = nlohmann::json::array();
     for (const auto& row : robots_answer)
       if (row["id"] == *robot) found.push_back(row);
     return found;
   }
-  nlohmann::json fleet() override { return fleet_answer; }
-  OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) override {
+  OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) {
     if (robot == "nobody") return {{}, "nobody has no MQTT-SN session here"};
     return {nlohmann::json::array({{{"robot", robot.value_or("all")}}}).dump(), {}};
   }
   void on_watched(bool is_watched) override { watched.push_back(is_watched); }
-  void send(const std::string& by, const std::string& robot, const std::string& type, Bytes payload,
-            std::function<void(nlohmann::json)> done) override {
-    who.push_back(by);
-    sent.push_back({robot, type, std::move(payload), std::move(done)});
-  }
-  void ping(const std::string& robot, OrderDone done) override {
+  void ping(const std::string& robot, OrderDone done) {
     if (robot == "nobody") return done({{}, "no robot called nobody is known here"});
     done({nlohmann::json{{"robot", robot}, {"answered", true}}.dump(), {}});
   }
-  void manage_ble(const std::string& by, BleOrder order, OrderDone done) override {
+  void manage_ble(const std::string& by, BleOrder order, OrderDone done) {
     who.push_back(by);
     orders.push_back({std::move(order), done});
     if (order_answer) done(*order_answer);
   }
-  OrderAnswer reload(const std::string& by) override {
+  OrderAnswer reload(const std::string& by) {
     who.push_back(by);
     return reload_answer;
   }
-  OrderAnswer forget(const std::string& by, const std::string& robot) override {
+  OrderAnswer forget(const std::string& by, const std::string& robot) {
     who.push_back(by);
     forgotten.push_back(robot);
     if (robot == "online") return {{}, "online is online: switch it off first"};
     return {nlohmann::json{{"forgotten", robot}, {"was_known", robot == "old"}}.dump(), {}};
   }
-  void manage_store(const std::string& by, StoreOrder order, OrderDone done) override {
+  void manage_store(const std::string& by, StoreOrder order, OrderDone done) {
     who.push_back(by);
     store_orders.push_back({std::move(order), done});
     if (store_answers.empty()) return;

@@ -121,18 +121,19 @@ TEST_F(ControlServerIo, TellsACommandsOutcomeWhenItComes) {
 }
 
 TEST_F(ControlServerIo, ForgetsAnOutcomeWhoseClientOrServerIsGone) {
-  start({.idle = std::chrono::milliseconds(1)});
+  start();
   const std::string request = R"({"command": "send", "robot": "r", "type": "t", "payload_hex": ""})"
                               "\n";
-  Client client(io, path);
-  client.write(request);
-  ASSERT_TRUE(wait_until([&] { return handler.sent.size() == 1 && client.is_ended(); }));
-  start();
+  auto gone = std::make_unique<Client>(io, path);
+  gone->write(request);
+  ASSERT_TRUE(wait_until([&] { return handler.sent.size() == 1; }));
+  gone.reset();
+  handler.sent[0].done({{"outcome", "delivered"}});
   Client next(io, path);
   next.write(request);
   ASSERT_TRUE(wait_until([&] { return handler.sent.size() == 2; }));
   server->stop();
-  for (const auto& sent : handler.sent) sent.done({{"outcome", "delivered"}});
+  handler.sent[1].done({{"outcome", "delivered"}});
   EXPECT_TRUE(wait_until([&] { return next.is_ended(); }));
   EXPECT_FALSE(next.has_line());
 }
