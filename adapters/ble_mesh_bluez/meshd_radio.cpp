@@ -200,7 +200,7 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
   call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
     if (!property.is_success()) return pause(reason(property), retry_after, then);
     if (property.address != source_) return leave("the gateway has another address now");
-    steps_ = plan();
+    plan();
     do_step(then);
   });
 }
@@ -245,42 +245,38 @@ void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
   }
   const bool is_busy = !steps_.empty();
   if (stage_ != Stage::up && !is_busy) return;  // plan() will include the new keys
-  std::vector<Step> more = refresh_steps();
-  std::ranges::move(more, std::back_inserter(steps_));
+  plan_refresh();
   if (!is_busy && !steps_.empty()) do_step(now);
 }
 
 // --- Preparing the node --------------------------------------------------------------------------
 
 /// meshd takes configuration messages to its own node under the node's device key, as for any node.
-MeshdRadio::Step MeshdRadio::configure(Bytes message, Opcode answer, bool has_status) const {
-  return {DevKeySend{source_, std::move(message)}, answer, has_status};
+void MeshdRadio::configure(Bytes message, Opcode answer, bool has_status) {
+  steps_.push_back({DevKeySend{source_, std::move(message)}, answer, has_status});
 }
 
-std::deque<MeshdRadio::Step> MeshdRadio::plan() const {
-  std::deque<Step> steps{{ImportSubnet{keys_->keys.net_key}}, {ImportAppKey{keys_->keys.app_key}}};
-  if (own_device_key_) steps.push_back({ImportRemoteNode{source_, *own_device_key_}});
-  steps.push_back(configure(encode_appkey_add_message(keys_->keys.app_key), appkey_status));
-  steps.push_back(configure(encode_model_app_bind(source_, gateway_model), model_app_status));
-  steps.push_back(configure(encode_default_ttl_set(settings_.ttl), default_ttl_status, false));
-  steps.push_back(
-      configure(encode_network_transmit_set(transmissions), network_transmit_status, false));
-  steps.push_back(configure(encode_model_subscription_delete_all(source_, gateway_model),
-                            model_subscription_status));
+void MeshdRadio::plan() {
+  steps_ = {{ImportSubnet{keys_->keys.net_key}}, {ImportAppKey{keys_->keys.app_key}}};
+  if (own_device_key_) steps_.push_back({ImportRemoteNode{source_, *own_device_key_}});
+  configure(encode_appkey_add_message(keys_->keys.app_key), appkey_status);
+  configure(encode_model_app_bind(source_, gateway_model), model_app_status);
+  configure(encode_default_ttl_set(settings_.ttl), default_ttl_status, false);
+  configure(encode_network_transmit_set(transmissions), network_transmit_status, false);
+  configure(encode_model_subscription_delete_all(source_, gateway_model),
+            model_subscription_status);
   for (const std::uint16_t group : settings_.groups)
-    steps.push_back(configure(encode_model_subscription_add(source_, group, gateway_model),
-                              model_subscription_status));
-  std::vector<Step> more = refresh_steps();
-  std::ranges::move(more, std::back_inserter(steps));
-  return steps;
+    configure(encode_model_subscription_add(source_, group, gateway_model),
+              model_subscription_status);
+  plan_refresh();
 }
 
 /// Lets the node hear both pairs of keys and send under the old ones. The node refuses a step that
 /// it has done already, such as after a beacon of a robot that is ahead.
-std::vector<MeshdRadio::Step> MeshdRadio::refresh_steps() const {
-  if (!keys_->next) return {};
-  return {configure(encode_netkey_update(keys_->next->net_key), netkey_status, false),
-          configure(encode_appkey_update(keys_->next->app_key), appkey_status, false)};
+void MeshdRadio::plan_refresh() {
+  if (!keys_->next) return;
+  configure(encode_netkey_update(keys_->next->net_key), netkey_status, false);
+  configure(encode_appkey_update(keys_->next->app_key), appkey_status, false);
 }
 
 void MeshdRadio::do_step(TimePoint now) {

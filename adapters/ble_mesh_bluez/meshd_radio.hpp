@@ -152,9 +152,9 @@ class MeshdRadio final : public Radio {
   void attach();
   void on_attached(const MeshdAnswer& answer, TimePoint now);
   void leave(const std::string& why);
-  std::deque<Step> plan() const;
-  std::vector<Step> refresh_steps() const;
-  Step configure(Bytes message, Opcode answer, bool has_status = true) const;
+  void plan();
+  void plan_refresh();
+  void configure(Bytes message, Opcode answer, bool has_status = true);
   void do_step(TimePoint now);
   void on_step_answer(const MeshdAnswer& answer, TimePoint now);
   void on_configured(const AccessMessage& answer, TimePoint now);
