@@ -207,7 +207,7 @@ std::vector<WaitingMessage> CommandQueue::take_waiting(TimePoint now) {
   return taken;
 }
 
-std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
+std::optional<CommandQueue::Transmission> CommandQueue::next_transmission(TimePoint now) {
   if (outstanding_) {
     if (outstanding_->entry.is_overdue(now)) return std::nullopt;
     if (now < outstanding_->first_sent + outstanding_->next_offset) return std::nullopt;
@@ -215,14 +215,14 @@ std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
     while (now >= outstanding_->first_sent + outstanding_->next_offset)
       outstanding_->next_offset *= 2;
     ++outstanding_->copies;
-    return outstanding_->entry.command.access;
+    return Transmission{outstanding_->entry.command, true};
   }
   if (waiting_.empty() || waiting_.front().is_overdue(now) || now < earliest_start())
     return std::nullopt;
   const Duration offset = first_repeat(waiting_.front().command);
   outstanding_ = Outstanding{std::move(waiting_.front()), now, offset, 1, {}};
   waiting_.pop_front();
-  return outstanding_->entry.command.access;
+  return Transmission{outstanding_->entry.command, false};
 }
 
 Duration CommandQueue::first_repeat(const Command& command) const {

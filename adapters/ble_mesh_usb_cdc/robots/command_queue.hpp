@@ -131,14 +131,12 @@ class CommandQueue {
   /// Removes and returns the commands that were not sent, the oldest first.
   std::vector<WaitingMessage> take_waiting(TimePoint now);
 
-  /// Returns the access message to send now, if any. Overdue commands are for on_deadline().
-  std::optional<Bytes> next_transmission(TimePoint now);
-  /// The command that next_transmission() returned last, and how often.
-  struct UnderWay {
+  struct Transmission {
     const Command& command;
-    int copies;
+    bool is_repeat;
   };
-  UnderWay under_way() const { return {outstanding_->entry.command, outstanding_->copies}; }
+  /// Returns the command to send now, if any. Overdue commands are for on_deadline().
+  std::optional<Transmission> next_transmission(TimePoint now);
   /// `may_send`: includes the time when next_transmission() is due.
   std::optional<TimePoint> deadline(bool may_send = true) const;
   /// Returns the commands that have not ended.

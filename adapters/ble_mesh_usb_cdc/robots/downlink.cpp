@@ -71,20 +71,19 @@ std::optional<TimePoint> Downlink::deadline(const Robot& robot) const {
 
 void Downlink::transmit_due(Robot& robot, TimePoint now) {
   if (robot.commands.size() == 0 || !gate_.is_open_for(robot)) return;
-  auto access = robot.commands.next_transmission(now);
-  if (!access) return;
+  const auto next = robot.commands.next_transmission(now);
+  if (!next) return;
   if (is_traced_) {
-    const CommandQueue::UnderWay sent = robot.commands.under_way();
     emit(MeshStep{.kind = MeshStep::Kind::sent,
                   .mesh = Mesh::ble,
                   .robot = robot.id,
-                  .topic = topics_.command_topic(robot.id, sent.command.type),
-                  .wire = {std::nullopt, sent.copies > 1},
-                  .bytes = sent.command.access.size(),
-                  .command = sent.command.id});
+                  .topic = topics_.command_topic(robot.id, next->command.type),
+                  .wire = {std::nullopt, next->is_repeat},
+                  .bytes = next->command.access.size(),
+                  .command = next->command.id});
   }
   // The queue repeats a message that the radio does not take.
-  radio_.send({robot.address, robot.key, std::move(*access)}, now);
+  radio_.send({robot.address, robot.key, next->command.access}, now);
 }
 
 void Downlink::conclude(const Robot& robot, EndedCommands ended) {
