@@ -56,15 +56,6 @@ bool ControlSession::wants(const TraceEvent& event) const {
          (!watch_->type || *watch_->type == event.type);
 }
 
-void ControlSession::offer(const std::string& line) {
-  if (queued() + line.size() > limits_.queued_bytes) {
-    ++counters_.watchers_dropped;
-    return end();
-  }
-  waiting_ += line;
-  write_waiting();
-}
-
 void ControlSession::offer_event(const std::string& line, WallTime at) {
   report_lost();
   if (lost_ > 0 || queued() + line.size() > limits_.queued_bytes) {
@@ -127,7 +118,11 @@ void ControlSession::handle(const std::string& line) {
 }
 
 void ControlSession::answer(const std::string& line) {
-  if (watch_) return offer(line);  // a watcher's answers and events share one bound
+  // A watcher's answers and events share one bound.
+  if (watch_ && queued() + line.size() > limits_.queued_bytes) {
+    ++counters_.watchers_dropped;
+    return end();
+  }
   arm_idle_timer();
   waiting_ += line;
   write_waiting();

@@ -59,9 +59,8 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void read_line();
   void on_line(boost::system::error_code error, std::size_t size);
   void handle(const std::string& line);
+  /// Queues an answer, or cuts a watcher off when too much waits for it already.
   void answer(const std::string& line);
-  /// Queues an answer for a watcher, or cuts the watcher off when too much waits already.
-  void offer(const std::string& line);
   void report_lost();
   std::size_t queued() const { return writing_.size() + waiting_.size(); }
   void on_written(boost::system::error_code error);
