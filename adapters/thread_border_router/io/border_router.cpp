@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -70,15 +71,12 @@ bool read_neighbours(sd_bus_message* message, const char* type, NodeFacts& facts
   return true;
 }
 
-}  // namespace
-
-struct BorderRouter::Property {
+struct Property {
   const char* name;
   const char* type;
   bool (*read)(sd_bus_message* reply, const char* type, NodeFacts& facts);
 };
-
-const std::array<BorderRouter::Property, BorderRouter::property_count> BorderRouter::properties{{
+constexpr std::array<Property, 7> properties{{
     {"DeviceRole", "s", read_value<&NodeFacts::role>},
     {"NetworkName", "s", read_value<&NodeFacts::network_name>},
     {"Channel", "q", read_value<&NodeFacts::channel>},
@@ -87,6 +85,21 @@ const std::array<BorderRouter::Property, BorderRouter::property_count> BorderRou
     {"LeaderData", "(uyyyy)", read_leader},
     {"NeighborTable", "a(tuquuyyyqqqbbbb)", read_neighbours},  // before November 2022: one "q" less
 }};
+
+/// An error is normal for a property that the present state does not have: a detached node has no
+/// leader. But each state has a role.
+void take(const Property& property, sd_bus_message* reply, NodeFacts& facts) {
+  if (const sd_bus_error* const error = sd_bus_message_get_error(reply)) {
+    if (&property == &properties.front())
+      facts.problem = fmt::format("does not report its role: {}", error->name);
+    return;
+  }
+  if (!property.read(reply, property.type, facts))
+    facts.problem =
+        fmt::format("its {} is not of type {}; it is ignored", property.name, property.type);
+}
+
+}  // namespace
 
 BorderRouter::BorderRouter(boost::asio::io_context& io,
                            std::function<void(const std::string& json)> publish,
@@ -107,7 +120,8 @@ BorderRouter::BorderRouter(boost::asio::io_context& io,
                                                       properties_interface, "PropertiesChanged",
                                                       on_signal, nullptr, this);
                    },
-                   [this](const std::string&) { on_agent(); }}) {}
+                   [this](const std::string&) { on_agent(); }}),
+      calls_(properties.size()) {}
 
 void BorderRouter::on_agent() {
   forget_calls();
@@ -144,23 +158,10 @@ void BorderRouter::read() {
 int BorderRouter::on_reply(sd_bus_message* reply, void* call, sd_bus_error*) {
   BorderRouter& self = *static_cast<Call*>(call)->router;
   const auto index = static_cast<Call*>(call) - self.calls_.data();
-  self.take(properties[static_cast<std::size_t>(index)], reply);
+  take(properties[static_cast<std::size_t>(index)], reply, self.facts_);
   if (--self.waiting_ == 0)
     self.driver_->on_read(std::exchange(self.facts_, {}), read_clocks().mono);
   return 0;
-}
-
-/// An error is normal for a property that the present state does not have: a detached node has no
-/// leader. But each state has a role.
-void BorderRouter::take(const Property& property, sd_bus_message* reply) {
-  if (const sd_bus_error* const error = sd_bus_message_get_error(reply)) {
-    if (&property == &properties.front())
-      facts_.problem = fmt::format("does not report its role: {}", error->name);
-    return;
-  }
-  if (!property.read(reply, property.type, facts_))
-    facts_.problem =
-        fmt::format("its {} is not of type {}; it is ignored", property.name, property.type);
 }
 
 /// Reads no value of the signal: one of them, ActiveDatasetTlvs, holds the network's key.

@@ -4,10 +4,10 @@
 // Loop's thread only.
 #pragma once
 
-#include <array>
 #include <boost/asio/io_context.hpp>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "adapters/thread_border_router/border_router_watch.hpp"
 #include "daemon/runtime/bus_connection.hpp"
@@ -28,9 +28,6 @@ class BorderRouter {
   const std::string& role() const { return watch_.role(); }
 
  private:
-  static constexpr std::size_t property_count = 7;
-  struct Property;
-  static const std::array<Property, property_count> properties;
   struct Call {
     BorderRouter* router = nullptr;
     SdBusSlot slot = {};
@@ -39,14 +36,13 @@ class BorderRouter {
   void on_agent();
   void read();
   void forget_calls();
-  void take(const Property& property, sd_bus_message* reply);
   static int on_reply(sd_bus_message* reply, void* call, sd_bus_error* error);
   static int on_signal(sd_bus_message* signal, void* router, sd_bus_error* error);
 
   BorderRouterWatch watch_;
   MachineDriver<BorderRouterWatch> driver_;
   BusConnection connection_;
-  std::array<Call, property_count> calls_;
+  std::vector<Call> calls_;  ///< one for each property
   NodeFacts facts_;          ///< from the answers so far
   std::size_t waiting_ = 0;  ///< answers that have not come yet
 };
