@@ -55,7 +55,7 @@ function problemsOf(gateway, model, add) {
   const store = stats.store ?? {};
   if (store.full) add(`${name}: its store is full`, 'Robots are not acknowledged until the broker has taken some messages. Is the broker up?');
   if (store.state && store.state !== 'working' && store.state !== 'opening') add(`${name}: its store is ${store.state}`, store.why);
-  if (store.dead_letters > 0) add(`${name} has set ${store.dead_letters} messages aside`, 'The broker will never take them: slam-gatewayctl store list', true);
+  if (store.dead_letters > 0) add(`${name} keeps ${store.dead_letters} dead letter${store.dead_letters === 1 ? '' : 's'}`, 'Messages that the broker has refused: slam-gatewayctl store list', true);
 }
 
 // ---- the table
