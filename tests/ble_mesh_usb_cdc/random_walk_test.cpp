@@ -173,13 +173,13 @@ TEST(RandomWalk, ALossyRadioLosesNothingThatWasAcknowledged) {
 }
 
 /// Three robots at five messages a second, a tenth of all radio messages lost.
-TEST(RandomWalk, AnHourOnALossyRadioLosesNothingAndDoublesLittle) {
+TEST(RandomWalk, TwentyMinutesOnALossyRadioLosesNothingAndDoublesLittle) {
   Walk walk(1);
-  for (int i = 0; i < 50 * 3600; ++i) walk.step();
+  for (int i = 0; i < 50 * 1200; ++i) walk.step();
   walk.settle();
   expect_complete(walk);
   EXPECT_LT(walk.safe_twice, walk.safe.size() / 20) << "of a tenth that lost their STATUS";
-  EXPECT_GT(walk.safe.size(), 30000u);
+  EXPECT_GT(walk.safe.size(), 10000u);
 }
 
 TEST(RandomWalk, WhatIsRelayedCostsTheRobotsOfTheMeshNothing) {

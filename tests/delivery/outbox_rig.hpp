@@ -73,6 +73,8 @@ class OutboxRig {
     is_up = false;
     outbox->on_link_down(now);
     drain();
+    for (const RefusedTopic& refused : outbox->refused_topics().list(1000))
+      refused_topics.insert(refused.topic);
   }
   void acknowledge_first() {
     const Published first = std::move(under_way.front());
@@ -134,8 +136,6 @@ class OutboxRig {
   void drain() {
     while (auto action = outbox->next_action())
       std::visit([this](auto& a) { perform(a); }, *action);
-    for (const RefusedTopic& refused : outbox->refused_topics().list(1000))
-      refused_topics.insert(refused.topic);
     if (!is_store_quick) return;
     is_store_quick = false;
     while (serve_store()) {

@@ -367,7 +367,7 @@ TEST(SessionWorld, NoCommandIsObeyedTwiceAndEachHasOneOutcomeWhateverFails) {
   int published = 0;
   int with_outcome = 0;
   int obeyed = 0;
-  for (unsigned seed = 1; seed <= 12; ++seed) {
+  for (unsigned seed = 1; seed <= 6; ++seed) {
     World world(seed, kinds[seed % kinds.size()]);
     world.play();
     const Ledger& ledger = world.ledger;
@@ -392,7 +392,7 @@ TEST(SessionWorld, NoCommandIsObeyedTwiceAndEachHasOneOutcomeWhateverFails) {
     EXPECT_EQ(ledger.without_answer, 0) << "seed " << seed;
     EXPECT_EQ(ledger.answered_twice, 0) << "seed " << seed;
   }
-  EXPECT_GT(published, 20'000);
+  EXPECT_GT(published, 10'000);
   EXPECT_GT(obeyed, published / 2);
   // Those that came within one round trip before a connection broke have no outcome.
   EXPECT_GT(with_outcome, published * 99 / 100) << with_outcome << " of " << published;
