@@ -408,7 +408,7 @@ std::optional<slamgw::Credentials> service_credentials() {
 }
 
 slamgw::BrokerSettings broker_for(const Installation& installation, const HostTask& task) {
-  const auto& [config, problems, warnings, notices, places] = installation.parsed();
+  const auto& [config, problems, warnings, notices, places, file] = installation.parsed();
   if (task.broker.empty()) {
     if (!problems.empty())
       throw Failure(to_string(problems.front()) + " (or name another broker with --broker)");

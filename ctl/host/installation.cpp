@@ -18,14 +18,11 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <optional>
 #include <string_view>
 #include <thread>
 #include <utility>
 
 #include "ctl/connection.hpp"
-#include "daemon/config/io/load.hpp"
-#include "daemon/config/rules.hpp"
 #include "daemon/core/parse_number.hpp"
 
 extern char** environ;
@@ -104,12 +101,8 @@ Installation::Installation(std::string configuration)
       parsed_(load_config(configuration_)) {
   for (const char* const name : {"credentials.json", "web-credentials.json"})
     named_.push_back(etc() / name);
-  const Config& config = parsed_.config;
-  const BrokerSettings& broker = config.broker;
-  for (const std::optional<std::string>* const file :
-       {&broker.credentials_file, &broker.ca_file, &broker.certificate_file, &broker.key_file,
-        &config.web.token_file, &config.mqttsn.dtls.keys_file})
-    if (*file) named_.push_back(fs::absolute(**file).lexically_normal());
+  for (const NamedFile& file : named_files(parsed_.config))
+    named_.push_back(fs::absolute(file.path).lexically_normal());
 }
 
 fs::path Installation::state() const {

@@ -9,12 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "daemon/config/parse.hpp"
+#include "daemon/config/io/load.hpp"
 
 namespace slamgw::ctl {
 
 inline constexpr const char* service_unit = "slam-gateway.service";
-inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
 
 /// The places of the gateway's files on this host, by its configuration.
 class Installation {
@@ -27,9 +26,7 @@ class Installation {
   std::filesystem::path etc() const { return std::filesystem::path(configuration_).parent_path(); }
   std::filesystem::path state() const;
   /// `gateway.d` beside `gateway.json`.
-  std::filesystem::path site() const {
-    return std::filesystem::path(configuration_).replace_extension(".d");
-  }
+  std::filesystem::path site() const { return site_directory(configuration_); }
   /// Returns whether the packaged service reads this configuration.
   bool is_service() const { return configuration_ == service_configuration; }
 

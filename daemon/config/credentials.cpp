@@ -39,65 +39,64 @@ std::optional<Credentials> parse_credentials(const std::string& text, const std:
   return credentials;
 }
 
-constexpr std::string_view key_of_file = "broker.credentials_file";
+constexpr const char* key_of_file = "broker.credentials_file";
 
 /// Reports at the key if the configuration sets it, else at the file itself.
-void report(const Located& located, const std::string& path, const std::string& wrong) {
-  if (located.is_set(std::string(key_of_file)))
-    located.problem(std::string(key_of_file), path + " " + wrong);
+void report(ParseResult& result, const std::string& path, const std::string& wrong) {
+  if (result.is_set(key_of_file))
+    result.problem(key_of_file, path + " " + wrong);
   else
-    located.context.problems.push_back({path, 1, "file", wrong});
+    result.problems.push_back({path, 1, "file", wrong});
 }
 
-bool is_guarded(const Located& located, const std::string& path, const FileText& file) {
+bool is_guarded(ParseResult& result, const std::string& path, const FileText& file) {
   const std::string fault = fault_of_secret(path, file);
-  if (!fault.empty()) report(located, path, fault);
+  if (!fault.empty()) report(result, path, fault);
   return fault.empty();
 }
 
-void cannot_be_read(const Located& located, const std::string& path, const FileError& error) {
-  report(located, path,
+void cannot_be_read(ParseResult& result, const std::string& path, const FileError& error) {
+  report(result, path,
          fmt::format("cannot be read: {}; a readable file with {} is needed", error.text, shape));
 }
 
-std::optional<Credentials> read_file(const Located& located, const std::string& path,
+std::optional<Credentials> read_file(ParseResult& result, const std::string& path,
                                      const Files& files) {
   const auto file = files.read(path);
   if (!file) {
-    cannot_be_read(located, path, file.error());
+    cannot_be_read(result, path, file.error());
     return std::nullopt;
   }
-  if (!is_guarded(located, path, *file)) return std::nullopt;
-  return parse_credentials(file->text, path, located.context.problems);
+  if (!is_guarded(result, path, *file)) return std::nullopt;
+  return parse_credentials(file->text, path, result.problems);
 }
 
 /// Reads systemd's copy, which its directory guards. Problems name the copy's source; where the
 /// service's user may read that file, its mode and owner are checked too.
-std::optional<Credentials> read_credential(const Located& located, const Environment& environment,
+std::optional<Credentials> read_credential(ParseResult& result, const Environment& environment,
                                            const Files& files) {
   const std::string copy = environment.credentials_directory + "/broker";
   const std::string& source = environment.credential_source;
   const auto file = files.read(copy);
   if (!file) {  // the unit may load it or not
-    if (!file.error().is_missing) cannot_be_read(located, copy, file.error());
+    if (!file.error().is_missing) cannot_be_read(result, copy, file.error());
     return std::nullopt;
   }
   if (const auto original = source.empty() ? FileError{} : files.read(source);
-      original && !is_guarded(located, source, *original))
+      original && !is_guarded(result, source, *original))
     return std::nullopt;
-  return parse_credentials(file->text, source.empty() ? copy : source, located.context.problems);
+  return parse_credentials(file->text, source.empty() ? copy : source, result.problems);
 }
 
 /// Checks the file that the service will read, when another user runs this process.
-void check_source(const Located& located, ParseResult& result, const std::string& path,
-                  const Files& files) {
+void check_source(ParseResult& result, const std::string& path, const Files& files) {
   const auto file = files.read(path);
   if (!file && file.error().is_denied) {
-    result.warnings.push_back({path, 1, std::string(key_of_file),
+    result.warnings.push_back({path, 1, key_of_file,
                                "is not checked: only root may read it; type: sudo slam-gatewayd "
                                "--check-config"});
   } else {
-    read_file(located, path, files);
+    read_file(result, path, files);
   }
 }
 
@@ -113,15 +112,14 @@ std::string fault_of_secret(const std::string& path, const FileText& file, unsig
                      file.strange_owner, path);
 }
 
-void read_credentials(const Located& located, ParseResult& result, const Environment& environment,
-                      const Files& files) {
+void read_credentials(ParseResult& result, const Environment& environment, const Files& files) {
   const std::optional<std::string>& named = result.config.broker.credentials_file;
   if (named) {
-    result.config.broker.credentials = read_file(located, *named, files);
+    result.config.broker.credentials = read_file(result, *named, files);
   } else if (!environment.credentials_directory.empty()) {
-    result.config.broker.credentials = read_credential(located, environment, files);
+    result.config.broker.credentials = read_credential(result, environment, files);
   } else if (!environment.credential_source.empty()) {
-    check_source(located, result, environment.credential_source, files);
+    check_source(result, environment.credential_source, files);
   }
 }
 

@@ -3,8 +3,6 @@
 // from the systemd credential `broker`. Neither ever shows in a problem.
 #pragma once
 
-#include "daemon/config/checks.hpp"
-#include "daemon/config/files.hpp"
 #include "daemon/config/parse.hpp"
 
 namespace slamgw {
@@ -15,7 +13,6 @@ std::string fault_of_secret(const std::string& path, const FileText& file,
                             unsigned forbidden = 0007, const char* remedy = "type: sudo chmod o=");
 /// Sets `result.config.broker.credentials`. Without a credentials directory, `credential_source`
 /// is only checked: the service will read it, and this process must not use it.
-void read_credentials(const Located& located, ParseResult& result, const Environment& environment,
-                      const Files& files);
+void read_credentials(ParseResult& result, const Environment& environment, const Files& files);
 
 }  // namespace slamgw

@@ -13,7 +13,7 @@
 namespace slamgw {
 namespace {
 
-constexpr std::string_view keys_file_key = "mqttsn.dtls.keys_file";
+constexpr const char* keys_file_key = "mqttsn.dtls.keys_file";
 
 std::optional<Bytes> parse_key(std::string_view hex) {
   auto key = from_hex(hex);
@@ -57,27 +57,26 @@ std::string fault_of_key_file(const std::string& path, const FileText& file) {
   return fault.empty() ? fault : path + " " + fault;
 }
 
-void read_robot_keys(const Located& located, ParseResult& result, const Files& files) {
+void read_robot_keys(ParseResult& result, const Files& files) {
   const mqttsn::Settings& mqttsn = result.config.mqttsn;
   const std::optional<std::string>& path = mqttsn.dtls.keys_file;
   if (!path) {
     if (mqttsn.require_identity != mqttsn::RequireIdentity::none)
-      located.problem("mqttsn.require_identity",
-                      fmt::format("needs robots' keys; {} is needed", keys_file_key));
+      result.problem("mqttsn.require_identity",
+                     fmt::format("needs robots' keys; {} is needed", keys_file_key));
     return;
   }
-  const std::string key(keys_file_key);
   const auto file = files.read(*path);
   if (!file) {
     const char* remedy = file.error().is_missing
                              ? "create it with: sudo slam-gatewayctl key add ROBOT"
                              : "a readable file of keys is needed";
-    return located.problem(
-        key, fmt::format("{} cannot be read: {}; {}", *path, file.error().text, remedy));
+    return result.problem(
+        keys_file_key, fmt::format("{} cannot be read: {}; {}", *path, file.error().text, remedy));
   }
   if (std::string fault = fault_of_key_file(*path, *file); !fault.empty())
-    return located.problem(key, std::move(fault));
-  result.config.robot_keys = parse_key_file(file->text, *path, located.context.problems);
+    return result.problem(keys_file_key, std::move(fault));
+  result.config.robot_keys = parse_key_file(file->text, *path, result.problems);
 }
 
 }  // namespace slamgw

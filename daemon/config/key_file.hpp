@@ -5,9 +5,8 @@
 
 #include <string>
 
-#include "daemon/config/checks.hpp"
 #include "daemon/config/files.hpp"
-#include "daemon/config/parse.hpp"
+#include "daemon/config/parse_result.hpp"
 #include "daemon/core/robot_keys.hpp"
 
 namespace slamgw {
@@ -24,6 +23,6 @@ std::string write_key_file(const RobotKeys& keys);
 std::string fault_of_key_file(const std::string& path, const FileText& file);
 
 /// Sets `result.config.robot_keys`.
-void read_robot_keys(const Located& located, ParseResult& result, const Files& files);
+void read_robot_keys(ParseResult& result, const Files& files);
 
 }  // namespace slamgw

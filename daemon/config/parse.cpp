@@ -15,7 +15,7 @@
 #include "daemon/config/credentials.hpp"
 #include "daemon/config/key_file.hpp"
 #include "daemon/config/rules.hpp"
-#include "daemon/config/value.hpp"
+#include "daemon/config/schema.hpp"
 
 namespace slamgw {
 namespace {
@@ -26,8 +26,7 @@ constexpr std::string_view meaningless_group = "fleet";
 /// Walks the tree along the schema.
 class Reader {
  public:
-  Reader(ParseResult& result, ConfigContext& context)
-      : result_(result), config_(result.config), context_(context) {}
+  explicit Reader(ParseResult& result) : result_(result) {}
 
   void read_root(const JsonNode& root) { read_members(root, {}, {}); }
 
@@ -49,11 +48,11 @@ class Reader {
     if (key == nullptr && !has_members && !has_elements) return report_unknown(node, path, row);
     Place& place = result_.places[path] = node.place;
     place.is_null = node.value.is_null();
-    Value value(node, path, context_);
+    Value value(node, path, result_);
     if (has_elements) return read_elements(value, row + "[]");
     if (has_members && !node.value.is_object() && !(key != nullptr && value.is_null()))
       return value.not_allowed("a group of keys in braces { ... }");
-    if (key != nullptr) key->read(value, config_);
+    if (key != nullptr) key->read(value, result_.config);
     if (has_members) read_members(node, path, row);
   }
 
@@ -63,7 +62,7 @@ class Reader {
           result_.places[item.path()] = item.node().place;
           if (!item.node().value.is_object())
             return item.not_allowed("a group of keys in braces { ... }");
-          find_key(row)->read(item, config_);
+          find_key(row)->read(item, result_.config);
           read_members(item.node(), item.path(), row);
         },
         "groups { ... }");
@@ -94,7 +93,7 @@ class Reader {
   }
 
   void add_problem(const JsonNode& node, const std::string& path, std::string text) {
-    context_.problems.push_back({node.place.file, node.place.line, path, std::move(text)});
+    result_.problems.push_back({node.place.file, node.place.line, path, std::move(text)});
   }
 
   static bool is_credential(std::string_view key) {
@@ -103,8 +102,6 @@ class Reader {
   }
 
   ParseResult& result_;
-  Config& config_;
-  ConfigContext& context_;
 };
 
 void fill_defaults(Config& config, const Environment& environment) {
@@ -157,23 +154,20 @@ Tree read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
 ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment& environment,
                          const Files& files) {
   ParseResult result;
-  const std::string& first = parts.front().name;
-  ConfigContext context{first, std::filesystem::path(first).parent_path().string(), {}};
-  const Tree tree = read_tree(parts, context.problems);
-  if (tree.root) Reader(result, context).read_root(*tree.root);
+  result.file = parts.front().name;
+  const Tree tree = read_tree(parts, result.problems);
+  if (tree.root) Reader(result).read_root(*tree.root);
   // An unreadable part may set keys that the others need; without it, checks would report them.
   if (tree.is_complete) {
     fill_defaults(result.config, environment);
-    const Located located{result.config, result.places, context};
-    check_relations(located);
+    check_relations(result);
     if (environment.is_daemon) {
-      warn_of_relations(located, result.warnings);
-      read_credentials(located, result, environment, files);
-      read_robot_keys(located, result, files);
-      check_tls_files(located, files);
+      warn_of_relations(result);
+      read_credentials(result, environment, files);
+      read_robot_keys(result, files);
+      check_tls_files(result, files);
     }
   }
-  result.problems = std::move(context.problems);
   sort_by_place(result.problems, parts);
   return result;
 }

@@ -3,13 +3,11 @@
 // for its calls to Files. Reading the file itself: load.hpp.
 #pragma once
 
-#include <map>
 #include <string>
+#include <vector>
 
-#include "daemon/config/config.hpp"
 #include "daemon/config/files.hpp"
-#include "daemon/config/problem.hpp"
-#include "daemon/config/schema.hpp"
+#include "daemon/config/parse_result.hpp"
 
 namespace slamgw {
 
@@ -29,15 +27,6 @@ struct Environment {
 struct ConfigFile {
   std::string name;  ///< as shown in problems
   std::string text;
-};
-
-struct ParseResult {
-  Config config;      ///< to be used only when there are no problems
-  Problems problems;  ///< by file in the order of reading, and by line
-  Problems warnings;  ///< settings that work, but need an operator's attention
-  Problems notices;   ///< keys without any effect
-  /// The place of each key, group and list element that a file sets: `robots[0].id`.
-  std::map<std::string, Place> places;
 };
 
 /// `parts`: at least one; later parts override earlier ones key by key. Relative paths in all parts

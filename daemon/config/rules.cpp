@@ -92,8 +92,6 @@ bool is_topic_prefix(std::string_view text) {
   }
 }
 
-bool is_any_text(std::string_view) { return true; }
-
 bool is_uuid_prefix(std::string_view text) {
   return !text.empty() && text.size() <= uuid_digits && is_hex(text);
 }
@@ -152,10 +150,10 @@ std::string gateway_id_of_host(std::string_view host_name) {
   return id.empty() ? "gateway" : id;
 }
 
-std::optional<BrokerUri> parse_broker_uri(std::string_view uri) {
+std::optional<BrokerAddress> parse_broker_uri(std::string_view uri) {
   constexpr std::string_view plain = "mqtt://";
   constexpr std::string_view secure = "mqtts://";
-  BrokerUri result;
+  BrokerAddress result;
   result.tls = uri.starts_with(secure);
   if (!result.tls && !uri.starts_with(plain)) return std::nullopt;
   uri.remove_prefix(result.tls ? secure.size() : plain.size());

@@ -8,14 +8,15 @@
 #include <string_view>
 #include <utility>
 
+#include "daemon/mqtt/settings.hpp"
+
 namespace slamgw {
 
 bool is_gateway_id(std::string_view text);    ///< `[A-Za-z0-9_-]{1,32}`
 bool is_client_id(std::string_view text);     ///< 1-255 octets of UTF-8, no control characters
 bool is_topic_prefix(std::string_view text);  ///< levels that are not empty, no leading `$`
-bool is_any_text(std::string_view text);
-bool is_uuid_prefix(std::string_view text);  ///< 1-32 hex digits
-bool is_static_oob(std::string_view text);   ///< 32 hex digits
+bool is_uuid_prefix(std::string_view text);   ///< 1-32 hex digits
+bool is_static_oob(std::string_view text);    ///< 32 hex digits
 bool is_interface_name(std::string_view text);
 bool is_listen_address(
     std::string_view text);  ///< `0.0.0.0:47193`, `[::]:47193`, `[fe80::1%wpan0]:0`
@@ -29,12 +30,7 @@ bool is_multicast_group(std::string_view text);  ///< an IPv4 or IPv6 multicast 
 /// Makes a gateway id of a host name: other characters become `-`, an empty name `gateway`.
 std::string gateway_id_of_host(std::string_view host_name);
 
-struct BrokerUri {
-  std::string host;  ///< IPv6 without brackets
-  std::uint16_t port = 0;
-  bool tls = false;
-};
 /// Parses `mqtt://host[:port]` or `mqtts://host[:port]`; nothing for any other text.
-std::optional<BrokerUri> parse_broker_uri(std::string_view uri);
+std::optional<BrokerAddress> parse_broker_uri(std::string_view uri);
 
 }  // namespace slamgw

@@ -14,17 +14,34 @@ constexpr std::uint64_t day_s = 86400;
 constexpr std::uint64_t max_u16 = 65535;
 constexpr double max_cm = 1e6;  // ten kilometres
 constexpr std::uint64_t tebibyte = 1ULL << 40;
-constexpr std::string_view level_words =
-    "a text of 1-64 bytes without + # / and control characters";
-constexpr std::string_view listen_words = "\"[IPv6]:PORT\" or \"IPv4:PORT\"";
-constexpr std::string_view client_id_words = "a text of 1-255 bytes without control characters";
-constexpr std::string_view filter_words =
+constexpr TextRule any_text{[](std::string_view) { return true; }, "a text"};
+constexpr TextRule ban{Bans::is_valid,
+                       "a robot's id, an address or a network such as fd00::/64, without spaces"};
+constexpr TextRule client_id{is_client_id, "a text of 1-255 bytes without control characters"};
+constexpr TextRule filter{
+    is_valid_filter,
     "an MQTT filter, + only as a whole level, # only as the last, at most 200 levels, no control "
-    "characters";
-constexpr std::string_view topic_words =
-    "a topic name without wildcards and control characters, at most 200 levels";
+    "characters"};
+constexpr TextRule level{is_valid_level,
+                         "a text of 1-64 bytes without + # / and control characters"};
+constexpr TextRule listen_address{is_listen_address, "\"[IPv6]:PORT\" or \"IPv4:PORT\""};
+constexpr TextRule network{[](std::string_view text) { return IpNetwork::parse(text).has_value(); },
+                           "an IP address, or a network such as fd00::/64"};
+constexpr TextRule prefix{
+    is_topic_prefix,
+    "topic levels of at most 64 bytes, 128 in all, without wildcards, not empty, no / at either "
+    "end, no $ in front"};
+constexpr TextRule relay_filter{is_relay_filter,
+                                "\"robot/+/update\", or \"robot/ID/update\" of one robot, because "
+                                "BLE robots hear updates only"};
+constexpr TextRule retained_type{
+    [](std::string_view type) { return type == "*" || is_valid_level(type); },
+    "the last level of a topic, such as \"map\", or \"*\" for any"};
+constexpr TextRule topic{
+    is_valid_topic_name,
+    "a topic name without wildcards and control characters, at most 200 levels"};
 
-// Functions for keys that need more than one call, then the parts of the table.
+// Functions for keys that need more than one call, then the table.
 
 std::optional<BrokerAddress> broker_address(Value value) {
   const auto* text = value.node().value.get_ptr<const std::string*>();
@@ -34,8 +51,7 @@ std::optional<BrokerAddress> broker_address(Value value) {
         "user in the file that broker.credentials_file names");
     return std::nullopt;
   }
-  const auto uri = text == nullptr ? std::nullopt : parse_broker_uri(*text);
-  if (uri) return BrokerAddress{uri->host, uri->port, uri->tls};
+  if (const auto address = text ? parse_broker_uri(*text) : std::nullopt) return address;
   value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], IPv6 in [ ], or a list of them");
   return std::nullopt;
 }
@@ -89,10 +105,10 @@ void read_ttl(Value value, Config& config) {
   config.ble_mesh.ttl = static_cast<std::uint8_t>(ttl);
 }
 
-constexpr auto common_keys = std::to_array<SchemaKey>({
+constexpr auto all_keys = std::to_array<SchemaKey>({
     {"gateway.id",
      [](Value v, Config& c) {
-       v.text(c.gateway_id, is_gateway_id, "1-32 letters, digits, - and _");
+       v.text(c.gateway_id, {is_gateway_id, "1-32 letters, digits, - and _"});
      }},
     {"broker.uri", read_broker_uri},
     {"broker.client",
@@ -101,39 +117,21 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
                 {{"paho", MqttClient::paho}, {"mosquitto", MqttClient::mosquitto}});
      }},
     {"broker.return_to_first", [](Value v, Config& c) { v.boolean(c.broker.returns_to_first); }},
-    {"broker.client_id",
-     [](Value v, Config& c) { v.text(c.broker.client_id, is_client_id, client_id_words); }},
+    {"broker.client_id", [](Value v, Config& c) { v.text(c.broker.client_id, client_id); }},
     {"broker.credentials_file", [](Value v, Config& c) { v.file_path(c.broker.credentials_file); }},
     {"broker.tls.ca_file", [](Value v, Config& c) { v.file_path(c.broker.ca_file); }},
     {"broker.tls.certificate_file",
      [](Value v, Config& c) { v.file_path(c.broker.certificate_file); }},
     {"broker.tls.key_file", [](Value v, Config& c) { v.file_path(c.broker.key_file); }},
-    {"broker.keep_alive_s",
-     [](Value v, Config& c) { v.seconds(c.broker.keep_alive, 1, max_u16); }},
-    {"broker.max_inflight",
-     [](Value v, Config& c) { v.integer(c.broker.max_inflight, 1, 1000); }},
-    {"topics.prefix",
-     [](Value v, Config& c) {
-       v.text(c.topics.prefix, is_topic_prefix,
-              "topic levels of at most 64 bytes, 128 in all, without wildcards, not empty, no / at "
-              "either end, no $ in front");
-     }},
-    {"topics.extra_publish",
-     [](Value v, Config& c) { v.texts(c.topics.extra_publish, is_valid_filter, filter_words); }},
+    {"broker.keep_alive_s", [](Value v, Config& c) { v.seconds(c.broker.keep_alive, 1, max_u16); }},
+    {"broker.max_inflight", [](Value v, Config& c) { v.integer(c.broker.max_inflight, 1, 1000); }},
+    {"topics.prefix", [](Value v, Config& c) { v.text(c.topics.prefix, prefix); }},
+    {"topics.extra_publish", [](Value v, Config& c) { v.texts(c.topics.extra_publish, filter); }},
     {"topics.extra_subscribe",
-     [](Value v, Config& c) { v.texts(c.topics.extra_subscribe, is_valid_filter, filter_words); }},
-    {"topics.retain",
-     [](Value v, Config& c) {
-       v.texts(
-           c.topics.retain, [](std::string_view type) { return type == "*" || is_valid_level(type); },
-           "the last level of a topic, such as \"map\", or \"*\" for any");
-     }},
+     [](Value v, Config& c) { v.texts(c.topics.extra_subscribe, filter); }},
+    {"topics.retain", [](Value v, Config& c) { v.texts(c.topics.retain, retained_type); }},
     {"topics.home_assistant", [](Value v, Config& c) { v.boolean(c.topics.home_assistant); }},
-    {"bans",
-     [](Value v, Config& c) {
-       v.texts(c.bans, Bans::is_valid,
-               "a robot's id, an address or a network such as fd00::/64, without spaces");
-     }},
+    {"bans", [](Value v, Config& c) { v.texts(c.bans, ban); }},
     {"payload.update",
      [](Value v, Config& c) {
        v.one_of(c.update_mode, {{"positions", UpdateMode::positions},
@@ -143,26 +141,12 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
     {"presence.offline_after_s",
      [](Value v, Config& c) { v.seconds(c.ble_mesh.offline_after, 1, day_s); }},
     {"robots[]", [](Value, Config& c) { c.robots.emplace_back(); }},
-    {"robots[].id",
-     [](Value v, Config& c) { v.text(c.robots.back().id, is_valid_level, level_words); }},
+    {"robots[].id", [](Value v, Config& c) { v.text(c.robots.back().id, level); }},
     {"robots[].ble_address",
-     [](Value v, Config& c) {
-       if (v.is_null()) return;
-       std::uint16_t address = 0;
-       v.address(address, 0x0001, 0x7fff);
-       if (address != 0) c.robots.back().ble_address = address;
-     }},
+     [](Value v, Config& c) { v.address(c.robots.back().ble_address, 0x0001, 0x7fff); }},
     {"robots[].mqttsn_client_id",
-     [](Value v, Config& c) {
-       v.text(c.robots.back().mqttsn_client_id, is_client_id, client_id_words);
-     }},
-    {"robots[].address",
-     [](Value v, Config& c) {
-       v.text(
-           c.robots.back().address,
-           [](std::string_view text) { return IpNetwork::parse(text).has_value(); },
-           "an IP address, or a network such as fd00::/64");
-     }},
+     [](Value v, Config& c) { v.text(c.robots.back().mqttsn_client_id, client_id); }},
+    {"robots[].address", [](Value v, Config& c) { v.text(c.robots.back().address, network); }},
     {"robots[].prefer",
      [](Value v, Config& c) {
        v.one_of(c.robots.back().prefer,
@@ -195,19 +179,13 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
                                 {"off", TrafficLogMode::off}});
      }},
     {"control.socket", [](Value v, Config& c) { v.file_path(c.control_socket); }},
-    {"web.listen",
-     [](Value v, Config& c) {
-       v.text(c.web.listen, is_listen_address, "\"IPv4:PORT\" or \"[IPv6]:PORT\"");
-     }},
+    {"web.listen", [](Value v, Config& c) { v.text(c.web.listen, listen_address); }},
     {"web.note_file", [](Value v, Config& c) { v.file_path(c.web.note_file); }},
     {"web.token_file", [](Value v, Config& c) { v.file_path(c.web.token_file); }},
     {"web.hosts",
      [](Value v, Config& c) {
-       v.texts(c.web.hosts, is_host_name, "host names without a port, like \"slam.example.org\"");
+       v.texts(c.web.hosts, {is_host_name, "host names without a port, like \"slam.example.org\""});
      }},
-});
-
-constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
     {"ble_mesh.enabled", [](Value v, Config& c) { v.boolean(c.ble_mesh.enabled); }},
     {"ble_mesh.radio",
      [](Value v, Config& c) {
@@ -216,13 +194,13 @@ constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
      }},
     {"ble_mesh.controller",
      [](Value v, Config& c) {
-       v.text(c.ble_mesh.controller, is_controller, "\"hci0\", \"hci1\" ...");
+       v.text(c.ble_mesh.controller, {is_controller, "\"hci0\", \"hci1\" ..."});
      }},
     {"ble_mesh.device", [](Value v, Config& c) { v.file_path(c.ble_mesh.device, "auto"); }},
     {"ble_mesh.protocol",
      [](Value v, Config& c) {
-       v.one_of(c.ble_mesh.protocol, {{"nordic-serial", ble::Protocol::nordic_serial},
-                                      {"cobs", ble::Protocol::cobs}});
+       v.one_of(c.ble_mesh.protocol,
+                {{"nordic-serial", ble::Protocol::nordic_serial}, {"cobs", ble::Protocol::cobs}});
      }},
     {"ble_mesh.baud_rate",
      [](Value v, Config& c) { v.integer(c.ble_mesh.baud_rate, 1200, 4000000); }},
@@ -236,29 +214,18 @@ constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
     {"ble_mesh.ttl", read_ttl},
     {"ble_mesh.groups", read_groups},
     {"ble_mesh.gateway_group",
-     [](Value v, Config& c) {
-       if (!v.is_null()) v.address(c.ble_mesh.gateway_group.emplace(), 0xc000, 0xfeff);
-     }},
-    {"ble_mesh.relay",
-     [](Value v, Config& c) {
-       v.texts(c.ble_mesh.relay, is_relay_filter,
-               "\"robot/+/update\", or \"robot/ID/update\" of one robot, because BLE robots hear "
-               "updates only");
-     }},
+     [](Value v, Config& c) { v.address(c.ble_mesh.gateway_group, 0xc000, 0xfeff); }},
+    {"ble_mesh.relay", [](Value v, Config& c) { v.texts(c.ble_mesh.relay, relay_filter); }},
     {"ble_mesh.relay_group",
      [](Value v, Config& c) { v.address(c.ble_mesh.relay_group, 0xc000, 0xfeff); }},
-    {"ble_mesh.types.min_com",
-     [](Value v, Config& c) { v.text(c.ble_mesh.min_com_type, is_valid_level, level_words); }},
+    {"ble_mesh.types.min_com", [](Value v, Config& c) { v.text(c.ble_mesh.min_com_type, level); }},
     {"ble_mesh.types.sensor_update",
-     [](Value v, Config& c) {
-       v.text(c.ble_mesh.sensor_update_type, is_valid_level, level_words);
-     }},
-    {"ble_mesh.types.pos_cmd",
-     [](Value v, Config& c) { v.text(c.ble_mesh.pos_cmd_type, is_valid_level, level_words); }},
+     [](Value v, Config& c) { v.text(c.ble_mesh.sensor_update_type, level); }},
+    {"ble_mesh.types.pos_cmd", [](Value v, Config& c) { v.text(c.ble_mesh.pos_cmd_type, level); }},
     {"ble_mesh.on_off_model",
      [](Value v, Config& c) {
-       v.one_of(c.ble_mesh.on_off_model, {{"generic", ble::OnOffModel::generic},
-                                          {"simple", ble::OnOffModel::simple}});
+       v.one_of(c.ble_mesh.on_off_model,
+                {{"generic", ble::OnOffModel::generic}, {"simple", ble::OnOffModel::simple}});
      }},
     {"ble_mesh.provisioning.enabled",
      [](Value v, Config& c) { v.boolean(c.ble_mesh.provisioning.enabled); }},
@@ -266,46 +233,38 @@ constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) { v.boolean(c.ble_mesh.provisioning.over_mqtt); }},
     {"ble_mesh.provisioning.uuid_prefixes",
      [](Value v, Config& c) {
-       v.texts(c.ble_mesh.provisioning.uuid_prefixes, is_uuid_prefix, "1-32 hex digits");
+       v.texts(c.ble_mesh.provisioning.uuid_prefixes, {is_uuid_prefix, "1-32 hex digits"});
      }},
     {"ble_mesh.provisioning.static_oob",
      [](Value v, Config& c) {
-       v.secret(c.ble_mesh.provisioning.static_oob, is_static_oob, "32 hex digits");
+       v.secret(c.ble_mesh.provisioning.static_oob, {is_static_oob, "32 hex digits"});
      }},
     {"ble_mesh.will",
      [](Value v, Config& c) {
        if (!v.is_null()) c.ble_mesh.will.emplace();
      }},
-    {"ble_mesh.will.topic",
-     [](Value v, Config& c) { v.text(c.ble_mesh.will->topic, is_valid_topic_name, topic_words); }},
+    {"ble_mesh.will.topic", [](Value v, Config& c) { v.text(c.ble_mesh.will->topic, topic); }},
     {"ble_mesh.will.message",
-     [](Value v, Config& c) { v.text(c.ble_mesh.will->message, is_any_text, "a text"); }},
+     [](Value v, Config& c) { v.text(c.ble_mesh.will->message, any_text); }},
     {"ble_mesh.cobs_content",
      [](Value v, Config& c) {
-       v.one_of(c.ble_mesh.cobs_content, {{"positions", ble::CobsContent::positions},
-                                          {"lien", ble::CobsContent::lien}});
+       v.one_of(c.ble_mesh.cobs_content,
+                {{"positions", ble::CobsContent::positions}, {"lien", ble::CobsContent::lien}});
      }},
-    {"ble_mesh.robot_id",
-     [](Value v, Config& c) { v.text(c.ble_mesh.robot_id, is_valid_level, level_words); }},
-});
-
-constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
+    {"ble_mesh.robot_id", [](Value v, Config& c) { v.text(c.ble_mesh.robot_id, level); }},
     {"mqttsn.enabled", [](Value v, Config& c) { v.boolean(c.mqttsn.enabled); }},
-    {"mqttsn.listen",
-     [](Value v, Config& c) {
-       v.texts(c.mqttsn.listen, is_listen_address, listen_words);
-     }},
+    {"mqttsn.listen", [](Value v, Config& c) { v.texts(c.mqttsn.listen, listen_address); }},
     {"mqttsn.interface",
      [](Value v, Config& c) {
        std::optional<std::string> name;
-       v.text(name, is_interface_name, "\"auto\", \"*\", or the name of a network interface");
+       v.text(name, {is_interface_name, "\"auto\", \"*\", or the name of a network interface"});
        c.mqttsn.interface = name.value_or("auto");
      }},
     {"mqttsn.announce", [](Value v, Config& c) { v.boolean(c.mqttsn.announce); }},
     {"mqttsn.multicast_group",
      [](Value v, Config& c) {
-       v.text(c.mqttsn.multicast_group, is_multicast_group,
-              "an IPv6 or IPv4 multicast address without a port");
+       v.text(c.mqttsn.multicast_group,
+              {is_multicast_group, "an IPv6 or IPv4 multicast address without a port"});
      }},
     {"mqttsn.gateway_id", [](Value v, Config& c) { v.integer(c.mqttsn.gateway_id, 1, 255); }},
     {"mqttsn.advertise_interval_s",
@@ -315,13 +274,9 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
     {"mqttsn.predefined_topics[].id",
      [](Value v, Config& c) { v.integer(c.mqttsn.predefined_topics.back().id, 1, 65534); }},
     {"mqttsn.predefined_topics[].name",
-     [](Value v, Config& c) {
-       v.text(c.mqttsn.predefined_topics.back().name, is_valid_topic_name, topic_words);
-     }},
+     [](Value v, Config& c) { v.text(c.mqttsn.predefined_topics.back().name, topic); }},
     {"mqttsn.predefined_topics[].client_id",
-     [](Value v, Config& c) {
-       v.text(c.mqttsn.predefined_topics.back().client_id, is_client_id, client_id_words);
-     }},
+     [](Value v, Config& c) { v.text(c.mqttsn.predefined_topics.back().client_id, client_id); }},
     {"mqttsn.allow_unconnected_publish",
      [](Value v, Config& c) { v.boolean(c.mqttsn.allow_unconnected_publish); }},
     {"mqttsn.max_clients", [](Value v, Config& c) { v.integer(c.mqttsn.max_clients, 1, 1000000); }},
@@ -334,15 +289,15 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
     {"mqttsn.retry_count", [](Value v, Config& c) { v.integer(c.mqttsn.retry_count, 0, 100); }},
     {"mqttsn.when_full",
      [](Value v, Config& c) {
-       v.one_of(c.mqttsn.when_full, {{"silent", mqttsn::WhenFull::silent},
-                                     {"reject", mqttsn::WhenFull::reject}});
+       v.one_of(c.mqttsn.when_full,
+                {{"silent", mqttsn::WhenFull::silent}, {"reject", mqttsn::WhenFull::reject}});
      }},
     {"mqttsn.revive_lost", [](Value v, Config& c) { v.boolean(c.mqttsn.revive_lost); }},
     {"mqttsn.forwarders", [](Value v, Config& c) { v.boolean(c.mqttsn.forwarders); }},
     {"mqttsn.disconnect_unknown",
      [](Value v, Config& c) { v.boolean(c.mqttsn.disconnect_unknown); }},
     {"mqttsn.dtls.listen",
-     [](Value v, Config& c) { v.texts(c.mqttsn.dtls.listen, is_listen_address, listen_words); }},
+     [](Value v, Config& c) { v.texts(c.mqttsn.dtls.listen, listen_address); }},
     {"mqttsn.dtls.keys_file", [](Value v, Config& c) { v.file_path(c.mqttsn.dtls.keys_file); }},
     {"mqttsn.require_identity",
      [](Value v, Config& c) {
@@ -358,16 +313,6 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
        }
      }},
 });
-
-template <std::size_t... sizes>
-constexpr auto joined(const std::array<SchemaKey, sizes>&... groups) {
-  std::array<SchemaKey, (sizes + ...)> keys{};
-  auto end = keys.begin();
-  ((end = std::copy(groups.begin(), groups.end(), end)), ...);
-  return keys;
-}
-
-constexpr auto all_keys = joined(common_keys, ble_mesh_keys, mqttsn_keys);
 
 }  // namespace
 

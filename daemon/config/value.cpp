@@ -67,34 +67,28 @@ void Value::seconds(std::chrono::seconds& out, std::uint64_t min, std::uint64_t 
   if (const auto number = whole_number(min, max)) out = std::chrono::seconds(*number);
 }
 
-void Value::text(std::string& out, TextRule rule, std::string_view allowed) {
-  if (string() != nullptr && rule(*string())) {
+void Value::text(std::string& out, const TextRule& rule) {
+  if (is_good(rule)) {
     out = *string();
   } else {
-    not_allowed(allowed);
+    not_allowed(rule.allowed);
   }
 }
 
-void Value::text(std::optional<std::string>& out, TextRule rule, std::string_view allowed) {
+void Value::text(std::optional<std::string>& out, const TextRule& rule) {
   if (is_null()) {
     out.reset();
-    return;
-  }
-  std::string read;
-  const std::size_t problems_before = context_.problems.size();
-  text(read, rule, fmt::format("{}, or null", allowed));
-  if (context_.problems.size() == problems_before) out = std::move(read);
-}
-
-void Value::secret(std::optional<std::string>& out, TextRule rule, std::string_view allowed) {
-  if (is_null()) {
-    out.reset();
-  } else if (string() != nullptr && rule(*string())) {
+  } else if (is_good(rule)) {
     out = *string();
   } else {
-    problem(fmt::format("this value (not shown: it is secret) is not allowed; allowed: {}, or null",
-                        allowed));
+    not_allowed(fmt::format("{}, or null", rule.allowed));
   }
+}
+
+void Value::secret(std::optional<std::string>& out, const TextRule& rule) {
+  if (is_null() || is_good(rule)) return text(out, rule);
+  problem(fmt::format("this value (not shown: it is secret) is not allowed; allowed: {}, or null",
+                      rule.allowed));
 }
 
 void Value::file_path(std::string& out, std::string_view keyword) {
@@ -106,7 +100,7 @@ void Value::file_path(std::string& out, std::string_view keyword) {
 }
 
 void Value::file_path(std::optional<std::string>& out) {
-  text(out, is_path, "the path of a file");
+  text(out, {is_path, "the path of a file"});
   if (out) out = absolute(*out);
 }
 
@@ -121,24 +115,30 @@ void Value::address(std::uint16_t& out, std::uint16_t min, std::uint16_t max) {
   }
 }
 
+void Value::address(std::optional<std::uint16_t>& out, std::uint16_t min, std::uint16_t max) {
+  std::uint16_t read = 0;
+  if (!is_null()) address(read, min, max);
+  if (read != 0) out = read;
+}
+
 void Value::list(const std::function<void(Value)>& each, std::string_view allowed) {
   if (!node_.value.is_array()) return not_allowed(fmt::format("a list [...] of {}", allowed));
   for (std::size_t i = 0; i < node_.children.size(); ++i)
-    each(Value(node_.children[i], fmt::format("{}[{}]", path_, i), context_));
+    each(Value(node_.children[i], fmt::format("{}[{}]", path_, i), result_));
 }
 
-void Value::texts(std::vector<std::string>& out, TextRule rule, std::string_view allowed) {
+void Value::texts(std::vector<std::string>& out, const TextRule& rule) {
   if (node_.value.is_array()) out.clear();
   list(
       [&](Value item) {
         std::string read;
-        item.text(read, rule, allowed);
+        item.text(read, rule);
         if (read.empty())
           out.push_back(read);  // already reported; later checks must not also see an empty list
         else
           item.add_once(out, read);
       },
-      allowed);
+      rule.allowed);
 }
 
 void Value::not_allowed(std::string_view allowed) {
@@ -146,7 +146,7 @@ void Value::not_allowed(std::string_view allowed) {
 }
 
 void Value::problem(std::string text) {
-  context_.problems.push_back({node_.place.file, node_.place.line, path_, std::move(text)});
+  result_.problems.push_back({node_.place.file, node_.place.line, path_, std::move(text)});
 }
 
 std::optional<std::uint64_t> Value::whole_number(std::uint64_t min, std::uint64_t max) {
@@ -159,7 +159,7 @@ std::optional<std::uint64_t> Value::whole_number(std::uint64_t min, std::uint64_
 }
 
 std::string Value::absolute(const std::string& path) const {
-  return (std::filesystem::path(context_.directory) / path).lexically_normal().string();
+  return (std::filesystem::path(result_.file).parent_path() / path).lexically_normal().string();
 }
 
 }  // namespace slamgw

@@ -16,23 +16,21 @@
 #include <vector>
 
 #include "daemon/config/located_json.hpp"
+#include "daemon/config/parse_result.hpp"
 
 namespace slamgw {
 
-/// State that all values of one configuration share.
-struct ConfigContext {
-  std::string file;       ///< the first file
-  std::string directory;  ///< of that file, where relative paths start; may be empty
-  Problems problems;
+/// Which texts are good, and the words for them that complete "allowed: ".
+struct TextRule {
+  bool (*is_good)(std::string_view text);
+  std::string_view allowed;
 };
 
 /// A setting changes only when the value is good.
 class Value {
  public:
-  using TextRule = bool (*)(std::string_view);
-
-  Value(const JsonNode& node, std::string path, ConfigContext& context)
-      : node_(node), path_(std::move(path)), context_(context) {}
+  Value(const JsonNode& node, std::string path, ParseResult& result)
+      : node_(node), path_(std::move(path)), result_(result) {}
 
   bool is_null() const { return node_.value.is_null(); }
   const std::string& path() const { return path_; }
@@ -41,19 +39,19 @@ class Value {
   void boolean(bool& out);
   void number(double& out, double min, double max);
   void seconds(std::chrono::seconds& out, std::uint64_t min, std::uint64_t max);
-  /// `allowed` completes "allowed: ".
-  void text(std::string& out, TextRule rule, std::string_view allowed);
+  void text(std::string& out, const TextRule& rule);
   /// `null` is the same as leaving the key out.
-  void text(std::optional<std::string>& out, TextRule rule, std::string_view allowed);
+  void text(std::optional<std::string>& out, const TextRule& rule);
   /// Like `text`, but the value never shows in a problem.
-  void secret(std::optional<std::string>& out, TextRule rule, std::string_view allowed);
+  void secret(std::optional<std::string>& out, const TextRule& rule);
   /// Relative paths become relative to the file; `keyword` stays as it is.
   void file_path(std::string& out, std::string_view keyword = {});
   void file_path(std::optional<std::string>& out);
   /// A mesh address: a number, or text like "0x0100".
   void address(std::uint16_t& out, std::uint16_t min, std::uint16_t max);
+  void address(std::optional<std::uint16_t>& out, std::uint16_t min, std::uint16_t max);
   void list(const std::function<void(Value)>& each, std::string_view allowed);
-  void texts(std::vector<std::string>& out, TextRule rule, std::string_view allowed);
+  void texts(std::vector<std::string>& out, const TextRule& rule);
   /// Adds this element to `list`; reports it instead when the list already has it.
   template <class T>
   void add_once(std::vector<T>& list, const T& element) {
@@ -88,12 +86,13 @@ class Value {
 
  private:
   std::optional<std::uint64_t> whole_number(std::uint64_t min, std::uint64_t max);
+  bool is_good(const TextRule& rule) const { return string() && rule.is_good(*string()); }
   const std::string* string() const { return node_.value.get_ptr<const std::string*>(); }
   std::string absolute(const std::string& path) const;
 
   const JsonNode& node_;
   std::string path_;
-  ConfigContext& context_;
+  ParseResult& result_;
 };
 
 }  // namespace slamgw

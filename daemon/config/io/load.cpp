@@ -18,13 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
-
-/// `gateway.d` beside `gateway.json`: the site's own files.
-fs::path site_directory(const std::string& configuration) {
-  return fs::path(configuration).replace_extension(".d");
-}
-
 bool is_configuration(const fs::path& path) { return path.extension() == ".json"; }
 
 /// The file behind `LoadCredential=broker:slam-gateway.broker`, found as systemd.exec(5) finds it.
@@ -54,17 +47,14 @@ bool is_put_aside(const fs::path& name) {
 
 /// Warns of JSON files beside gateway.json that neither the gateway nor a key's path uses.
 void warn_of_misplaced_files(ParseResult& result) {
-  const fs::path configuration(service_configuration);
-  const Config& config = result.config;
-  const auto is_named = [&](const std::string& path) {
-    return config.broker.credentials_file == path || config.web.token_file == path ||
-           config.mqttsn.dtls.keys_file == path;
-  };
+  const std::vector<NamedFile> named = named_files(result.config);
   std::error_code error;
-  for (const auto& entry : fs::directory_iterator(configuration.parent_path(), error)) {
+  for (const auto& entry :
+       fs::directory_iterator(fs::path(service_configuration).parent_path(), error)) {
     const std::string name = entry.path().filename().string();
     const bool is_known = name == "gateway.json" || name.ends_with("credentials.json") ||
-                          is_put_aside(name) || is_named(entry.path().string());
+                          is_put_aside(name) ||
+                          std::ranges::count(named, entry.path().string(), &NamedFile::path) > 0;
     if (is_configuration(name) && !is_known)
       result.warnings.push_back({entry.path().string(), 1, "file",
                                  "is not read; the site's own keys are read in " +
@@ -96,11 +86,9 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
   const std::string& path = place->second.file;
   const auto file = files.read(path);
   if (!file || (file->mode & others_may_read) == 0) return;
-  result.warnings.push_back(
-      {path, place->second.line, key,
-       fmt::format("is a secret in a file that others can read (mode {:04o}); type: chown "
-                   "root:slam-gateway {} && chmod 640 {}",
-                   file->mode, path, path)});
+  result.warning(key, fmt::format("is a secret in a file that others can read (mode {:04o}); type: "
+                                  "chown root:slam-gateway {} && chmod 640 {}",
+                                  file->mode, path, path));
 }
 
 /// Returns a fault when other users may change the file: they could choose the broker and so
@@ -123,34 +111,20 @@ void refuse_open_directory(ParseResult& result, const std::string& configuration
 
 /// Reports files that root may read but the service's user may not.
 void check_service_rights(ParseResult& result) {
-  const auto check = [&result](const std::string& file, const Place& at, const std::string& key) {
-    if (may_user_read(service_user, file)) return;
-    result.problems.push_back(
-        {at.file, at.line, key,
-         fmt::format("{}cannot be read by the service's user {}; type: sudo chgrp {} {} && sudo "
-                     "chmod 640 {}",
-                     file == at.file ? "" : file + " ", service_user, service_user, file, file)});
-  };
+  constexpr const char* words = "cannot be read by the service's user";
   for (const std::string& name : configuration_files(service_configuration))
-    check(name, {name, 1}, "file");
-  const BrokerSettings& broker = result.config.broker;
-  const std::pair<const char*, const std::optional<std::string>&> named[] = {
-      {"broker.credentials_file", broker.credentials_file},
-      {"broker.tls.ca_file", broker.ca_file},
-      {"broker.tls.certificate_file", broker.certificate_file},
-      {"broker.tls.key_file", broker.key_file}};
-  for (const auto& [key, file] : named) {
-    const auto place = result.places.find(key);
-    if (file && place != result.places.end()) check(*file, place->second, key);
+    if (!may_user_read(service_user, name))
+      result.problems.push_back({name, 1, "file",
+                                 fmt::format("{} {}; type: sudo chgrp {} {} && sudo chmod 640 {}",
+                                             words, service_user, service_user, name, name)});
+  for (const auto& [key, file] : named_files(result.config)) {
+    if (key.starts_with("web.") || may_user_read(service_user, file)) continue;
+    const std::string remedy =
+        key == "mqttsn.dtls.keys_file"
+            ? fmt::format("sudo chown {} {}", service_user, file)
+            : fmt::format("sudo chgrp {} {} && sudo chmod 640 {}", service_user, file, file);
+    result.problem(key, fmt::format("{} {} {}; type: {}", file, words, service_user, remedy));
   }
-  constexpr const char* keys_file = "mqttsn.dtls.keys_file";
-  const std::optional<std::string>& keys = result.config.mqttsn.dtls.keys_file;
-  const auto place = result.places.find(keys_file);
-  if (!keys || place == result.places.end() || may_user_read(service_user, *keys)) return;
-  result.problems.push_back(
-      {place->second.file, place->second.line, keys_file,
-       fmt::format("{} cannot be read by the service's user {}; type: sudo chown {} {}", *keys,
-                   service_user, service_user, *keys)});
 }
 
 ParseResult load_parts(const std::string& path, const Environment& environment,
@@ -195,6 +169,10 @@ bool is_newer(const fs::path& original, const fs::path& copy) {
 
 }  // namespace
 
+std::filesystem::path site_directory(const std::string& configuration) {
+  return fs::path(configuration).replace_extension(".d");
+}
+
 std::vector<std::string> configuration_files(const std::string& path) {
   std::vector<std::string> paths{path};
   std::error_code error;
@@ -223,22 +201,18 @@ std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
   ParseResult result;
   result.config.broker = broker;
   result.config.broker.credentials.reset();
-  ConfigContext context;
-  read_credentials(Located{result.config, result.places, context}, result,
-                   read_environment(service_configuration), SystemFiles(service_user));
-  return context.problems.empty() ? result.config.broker.credentials : broker.credentials;
+  read_credentials(result, read_environment(service_configuration), SystemFiles(service_user));
+  return result.problems.empty() ? result.config.broker.credentials : broker.credentials;
 }
 
 Result<std::optional<Credentials>, Problem> load_service_credentials() {
   const std::string source = credential_source();
   ParseResult result;
-  ConfigContext context;
   if (!source.empty()) {
     result.config.broker.credentials_file = source;
-    read_credentials(Located{result.config, result.places, context}, result, {},
-                     SystemFiles(service_user));
+    read_credentials(result, {}, SystemFiles(service_user));
   }
-  if (!context.problems.empty()) return context.problems.front();
+  if (!result.problems.empty()) return result.problems.front();
   return result.config.broker.credentials;
 }
 

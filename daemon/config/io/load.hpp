@@ -3,6 +3,7 @@
 // start, for --check-config and on SIGHUP. Opens nothing but those files.
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <string>
 
@@ -11,6 +12,11 @@
 
 namespace slamgw {
 
+/// The configuration that the packaged services read.
+inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
+
+/// Returns `gateway.d` beside `gateway.json`: the site's own files.
+std::filesystem::path site_directory(const std::string& configuration);
 /// Returns `gateway.json` and the `.json` files in `gateway.d/`, in the order of reading. Backup
 /// files of editors and packages have other endings.
 std::vector<std::string> configuration_files(const std::string& path);

@@ -387,12 +387,16 @@ TEST_F(Backup, GivesFilesModesOfItsOwn) {
 TEST_F(Backup, BringsFilesBackThatTheConfigurationNames) {
   fs::create_directories(root() / "keys");
   write("keys/ca.pem", "a certificate");
+  write("keys/note.txt", "a note");
   write("etc/gateway.d/tls.json",
-        R"({"broker": {"tls": {"ca_file": ")" + (root() / "keys/ca.pem").string() + "\"}}}");
+        R"({"broker": {"tls": {"ca_file": ")" + (root() / "keys/ca.pem").string() +
+            R"("}}, "web": {"note_file": ")" + (root() / "keys/note.txt").string() + "\"}}");
   backup(installation(), archive());
   write("keys/ca.pem", "another one");
+  fs::remove(root() / "keys/note.txt");
   EXPECT_EQ(refusal(), "");
   EXPECT_EQ(read("keys/ca.pem"), "a certificate");
+  EXPECT_EQ(read("keys/note.txt"), "a note");
   fs::remove(root() / "etc/gateway.d/tls.json");
   EXPECT_NE(refusal().find("name the file in"), std::string::npos) << "a new host";
 }

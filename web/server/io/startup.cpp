@@ -24,7 +24,6 @@ constexpr const char* note_key = "web.note_file";
 constexpr const char* own_user = "slam-gateway-web";  // of the packaged service
 
 void read_own_credentials(ParseResult& result, const std::string& config_file) {
-  ConfigContext context{config_file, {}, {}};
   Environment environment;
   const char* directory = std::getenv("CREDENTIALS_DIRECTORY");
   const std::filesystem::path own =
@@ -37,15 +36,7 @@ void read_own_credentials(ParseResult& result, const std::string& config_file) {
   } else if (std::error_code error; std::filesystem::exists(own, error)) {
     named = own.string();
   }
-  read_credentials(Located{result.config, result.places, context}, result, environment,
-                   SystemFiles(own_user));
-  result.problems.insert(result.problems.end(), context.problems.begin(), context.problems.end());
-}
-
-void refuse_at(ParseResult& result, const char* key, const std::string& file, std::string text) {
-  const auto place = result.places.find(key);
-  const Place at = place == result.places.end() ? Place{file} : place->second;
-  result.problems.push_back({at.file, at.line, key, std::move(text)});
+  read_credentials(result, environment, SystemFiles(own_user));
 }
 
 /// Returns the text of a file that others must not read; on a fault, reports a problem and returns
@@ -53,7 +44,7 @@ void refuse_at(ParseResult& result, const char* key, const std::string& file, st
 std::optional<std::string> read_closed(ParseResult& result, const char* key,
                                        const std::string& path, const char* what) {
   const auto refuse = [&](std::string text) {
-    refuse_at(result, key, path, std::move(text));
+    result.problem(key, std::move(text));
     return std::nullopt;
   };
   const auto file = SystemFiles(own_user).read(path);
@@ -74,11 +65,12 @@ Tokens read_tokens(ParseResult& result, const std::string& path) {
   if (!text) return {};
   auto tokens = Tokens::parse(*text);
   if (auto* problem = std::get_if<Tokens::Problem>(&tokens)) {
-    refuse_at(result, token_key, path,
-              fmt::format("{}:{}: {} (not shown: it is secret); each line is NAME ROLE TOKEN, the "
-                          "role viewer or operator, the token 16 to 256 printable characters; or "
-                          "the file is one token",
-                          path, problem->line, problem->text));
+    result.problem(
+        token_key,
+        fmt::format("{}:{}: {} (not shown: it is secret); each line is NAME ROLE TOKEN, the "
+                    "role viewer or operator, the token 16 to 256 printable characters; or "
+                    "the file is one token",
+                    path, problem->line, problem->text));
     return {};
   }
   return std::get<Tokens>(std::move(tokens));
@@ -91,10 +83,10 @@ std::string read_note(ParseResult& result, const std::string& path) {
   std::string line = *text;
   std::ranges::replace(line, '\n', ' ');
   if (text->size() > longest)
-    refuse_at(result, note_key, path, fmt::format("{} has more than {} octets", path, longest));
+    result.problem(note_key, fmt::format("{} has more than {} octets", path, longest));
   else if (!is_printable(line))
-    refuse_at(result, note_key, path,
-              path + " is not plain text; UTF-8 without control characters is needed");
+    result.problem(note_key,
+                   path + " is not plain text; UTF-8 without control characters is needed");
   return *text;
 }
 
@@ -132,10 +124,10 @@ Startup load_startup(const std::string& config_file) {
     startup.tokens.set_note(read_note(startup.parsed, *note_file));
   if (const std::string& listen = startup.parsed.config.web.listen;
       !token_file && !is_loopback(listen))
-    refuse_at(startup.parsed, "web.listen", config_file,
-              listen +
-                  " can be reached from other hosts, and no token protects the robots; set "
-                  "web.token_file, or use 127.0.0.1");
+    startup.parsed.problem(
+        "web.listen", listen +
+                          " can be reached from other hosts, and no token protects the robots; set "
+                          "web.token_file, or use 127.0.0.1");
   return startup;
 }
 
