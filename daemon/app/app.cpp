@@ -136,7 +136,7 @@ App::App(Config config, std::string config_file)
           [this](const TraceEvent& event) {
             if (control_) control_->publish(event);
           }),
-      status_(config_, broker_link_, gateway_, outbox_, meshes_, upstream_, fleet_, started_.mono) {
+      status_{config_, broker_link_, gateway_, outbox_, meshes_, upstream_, fleet_, started_.mono} {
 }
 
 App::~App() = default;

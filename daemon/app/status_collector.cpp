@@ -54,24 +54,24 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   Status status;
   status.now = now;
   status.version = SLAMGW_VERSION;
-  status.uptime = duration_cast<seconds>(now - started_);
-  status.gateway = config_.gateway_id;
-  const RefusedTopics& refused = outbox_.refused_topics();
-  status.broker = {broker_.is_up ? broker_.uri : broker_uri(config_.broker), broker_,
-                   refused.count(), gateway_.missing_rights(), refused.list(most_refused_listed)};
+  status.uptime = duration_cast<seconds>(now - started);
+  status.gateway = config.gateway_id;
+  const RefusedTopics& refused = outbox.refused_topics();
+  status.broker = {broker.is_up ? broker.uri : broker_uri(config.broker), broker, refused.count(),
+                   gateway.missing_rights(), refused.list(most_refused_listed)};
   status.meshes = mesh_links();
-  status.robots = counts_of(gateway_.registry());
-  status.messages = counts_of(gateway_, outbox_, upstream_);
-  status.commands = {{"open", gateway_.commands().open()},
-                     {"late", gateway_.commands().counts().late_outcomes}};
-  status.store = store(now);
-  auto [most, robot] = gateway_.retained().largest();
-  status.retained = {gateway_.retained().count(), std::move(robot), most};
-  status.queue = {{"depth", outbox_.unsaved()},
-                  {"bytes", outbox_.queued_bytes()},
+  status.robots = counts_of(gateway.registry());
+  status.messages = counts_of(gateway, outbox, upstream);
+  status.commands = {{"open", gateway.commands().open()},
+                     {"late", gateway.commands().counts().late_outcomes}};
+  status.store = store_state(now);
+  auto [most, robot] = gateway.retained().largest();
+  status.retained = {gateway.retained().count(), std::move(robot), most};
+  status.queue = {{"depth", outbox.unsaved()},
+                  {"bytes", outbox.queued_bytes()},
                   {"max_bytes", Outbox::max_queued_bytes}};
   status.control = std::move(control);
-  status.fleet = fleet_.counters();
+  status.fleet = fleet.counters();
   status.memory_rss_bytes = resident_bytes();
   return status;
 }
@@ -79,50 +79,50 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
 PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
   PerMesh<Status::MeshLink> links;
   for (const Mesh mesh : all_meshes) {
-    const MeshAdapter* adapter = meshes_.find(mesh);
-    const Gateway::LinkState& link = gateway_.mesh_link(mesh);
+    const MeshAdapter* adapter = meshes.find(mesh);
+    const Gateway::LinkState& link = gateway.mesh_link(mesh);
     links[mesh] = {adapter != nullptr,
                    link.is_up,
                    link.detail,
                    adapter ? adapter->counters() : Counters{},
                    adapter ? adapter->places() : std::nullopt,
-                   gateway_.latencies(mesh)};
+                   gateway.latencies(mesh)};
   }
   return links;
 }
 
-Status::Store StatusCollector::store(TimePoint now) const {
-  const Backlog& backlog = outbox_.backlog();
+Status::Store StatusCollector::store_state(TimePoint now) const {
+  const Backlog& backlog = outbox.backlog();
   StoreShares::Share largest = backlog.largest_share();
   const bool has_filled = backlog.is_nearly_full() && 2 * largest.bytes >= backlog.taken();
-  const bool is_failing = backlog.can_keep() && !outbox_.store_trouble().empty();
+  const bool is_failing = backlog.can_keep() && !outbox.store_trouble().empty();
   return {to_string(is_failing ? Backlog::State::failing : backlog.state()),
-          outbox_.store_trouble(),
+          outbox.store_trouble(),
           backlog.rows(),
           backlog.bytes(),
-          config_.store.max_bytes,
+          config.store.max_bytes,
           backlog.is_full(),
           std::move(largest),
           has_filled,
           duration_cast<seconds>(now - backlog.oldest().value_or(now)),
           backlog.dead_letters().count,
           backlog.has_little_room_for_letters(),
-          outbox_.store_failures()};
+          outbox.store_failures()};
 }
 
 nlohmann::json StatusCollector::robots(const std::optional<std::string>& only,
                                        TimePoint now) const {
   auto rows = nlohmann::json::array();
   const auto add = [&](const std::string& id, const Robot& robot) {
-    const MeshAdapter* adapter = meshes_.find(robot.mesh());
-    const Gateway::LinkState& link = gateway_.mesh_link(robot.mesh());
+    const MeshAdapter* adapter = meshes.find(robot.mesh());
+    const Gateway::LinkState& link = gateway.mesh_link(robot.mesh());
     rows.push_back(robot_row(id, robot,
-                             {gateway_.is_banned(id),
+                             {gateway.is_banned(id),
                               adapter ? adapter->queued_for(id) : 0,
                               {adapter != nullptr, link.is_up, link.detail, {}}},
                              now));
   };
-  const RobotRegistry& registry = gateway_.registry();
+  const RobotRegistry& registry = gateway.registry();
   if (!only) {
     for (const auto& [id, known] : registry.robots()) add(id, known);
   } else if (const Robot* known = registry.find(*only)) {
@@ -132,12 +132,12 @@ nlohmann::json StatusCollector::robots(const std::optional<std::string>& only,
 }
 
 ServiceState StatusCollector::service_state() const {
-  ServiceState state{broker_.is_up,
+  ServiceState state{broker.is_up,
                      {},
-                     gateway_.registry().count(Presence::online),
-                     gateway_.traffic().up + gateway_.commands().counts().down};
+                     gateway.registry().count(Presence::online),
+                     gateway.traffic().up + gateway.commands().counts().down};
   for (const Mesh mesh : all_meshes)
-    if (meshes_.find(mesh)) state.mesh_is_up[mesh] = gateway_.mesh_link(mesh).is_up;
+    if (meshes.find(mesh)) state.mesh_is_up[mesh] = gateway.mesh_link(mesh).is_up;
   return state;
 }
 

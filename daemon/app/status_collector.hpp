@@ -20,39 +20,24 @@ namespace slamgw {
 /// Returns the first address of the broker in the configuration.
 std::string broker_uri(const BrokerSettings& broker);
 
-class StatusCollector {
- public:
-  /// The references must outlive this object.
-  StatusCollector(const Config& config, const BrokerLink& broker, const Gateway& gateway,
-                  const Outbox& outbox, const Meshes& meshes, const Upstream& upstream,
-                  const FleetMember& fleet, TimePoint started)
-      : config_(config),
-        broker_(broker),
-        gateway_(gateway),
-        outbox_(outbox),
-        meshes_(meshes),
-        upstream_(upstream),
-        fleet_(fleet),
-        started_(started) {}
-
+/// The referenced parts must outlive this object.
+struct StatusCollector {
   /// `control`: counters of the control socket.
   Status status(Counters control, TimePoint now) const;
   /// Returns an array with a row for each robot, or only for the robot with this id.
   nlohmann::json robots(const std::optional<std::string>& only, TimePoint now) const;
   ServiceState service_state() const;
-
- private:
   PerMesh<Status::MeshLink> mesh_links() const;
-  Status::Store store(TimePoint now) const;
+  Status::Store store_state(TimePoint now) const;
 
-  const Config& config_;
-  const BrokerLink& broker_;
-  const Gateway& gateway_;
-  const Outbox& outbox_;
-  const Meshes& meshes_;
-  const Upstream& upstream_;
-  const FleetMember& fleet_;
-  const TimePoint started_;
+  const Config& config;
+  const BrokerLink& broker;
+  const Gateway& gateway;
+  const Outbox& outbox;
+  const Meshes& meshes;
+  const Upstream& upstream;
+  const FleetMember& fleet;
+  const TimePoint started;
 };
 
 }  // namespace slamgw
