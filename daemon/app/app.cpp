@@ -255,8 +255,7 @@ void App::apply(const Reload& reload) {
   const BrokerSettings left = std::exchange(config_, reload.config).broker;
   configure_log(config_.log.level);
   traffic_log_.reconfigure(config_.log.traffic);
-  meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics,
-                      reload.has_other_keys);
+  meshes_.reconfigure(config_);
   gateway_driver_->presence().describe_robots(config_.topics.home_assistant, read_clocks());
   report_configured_robots();
   for (const std::string& name : reload.replaced_names) gateway_driver_->forget(name);

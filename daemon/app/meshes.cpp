@@ -100,13 +100,11 @@ void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {
   if (adapters_[receipt.mesh]) adapters_[receipt.mesh]->on_receipt(receipt.id, outcome);
 }
 
-void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics,
-                         bool has_other_keys) {
+void Meshes::reconfigure(const Config& config) {
   const RobotNames names(config.robots, Bans(config.bans));
-  if (thread_ && (has_other_robots || has_other_topics || has_other_keys))
-    thread_->reconfigure(policy_of(config, scheme_), names, config.robot_keys);
-  if (ble_ && has_other_robots) ble_->reconfigure(names);
-  if (cobs_ && has_other_robots) cobs_->reconfigure(names);
+  if (thread_) thread_->reconfigure(policy_of(config, scheme_), names, config.robot_keys);
+  if (ble_) ble_->reconfigure(names);
+  if (cobs_) cobs_->reconfigure(names);
 }
 
 void Meshes::ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere) {

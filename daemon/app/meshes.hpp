@@ -55,8 +55,7 @@ class Meshes {
   bool takes(const BrokerMessage& message);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
   /// Applies robots, bans, keys and `topics.extra_*` of a configuration that was read again.
-  void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics,
-                   bool has_other_keys);
+  void reconfigure(const Config& config);
   /// Sets the question whether a robot is known elsewhere. If it is, a CONNECT for a session that
   /// is not here waits for the robot's note.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);

@@ -17,24 +17,11 @@ void note(std::string& keys, bool is_same, std::string_view key) {
   if (!is_same) keys += fmt::format("{}{}", keys.empty() ? "" : ", ", key);
 }
 
-/// Returns `wanted` with the present values of the settings that only a restart changes.
-BrokerSettings broker_at_once(const BrokerSettings& now, BrokerSettings wanted) {
-  wanted.gateway_id = now.gateway_id;
-  wanted.max_inflight = now.max_inflight;
-  return wanted;
-}
-
-std::string keys_in_force(const Config& now, const Config& wanted) {
-  std::string keys;
-  note(keys, now.log == wanted.log, "log");
-  note(keys, now.robots == wanted.robots, "robots");
-  note(keys, now.bans == wanted.bans, "bans");
-  note(keys, now.robot_keys == wanted.robot_keys, "robots' keys");
-  note(keys, now.topics.extra_publish == wanted.topics.extra_publish, "topics.extra_publish");
-  note(keys, now.topics.extra_subscribe == wanted.topics.extra_subscribe, "topics.extra_subscribe");
-  note(keys, now.topics.home_assistant == wanted.topics.home_assistant, "topics.home_assistant");
-  note(keys, now.broker == broker_at_once(now.broker, wanted.broker), "broker");
-  return keys;
+/// Takes a setting that differs, and adds its key to the list.
+template <class Setting>
+void take(std::string& keys, Setting& now, Setting& wanted, std::string_view key) {
+  note(keys, now == wanted, key);
+  now = std::move(wanted);
 }
 
 std::string keys_for_restart(const Config& now, const Config& wanted) {
@@ -74,23 +61,20 @@ std::vector<std::string> replaced_names(const std::vector<RobotName>& now,
 }  // namespace
 
 Reload reload_of(const Config& now, Config wanted) {
-  Reload reload{now,
-                keys_in_force(now, wanted),
-                now.robots != wanted.robots || now.bans != wanted.bans,
-                now.topics.extra_publish != wanted.topics.extra_publish ||
-                    now.topics.extra_subscribe != wanted.topics.extra_subscribe,
-                keys_for_restart(now, wanted),
-                replaced_names(now.robots, wanted.robots),
-                now.robot_keys != wanted.robot_keys};
+  Reload reload{now, {}, keys_for_restart(now, wanted), replaced_names(now.robots, wanted.robots)};
+  wanted.broker.gateway_id = now.broker.gateway_id;
+  wanted.broker.max_inflight = now.broker.max_inflight;
   Config& config = reload.config;
-  config.log = wanted.log;
-  config.robots = std::move(wanted.robots);
-  config.bans = std::move(wanted.bans);
-  config.robot_keys = std::move(wanted.robot_keys);
-  config.topics.extra_publish = std::move(wanted.topics.extra_publish);
-  config.topics.extra_subscribe = std::move(wanted.topics.extra_subscribe);
-  config.topics.home_assistant = wanted.topics.home_assistant;
-  config.broker = broker_at_once(now.broker, std::move(wanted.broker));
+  std::string& keys = reload.in_force;
+  take(keys, config.log, wanted.log, "log");
+  take(keys, config.robots, wanted.robots, "robots");
+  take(keys, config.bans, wanted.bans, "bans");
+  take(keys, config.robot_keys, wanted.robot_keys, "robots' keys");
+  TopicSettings& topics = config.topics;
+  take(keys, topics.extra_publish, wanted.topics.extra_publish, "topics.extra_publish");
+  take(keys, topics.extra_subscribe, wanted.topics.extra_subscribe, "topics.extra_subscribe");
+  take(keys, topics.home_assistant, wanted.topics.home_assistant, "topics.home_assistant");
+  take(keys, config.broker, wanted.broker, "broker");
   return reload;
 }
 

@@ -15,13 +15,10 @@ struct Reload {
   Config config;  ///< in force from now on
   /// The keys that differ and are in force from now on, as a list for people; may be empty.
   std::string in_force{};
-  bool has_other_robots = false;
-  bool has_other_topics = false;
   /// The groups of keys that differ and are only read at start, as a list for people; may be empty.
   std::string needs_restart{};
   /// Default names (a client id, `ble-0100`) of robots that have another name now.
   std::vector<std::string> replaced_names{};
-  bool has_other_keys = false;  ///< the keys of robots differ
 };
 
 /// Separates the changes that take effect at once from those that need a restart.

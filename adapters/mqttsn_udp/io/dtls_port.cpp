@@ -309,6 +309,7 @@ bool DtlsPort::send(const Endpoint& to, const std::string& identity, ByteView by
 }
 
 void DtlsPort::use_keys(RobotKeys keys) {
+  if (keys == keys_) return;  // handshakes go on
   std::vector<Endpoint> ended;
   for (const auto& [from, connection] : established_) {
     const auto key = keys.find(connection.identity);
