@@ -223,6 +223,7 @@ OrderAnswer App::read_configuration() {
     return {{}, error + refusal};
   }
   for (const Problem& notice : result.notices) log_event(Severity::notice, to_string(notice));
+  for (const Problem& warning : result.warnings) log_event(Severity::warning, to_string(warning));
   Reload reload = reload_of(config_, std::move(result.config));
   if (!config_.broker.credentials_file && is_credential_outdated())
     reload.needs_restart += fmt::format(

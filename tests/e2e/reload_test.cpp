@@ -216,6 +216,19 @@ TEST(Reload, NamesAllThatNeedsARestartInOneLine) {
   EXPECT_EQ(gateway.ctl({"status"})["gateway"], "test");
 }
 
+TEST(Reload, WarnsAsAStartDoes) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration_for(broker));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); })) << gateway.log();
+  gateway.reload([](json& wanted) {
+    wanted["ble_mesh"]["enabled"] = true;
+    wanted["presence"]["offline_after_s"] = 5;
+  });
+  EXPECT_TRUE(eventually([&] {
+    return gateway.logs("presence.offline_after_s: is no longer than");
+  })) << gateway.log();
+}
+
 TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
   Mosquitto broker;
   GatewayProcess gateway(configuration_for(broker));
