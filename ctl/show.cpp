@@ -742,7 +742,7 @@ std::string config(const json& config, const Screen& screen) {
   return out;
 }
 
-std::string devices(const json& devices) {
+std::string devices(const json& devices, const Screen&) {
   if (devices.empty()) return "no new robot is in reach\n";
   std::string out = pad("UUID", 33) + " dBm SEEN " + pad("STATE", 8) + "ROBOT\n";
   for (const json& device : devices) {
@@ -806,7 +806,7 @@ std::string topology(const json& topology, const Screen& screen) {
   return out + (has_relayed ? "* of the last relay, not of the robot\n" : "");
 }
 
-std::string hearing(const json& hearing) {
+std::string hearing(const json& hearing, const Screen&) {
   const auto range = [](std::uint64_t least, std::uint64_t most) {
     return least == most ? fmt::format("{}", least) : fmt::format("{}-{}", least, most);
   };
@@ -833,7 +833,7 @@ std::string hearing(const json& hearing) {
   return out.empty() ? "nothing was measured\n" : out;
 }
 
-std::string removed(const json& node) {
+std::string removed(const json& node, const Screen&) {
   const std::string keys = is_true(node, "was_reset")
                                ? "it has forgotten the mesh's keys"
                                : "it may still have the mesh's keys; if strangers may have it, "
@@ -846,7 +846,7 @@ std::string removed(const json& node) {
       text_at(node, "robot"), keys);
 }
 
-std::string refresh(const json& refresh) {
+std::string refresh(const json& refresh, const Screen&) {
   const std::string step = text_at(refresh, "step");
   if (step == "none") return "the mesh's keys are not being refreshed\n";
   const std::string_view words = step == "distributing" ? "1 of 3, robots get the new keys"
@@ -862,7 +862,7 @@ std::string refresh(const json& refresh) {
   return out;
 }
 
-std::string exported_mesh(const json& exported) {
+std::string exported_mesh(const json& exported, const Screen&) {
   const std::string file = text_at(exported, "file");
   return fmt::format(
       "{} holds the mesh's keys, for one other gateway. There: set ble_mesh.address to {}, "
@@ -894,7 +894,7 @@ std::string joining(const json& event, const Screen& screen) {
                      why.empty() ? "" : ": " + why);
 }
 
-std::string done(const json& done) {
+std::string done(const json& done, const Screen&) {
   if (done.contains("nodes"))
     return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
   if (done.contains("cleared"))
@@ -936,14 +936,14 @@ std::string dead_letters(const json& letters, const Screen& screen) {
   return out;
 }
 
-std::string resent(const json& done) {
+std::string resent(const json& done, const Screen&) {
   const std::uint64_t left = count_at(done, "left");
   std::string out = fmt::format("{} dead letters are sent again\n", count_at(done, "resent"));
   if (left > 0) out += fmt::format("{} remain: the store fails (slam-gatewayctl status)\n", left);
   return out;
 }
 
-std::string discarded(const json& done) {
+std::string discarded(const json& done, const Screen&) {
   return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
 }
 

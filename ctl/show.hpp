@@ -70,7 +70,7 @@ std::string pings(std::uint64_t sent, std::uint64_t answered);
 std::string config(const nlohmann::json& config, const Screen& screen);
 
 /// Devices that belong to no mesh.
-std::string devices(const nlohmann::json& devices);
+std::string devices(const nlohmann::json& devices, const Screen& screen);
 /// BLE robots that are heard but are not among the nodes; a board may know them from before.
 std::string foreign_robots(const nlohmann::json& robots, const nlohmann::json& nodes);
 /// Robots of the BLE mesh.
@@ -78,12 +78,12 @@ std::string nodes(const nlohmann::json& nodes, const Screen& screen);
 /// The distance of each robot from the gateway, nearest first.
 std::string topology(const nlohmann::json& topology, const Screen& screen);
 /// For each robot, the robots that hear it.
-std::string hearing(const nlohmann::json& hearing);
+std::string hearing(const nlohmann::json& hearing, const Screen& screen);
 /// The robot that was removed from the mesh.
-std::string removed(const nlohmann::json& node);
+std::string removed(const nlohmann::json& node, const Screen& screen);
 /// The progress of the refresh of the mesh's keys.
-std::string refresh(const nlohmann::json& refresh);
-std::string exported_mesh(const nlohmann::json& exported);
+std::string refresh(const nlohmann::json& refresh, const Screen& screen);
+std::string exported_mesh(const nlohmann::json& exported, const Screen& screen);
 /// The time for which new robots may join.
 std::string joining_head(const nlohmann::json& news);
 /// The time that is left, for a terminal's last line.
@@ -94,11 +94,11 @@ std::string joining(const nlohmann::json& event, const Screen& screen);
 /// Dead letters: the head of the table, and a page of it.
 std::string dead_letters_head(const nlohmann::json& first_page);
 std::string dead_letters(const nlohmann::json& letters, const Screen& screen);
-std::string resent(const nlohmann::json& done);
-std::string discarded(const nlohmann::json& done);
+std::string resent(const nlohmann::json& done, const Screen& screen);
+std::string discarded(const nlohmann::json& done, const Screen& screen);
 
 /// The result of an order in words.
-std::string done(const nlohmann::json& done);
+std::string done(const nlohmann::json& done, const Screen& screen);
 
 }  // namespace show
 

@@ -108,20 +108,21 @@ std::string identity_of(const Installation& installation, const std::string& rob
 
 }  // namespace
 
-nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task) {
+nlohmann::ordered_json list_keys(const Installation& installation) {
   const fs::path path = keys_file(installation);
-  nlohmann::ordered_json answer{{"file", path.string()}};
-  if (task.kind == HostTask::Kind::key_list) {
-    answer["robots"] = nlohmann::json::array();
-    for (const auto& [identity, key] : read_keys(path)) answer["robots"].push_back(identity);
-    return answer;
-  }
+  auto robots = nlohmann::json::array();
+  for (const auto& [identity, key] : read_keys(path)) robots.push_back(identity);
+  return {{"file", path.string()}, {"robots", std::move(robots)}};
+}
+
+nlohmann::ordered_json change_keys(const Installation& installation, const std::string& robot,
+                                   bool is_added) {
+  const fs::path path = keys_file(installation);
   const DirectoryLock lock(path.parent_path());
   RobotKeys keys = read_keys(path);
-  const std::string identity = identity_of(installation, task.who);
-  answer["robot"] = task.who;
-  answer["identity"] = identity;
-  if (task.kind == HostTask::Kind::key_add) {
+  const std::string identity = identity_of(installation, robot);
+  nlohmann::ordered_json answer{{"file", path.string()}, {"robot", robot}, {"identity", identity}};
+  if (is_added) {
     if (!is_valid_level(identity))
       throw Failure("a client id must be one topic level of 1 to 64 octets, without + # /");
     const auto [added, is_new] = keys.emplace(identity, random_key());
@@ -129,10 +130,10 @@ nlohmann::ordered_json change_keys(const Installation& installation, const HostT
       throw Failure(
           fmt::format("{} has a key already; for another one, first type: "
                       "slam-gatewayctl key remove {}",
-                      task.who, task.who));
+                      robot, robot));
     answer["key"] = to_hex(added->second);
   } else if (keys.erase(identity) == 0) {
-    throw Failure(fmt::format("{} has no key in {}", task.who, path.string()));
+    throw Failure(fmt::format("{} has no key in {}", robot, path.string()));
   }
   write_keys(path, keys);
   return answer;

@@ -5,15 +5,17 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
-#include "ctl/command_line.hpp"
 #include "ctl/host/installation.hpp"
 
 namespace slamgw::ctl {
 
-/// Performs the task and returns its answer, the only text that ever shows a new key. The file is
+/// Returns who has a key. Throws Failure when the file can't be used.
+nlohmann::ordered_json list_keys(const Installation& installation);
+/// Adds or removes the robot's key. Returns the only text that ever shows a new key. The file is
 /// complete at any time, and a change by another process is not lost. Throws Failure when the file
 /// or the key does not exist, or when the file can't be written.
-nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task);
+nlohmann::ordered_json change_keys(const Installation& installation, const std::string& robot,
+                                   bool is_added);
 /// Returns a QR code for a terminal, black on white whatever the terminal's colours are, with two
 /// modules in each character cell. Empty when `text` is too long.
 std::string qr_code(const std::string& text);

@@ -101,7 +101,7 @@ TEST(CtlShow, FitsTablesInto80Columns) {
   for (json& device : devices) device["state"] = "removed";
   const ctl::Screen screen{false, noon};
   for (const std::string& text : {ctl::show::robots(rows, screen), ctl::show::nodes(nodes, screen),
-                                  ctl::show::devices(devices)}) {
+                                  ctl::show::devices(devices, screen)}) {
     std::istringstream lines(text);
     int count = 0;
     for (std::string line; std::getline(lines, line); ++count)
@@ -372,7 +372,7 @@ TEST(CtlShow, Hearing) {
      "min_hops": 1, "max_hops": 4},
     {"source": "lego-2", "listener": "c", "sent": 8, "heard": 0, "heard_at_most": 0,
      "min_hops": null, "max_hops": null}]})");
-  EXPECT_EQ(ctl::show::hearing(hearing),
+  EXPECT_EQ(ctl::show::hearing(hearing, {false, noon}),
             "a is heard by\n"
             "  lego-2   8 of 8, direct\n"
             "  c      4-7 of 8, 1 relay\n"
@@ -421,12 +421,12 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(ctl::show::ping(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::config(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::topology(answer, screen).ends_with('\n'));
-    EXPECT_TRUE(ctl::show::hearing(answer).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::hearing(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::event(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::outcome(answer, screen).ends_with('\n'));
-    EXPECT_TRUE(ctl::show::devices(answer).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::devices(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::nodes(answer, screen).ends_with('\n'));
-    EXPECT_TRUE(ctl::show::done(answer).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::done(answer, screen).ends_with('\n'));
   }
 }
 

@@ -16,7 +16,6 @@
 namespace slamgw::ctl {
 namespace {
 
-using Kind = HostTask::Kind;
 using test::read_file;
 using test::write_file;
 
@@ -27,12 +26,14 @@ class RobotKeysFile : public testing::Test {
                R"({"mqttsn": {"dtls": {"keys_file": "keys.json"}},
                    "robots": [{"id": "tank", "mqttsn_client_id": "tank-client"}]})");
   }
-  nlohmann::ordered_json change(Kind kind, const std::string& robot = {}) const {
-    HostTask task;
-    task.kind = kind;
-    task.who = robot;
-    return change_keys(Installation(directory_ / "gateway.json"), task);
+  Installation installation() const { return Installation(directory_ / "gateway.json"); }
+  nlohmann::ordered_json add(const std::string& robot) const {
+    return change_keys(installation(), robot, true);
   }
+  nlohmann::ordered_json remove(const std::string& robot) const {
+    return change_keys(installation(), robot, false);
+  }
+  nlohmann::ordered_json list() const { return list_keys(installation()); }
   std::string file() const { return directory_ / "keys.json"; }
   unsigned mode() const {
     struct stat status {};
@@ -44,7 +45,7 @@ class RobotKeysFile : public testing::Test {
 };
 
 TEST_F(RobotKeysFile, ShowsAKeyAsACodeOnATerminalOnly) {
-  const auto answer = change(Kind::key_add, "tank");
+  const auto answer = add("tank");
   const std::string finder = "    █▀▀▀▀▀█ ";  // ISO/IEC 18004: the upper corner, in the quiet zone
   EXPECT_NE(text_of_keys(answer, true).find(finder), std::string::npos);
   EXPECT_EQ(text_of_keys(answer).find("█"), std::string::npos);
@@ -56,7 +57,7 @@ TEST_F(RobotKeysFile, ShowsAKeyAsACodeOnATerminalOnly) {
 TEST_F(RobotKeysFile, GetsAFreshKeyForEachRobot) {
   std::set<std::string> keys;
   for (const char* robot : {"r1", "r2", "tank"}) {
-    const auto answer = change(Kind::key_add, robot);
+    const auto answer = add(robot);
     const std::string key = answer["key"];
     EXPECT_EQ(key.size(), 32U);
     EXPECT_EQ(key.find_first_not_of("0123456789abcdef"), std::string::npos);
@@ -66,42 +67,40 @@ TEST_F(RobotKeysFile, GetsAFreshKeyForEachRobot) {
   }
   EXPECT_EQ(keys.size(), 3U);
   EXPECT_EQ(mode(), 0600U);
-  const auto listed = change(Kind::key_list);
+  const auto listed = list();
   EXPECT_EQ(text_of_keys(listed), "r1\nr2\ntank-client\n") << "a robot speaks as its client id";
   for (const std::string& key : keys)
     EXPECT_EQ(listed.dump().find(key), std::string::npos) << "names only";
-  const Installation installation(directory_ / "gateway.json");
-  EXPECT_EQ(installation.parsed().config.robot_keys.size(), 3U);
-  EXPECT_TRUE(installation.parsed().problems.empty());
+  EXPECT_EQ(installation().parsed().config.robot_keys.size(), 3U);
+  EXPECT_TRUE(installation().parsed().problems.empty());
 }
 
 TEST_F(RobotKeysFile, KeepsAKeyUntilItIsRemoved) {
-  change(Kind::key_add, "r1");
+  add("r1");
   const std::string before = read_file(file());
-  EXPECT_THROW(change(Kind::key_add, "r1"), Failure);
+  EXPECT_THROW(add("r1"), Failure);
   EXPECT_EQ(read_file(file()), before);
-  EXPECT_THROW(change(Kind::key_remove, "r2"), Failure);
-  change(Kind::key_remove, "r1");
-  EXPECT_EQ(text_of_keys(change(Kind::key_list)), "no robot has a key\n");
-  EXPECT_THROW(change(Kind::key_add, "no/level"), Failure);
+  EXPECT_THROW(remove("r2"), Failure);
+  remove("r1");
+  EXPECT_EQ(text_of_keys(list()), "no robot has a key\n");
+  EXPECT_THROW(add("no/level"), Failure);
 }
 
 TEST_F(RobotKeysFile, LosesNoKeyThatIsAddedAtTheSameTime) {
   std::vector<std::thread> writers;
-  for (int i = 0; i < 8; ++i)
-    writers.emplace_back([&, i] { change(Kind::key_add, "r" + std::to_string(i)); });
+  for (int i = 0; i < 8; ++i) writers.emplace_back([&, i] { add("r" + std::to_string(i)); });
   for (std::thread& writer : writers) writer.join();
-  EXPECT_EQ(change(Kind::key_list)["robots"].size(), 8U);
+  EXPECT_EQ(list()["robots"].size(), 8U);
 }
 
 TEST_F(RobotKeysFile, IsNotUsedWhenOthersCanReadItOrItIsBroken) {
   write_file(file(), "{}", 0640);
-  EXPECT_THROW(change(Kind::key_add, "r1"), Failure);
+  EXPECT_THROW(add("r1"), Failure);
   EXPECT_EQ(read_file(file()), "{}");
   write_file(file(), R"({"r1": "secret)", 0600);
   chmod(file().c_str(), 0600);
   try {
-    change(Kind::key_add, "r2");
+    add("r2");
     ADD_FAILURE() << "written over";
   } catch (const Failure& failure) {
     EXPECT_EQ(std::string(failure.what()).find("secret"), std::string::npos) << failure.what();
@@ -111,7 +110,7 @@ TEST_F(RobotKeysFile, IsNotUsedWhenOthersCanReadItOrItIsBroken) {
 TEST_F(RobotKeysFile, SaysHowKeysBegin) {
   write_file(directory_ / "gateway.json", "{}");
   try {
-    change(Kind::key_add, "r1");
+    add("r1");
     ADD_FAILURE() << "there is no file of keys";
   } catch (const Failure& failure) {
     EXPECT_NE(std::string(failure.what()).find("gateway.d/dtls.json"), std::string::npos);
