@@ -243,24 +243,14 @@ void App::report_configured_robots() {
   gateway_driver_->on_configured(ids_of(config_.robots));
 }
 
-/// Publishes `offline` at a broker that is left for another one, because a clean disconnect cancels
-/// the last will. The outbox never uses the sequence number 0.
-void App::publish_offline_at(const BrokerSettings& left) {
-  if (!broker_link_.is_up || broker_uri(left) == broker_uri(config_.broker)) return;
-  constexpr std::uint64_t no_sequence = 0;
-  upstream_.publish(no_sequence, {scheme_.state_topic(), to_bytes(R"({"state":"offline"})"),
-                                  Qos::at_least_once, true});
-}
-
 void App::apply(const Reload& reload) {
-  const BrokerSettings left = std::exchange(config_, reload.config).broker;
+  config_ = reload.config;
   configure_log(config_.log.level);
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_);
   gateway_driver_->presence().describe_robots(config_.topics.home_assistant, read_clocks());
   report_configured_robots();
   for (const std::string& name : reload.replaced_names) gateway_driver_->forget(name);
-  publish_offline_at(left);
   upstream_.reconfigure(config_.broker);
   broker_log_.rename(broker_uri(config_.broker));
 }

@@ -58,7 +58,6 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   OrderAnswer read_configuration();
   OrderAnswer forget(const std::string& who, const std::string& robot);
   void report_configured_robots();
-  void publish_offline_at(const BrokerSettings& left);
   /// Applies the settings that can change while the daemon runs.
   void apply(const Reload& reload);
   void stop();

@@ -29,23 +29,22 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
       upstream_(upstream),
       submit_(std::move(submit)),
       started_(read_clocks().wall),
-      last_alive_(io, config.store.directory, config.broker.addresses().front().uri()),
+      last_alive_(io, config.store.directory),
       neighbours_(config.gateway_id),
       host_(
           io, names_,
           [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
-          last_alive_.before_start(),
+          last_alive_.before_start() ? std::optional(last_alive_.before_start()->time)
+                                     : std::nullopt,
           [this](sessions::SessionHost::Report report) { perform(report); }),
       tick_(io),
-      newcomer_timer_(io) {
+      newcomer_timer_(io),
+      broker_uri_(last_alive_.before_start() ? last_alive_.before_start()->uri : std::string()) {
   gateway_.set_places(places());
-  meshes_.ask_where_served([this](const std::string& robot) {
-    return is_held(robot) || neighbours_.robots().contains(robot);
-  });
+  meshes_.ask_where_served([this](const std::string& robot) { return is_shown(robot); });
   meshes_.share_ble(
       [this](const std::string& robot) {
-        if (!check_running()) return false;
-        return is_held(robot) || (!up_since_ && held_before_.contains(robot));
+        return !is_waking() && (is_held(robot) || (!up_since_ && held_before_.contains(robot)));
       },
       [this](const std::string& robot, const std::optional<RadioFacts>& radio) {
         on_heard_by_board(robot, radio);
@@ -53,11 +52,9 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
 }
 
 RobotPlaces FleetMember::places() {
-  return {[this](const std::string& robot) { return check_running() && is_held(robot); },
+  return {[this](const std::string& robot) { return !is_waking() && is_held(robot); },
           [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
-          [this](const std::string& robot) {
-            return is_held(robot) || neighbours_.robots().contains(robot);
-          },
+          [this](const std::string& robot) { return is_shown(robot); },
           [this](const std::string& robot) {
             return host_.is_refused(robot) && !neighbours_.is_served_elsewhere(robot);
           },
@@ -88,8 +85,9 @@ void FleetMember::on_broker_link(bool is_up) {
   }
   up_since_ = read_clocks().mono;
   const std::string uri = upstream_.broker().addresses().front().uri();
-  if (std::exchange(broker_uri_, uri) != uri) {
-    neighbours_.on_other_broker();
+  const bool is_other = std::exchange(broker_uri_, uri) != uri;
+  neighbours_.on_broker_up(is_other);
+  if (is_other) {
     taken_.clear();
     sends_retained_ = false;
   }
@@ -97,7 +95,7 @@ void FleetMember::on_broker_link(bool is_up) {
   gateway_driver_->hear_all_commands(neighbours_.is_first());
   for (const auto& [robot, presence] : adopted_)
     submit_({scheme_.presence_topic(robot), to_bytes(presence), Qos::at_least_once, true});
-  host_.on_broker_up(upstream_.broker(), upstream_.version());
+  host_.on_broker_up({upstream_.broker(), upstream_.way(), upstream_.version()}, is_other);
 }
 
 void FleetMember::on_silence(bool is_silent) { host_->on_silence(is_silent); }
@@ -115,7 +113,7 @@ bool FleetMember::takes(const BrokerMessage& message) {
         host_->attach_kept(read_clocks());
       return false;
     }
-    on_state(std::string(*gateway), message.payload);
+    on_state(std::string(*gateway), message);
     return true;
   }
   if (const auto shown = scheme_.parse_presence_topic(message.topic))
@@ -131,11 +129,12 @@ bool FleetMember::takes(const BrokerMessage& message) {
 
 /// Some brokers send no retained messages to a subscription with wildcards, so a newcomer misses
 /// the presence of robots. So each gateway publishes its own again, once for all newcomers.
-void FleetMember::on_state(const std::string& gateway, ByteView document) {
+void FleetMember::on_state(const std::string& gateway, const BrokerMessage& message) {
   const auto known = neighbours_.gateways().find(gateway);
-  const bool was_online = known != neighbours_.gateways().end() && known->second.is_online;
+  const auto before =
+      known == neighbours_.gateways().end() ? sessions::Neighbours::State{} : known->second;
   const TimePoint now = read_clocks().mono;
-  for (const auto& orphan : neighbours_.on_state(gateway, document)) {
+  for (const auto& orphan : neighbours_.on_state(gateway, message.payload)) {
     if (is_held(orphan.robot))
       withdraw_from(gateway, orphan.robot);
     else
@@ -144,22 +143,26 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   gateway_driver_->hear_all_commands(neighbours_.is_first());
   give_up_lost();
   const auto after = neighbours_.gateways().find(gateway);
-  if (was_online || after == neighbours_.gateways().end() || !after->second.is_online) return;
-  const bool is_one_of_many = neighbours_.gateways().size() > max_newcomer_lines;
-  const auto count =
-      is_one_of_many ? newcomer_lines_.on_event(now) : std::optional<std::uint64_t>(1);
-  if (count)
-    log_event(
-        Severity::notice,
-        fmt::format(
-            "gateway '{}' also uses this broker{}", gateway,
-            *count > 1 ? fmt::format(" ({} such gateways since the last line)", *count) : ""));
+  if (after == neighbours_.gateways().end() || !after->second.is_online) return;
+  if (!before.is_online) log_newcomer(gateway, now);
+  if ((before.is_online && before.is_shown) || message.retain) return;
   newcomer_timer_.expires_after(newcomer_delay);
   newcomer_timer_.async_wait([this](boost::system::error_code error) {
     if (error || !up_since_) return;
     gateway_driver_->presence().publish_state();
     gateway_driver_->presence().announce_all(read_clocks());
   });
+}
+
+void FleetMember::log_newcomer(const std::string& gateway, TimePoint now) {
+  const bool is_one_of_many = neighbours_.gateways().size() > max_newcomer_lines;
+  const auto count =
+      is_one_of_many ? newcomer_lines_.on_event(now) : std::optional<std::uint64_t>(1);
+  if (!count) return;
+  log_event(Severity::notice,
+            fmt::format(
+                "gateway '{}' also uses this broker{}", gateway,
+                *count > 1 ? fmt::format(" ({} such gateways since the last line)", *count) : ""));
 }
 
 /// Returns false for a presence under this gateway's own name, which the core handles. If a former
@@ -169,7 +172,7 @@ bool FleetMember::on_presence(const std::string& gateway, const std::string& rob
   if (gateway == scheme_.gateway_id()) {
     const bool is_former = message.retain && !message.payload.empty() &&
                            !gateway_.registry().find(robot) && !adopted_.contains(robot);
-    if (is_former) keep(robot, last_alive_.before_start(), former_delay);
+    if (is_former) keep(robot, {}, former_delay);
     return false;
   }
   neighbours_.on_presence(gateway, robot, message.payload);
@@ -206,7 +209,7 @@ void FleetMember::on_mesh_event(const MeshEvent& event) {
 
 void FleetMember::handle(const SubscribeRequest& request) {
   host_->subscribe(request.robot, request.filter, request.qos, request.is_standing, read_clocks());
-  if (request.is_standing) return keep(request.robot, last_alive_.before_start(), former_delay);
+  if (request.is_standing) return keep(request.robot, {}, former_delay);
   lost_.erase(request.robot);
 }
 
@@ -310,18 +313,9 @@ void FleetMember::await_tick() {
   });
 }
 
-/// Returns false for a while after this process stood still: it learns only now which sessions it
-/// has lost, and its board has kept the messages of the pause.
-bool FleetMember::check_running() {
-  const TimePoint now = read_clocks().mono;
-  if (now - std::exchange(last_running_, now) > longest_pause)
-    catching_up_until_ = now + catching_up;
-  return now >= catching_up_until_;
-}
-
 /// Withdraws presence in place of gateways that stand still, which do not withdraw it themselves.
 void FleetMember::withdraw_from_still_gateways() {
-  if (!check_running()) return taken_.clear();
+  if (is_waking()) return taken_.clear();
   const TimePoint now = read_clocks().mono;
   std::erase_if(taken_, [&](const auto& taken) {
     const auto& [robot, since] = taken;
@@ -342,11 +336,12 @@ void FleetMember::withdraw_from(const std::string& gateway, const std::string& r
 void FleetMember::keep_orphans() {
   if (!is_settled() || std::exchange(has_kept_orphans_, true)) return;
   const TimePoint long_ago = read_clocks().mono - 2 * sessions::RobotSession::stale_after;
+  neighbours_.on_settled();
   for (const auto& orphan : neighbours_.orphans()) keep(orphan.robot, long_ago, orphan.after);
+  gateway_driver_->hear_all_commands(neighbours_.is_first());
 }
 
 void FleetMember::on_tick() {
-  check_running();
   withdraw_from_still_gateways();
   keep_orphans();
   if (!meshes_.is_shared(Mesh::ble) || !up_since_) return;

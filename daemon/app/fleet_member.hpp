@@ -62,13 +62,16 @@ class FleetMember {
   static constexpr std::chrono::seconds tick_interval{1};
   /// A gateway needs milliseconds to withdraw the presence of a robot that another one has taken.
   static constexpr std::chrono::milliseconds withdrawal_patience{300};
-  /// After a longer pause of this process, another gateway may serve its robots. Two gateways must
-  /// not both acknowledge a robot that their boards hear.
-  static constexpr std::chrono::seconds longest_pause{2};
-  static constexpr std::chrono::seconds catching_up{1};
 
   RobotPlaces places();
   bool is_held(const std::string& robot) const { return host_.sessions().is_held(robot); }
+  /// True when this gateway holds the robot, or another one, living or not, shows it.
+  bool is_shown(const std::string& robot) const {
+    return is_held(robot) || neighbours_.robots().contains(robot);
+  }
+  /// Returns true for a while after this process stood still: another gateway may serve its robots,
+  /// and its board has kept the messages of the pause. Two gateways must not both acknowledge them.
+  bool is_waking() const { return host_.sessions().is_waking(read_clocks().mono); }
   bool is_settled() const;
   void handle(const SubscribeRequest& request);
   void handle(const UnsubscribeRequest& request);
@@ -88,10 +91,10 @@ class FleetMember {
   void keep(const std::string& robot, std::optional<TimePoint> unheld_since, Duration after);
   void give_up(const std::string& robot);
   void give_up_lost();
-  void on_state(const std::string& gateway, ByteView document);
+  void on_state(const std::string& gateway, const BrokerMessage& message);
+  void log_newcomer(const std::string& gateway, TimePoint now);
   bool on_presence(const std::string& gateway, const std::string& robot,
                    const BrokerMessage& message);
-  bool check_running();
   bool has_moved(const std::string& robot) const;
   bool is_here(const std::string& robot) const;
   void keep_orphans();
@@ -123,12 +126,10 @@ class FleetMember {
   boost::asio::steady_timer newcomer_timer_;
   LogThrottle newcomer_lines_;
   std::optional<TimePoint> up_since_;  ///< when the broker came online
-  std::string broker_uri_;             ///< of the last connection
+  std::string broker_uri_;             ///< of the newest connection, also of the former process
   bool has_kept_orphans_ = false;
   bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions
-  TimePoint last_running_ = read_clocks().mono;
-  TimePoint catching_up_until_{};
-  std::set<std::string> lost_;  ///< robots lost to an unknown gateway and not heard since
+  std::set<std::string> lost_;   ///< robots lost to an unknown gateway and not heard since
   std::map<std::string, TimePoint> taken_;  ///< robots of gateways that may not have noticed yet
   /// Robots whose sessions were held when the broker went offline: they are still served.
   std::set<std::string> held_before_;

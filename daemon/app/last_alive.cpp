@@ -14,34 +14,32 @@
 
 namespace slamgw {
 
-LastAlive::LastAlive(boost::asio::io_context& io, const std::string& directory,
-                     const std::string& broker_uri)
+LastAlive::LastAlive(boost::asio::io_context& io, const std::string& directory)
     : path_(directory + "/alive"), timer_(io) {
-  read(broker_uri);
+  read();
 }
 
 /// Takes the larger of the ages by two clocks: the steady clock begins again at a reboot, and the
 /// wall clock of a host without a battery may stand still while the power is off.
-void LastAlive::read(const std::string& broker_uri) {
+void LastAlive::read() {
   struct stat file {};
   std::int64_t seconds = 0;
   std::string uri;
   if (::stat(path_.c_str(), &file) != 0) return;
-  online_.emplace();  // of a time and a broker that are not known
-  if (!(std::ifstream(path_) >> seconds >> uri) || uri != broker_uri) return;
+  online_ = Online{};  // of a time and a broker that are not known
+  if (!(std::ifstream(path_) >> seconds >> uri)) return;
   const Now now = read_clocks();
   const auto up = std::chrono::floor<std::chrono::seconds>(now.mono.time_since_epoch());
   const auto changed = std::chrono::system_clock::from_time_t(file.st_mtime);
   if (seconds < 0 || seconds > up.count() || changed > now.wall) return;
   const Duration wall_age = std::chrono::duration_cast<Duration>(now.wall - changed);
-  before_start_ = now.mono - std::max<Duration>(up - std::chrono::seconds{seconds}, wall_age);
-  online_ = before_start_;
-  online_uri_ = uri;
+  const Duration age = std::max<Duration>(up - std::chrono::seconds{seconds}, wall_age);
+  before_start_ = online_ = {now.mono - age, std::move(uri)};
 }
 
 void LastAlive::on_broker_up(const std::string& uri) {
   const TimePoint now = read_clocks().mono;
-  const bool was_elsewhere = online_ && (now - *online_ > 2 * interval || uri != online_uri_);
+  const bool was_elsewhere = online_ && (now - online_->time > 2 * interval || uri != online_->uri);
   write_from_ = was_elsewhere ? now + 2 * interval : now;
   broker_uri_ = uri;
   keep_writing();
@@ -63,8 +61,7 @@ void LastAlive::keep_writing() {
 void LastAlive::write() {
   const TimePoint now = read_clocks().mono;
   if (broker_uri_.empty() || now < write_from_) return;
-  online_ = now;
-  online_uri_ = broker_uri_;
+  online_ = {now, broker_uri_};
   const auto up = std::chrono::floor<std::chrono::seconds>(now.time_since_epoch());
   std::string text = fmt::format("{} {}\n", up.count(), broker_uri_);
   boost::asio::post(disk_, [path = path_, text = std::move(text)] {

@@ -18,13 +18,18 @@ class LastAlive {
  public:
   static constexpr std::chrono::seconds interval{5};
 
-  /// Reads the file; call before the loop runs. `broker_uri`: the broker of the configuration.
-  LastAlive(boost::asio::io_context& io, const std::string& directory,
-            const std::string& broker_uri);
+  /// When a gateway was last online, and at which broker.
+  struct Online {
+    TimePoint time{};
+    std::string uri;
+  };
 
-  /// Returns when the process before this one was last online, within `interval`. Returns nothing
-  /// if that may be long ago: no such process, another broker, a reboot, or a clock set back.
-  std::optional<TimePoint> before_start() const { return before_start_; }
+  /// Reads the file; call before the loop runs.
+  LastAlive(boost::asio::io_context& io, const std::string& directory);
+
+  /// Returns when and where the process before this one was last online, within `interval`. Returns
+  /// nothing if that may be long ago: no such process, a reboot, or a clock set back.
+  const std::optional<Online>& before_start() const { return before_start_; }
   /// Writes the file from now on, on a thread of its own. After a long time offline, or at another
   /// broker, it waits: until the robots' sessions are held, a process that ends leaves the old
   /// time.
@@ -35,15 +40,14 @@ class LastAlive {
   void stop();
 
  private:
-  void read(const std::string& broker_uri);
+  void read();
   void keep_writing();
   void write();
 
   const std::string path_;
-  std::optional<TimePoint> before_start_;
-  std::string broker_uri_;           ///< empty while the broker is offline
-  std::optional<TimePoint> online_;  ///< the newest time known; nothing on a new host
-  std::string online_uri_;           ///< the broker of that time
+  std::optional<Online> before_start_;
+  std::string broker_uri_;        ///< empty while the broker is offline
+  std::optional<Online> online_;  ///< the newest that is known; nothing on a new host
   TimePoint write_from_{};
   boost::asio::steady_timer timer_;
   boost::asio::thread_pool disk_{1};

@@ -68,12 +68,12 @@ class RivalWatch {
     const bool is_short = lived < std::max<Duration>(stable_after, 3 * pause_) &&
                           (is_taken_over || !may_be_for_a_message);
     short_lives_ = is_short ? short_lives_ + 1 : 0;
-    is_suspected_ = is_taken_over || short_lives_ >= suspicious_lives;
+    const bool is_suspected = is_taken_over || short_lives_ >= suspicious_lives;
     const bool is_again = is_short && pause_ > Duration::zero();
-    pause_ = !is_suspected_ ? Duration::zero()
-             : is_again     ? std::min<Duration>(2 * pause_, longest_pause)
-                            : Duration{first_pause};
-    return is_suspected_;
+    pause_ = !is_suspected ? Duration::zero()
+             : is_again    ? std::min<Duration>(2 * pause_, longest_pause)
+                           : Duration{first_pause};
+    return is_suspected;
   }
 
   /// Returns the pause before the next attempt; 0 when no rival is suspected.
@@ -82,7 +82,6 @@ class RivalWatch {
  private:
   TimePoint up_since_{};
   unsigned short_lives_ = 0;
-  bool is_suspected_ = false;
   Duration pause_{0};
 };
 

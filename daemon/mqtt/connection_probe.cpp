@@ -16,8 +16,6 @@
 #include <memory>
 #include <utility>
 
-#include "daemon/mqtt/tls_client.hpp"
-
 namespace slamgw {
 namespace {
 
@@ -123,19 +121,23 @@ Reachability probe_broker(const BrokerSettings& broker) {
   return {false, explain_no_connection(broker, last)};
 }
 
-HostAddresses resolve_host(const BrokerSettings& broker) {
+WayToBroker find_broker(const BrokerSettings& broker) {
   std::string error;
-  HostAddresses found;
+  WayToBroker found;
   const Addresses addresses = resolve(broker.host, "0", error);
-  if (!addresses) found.problem = explain_unknown_name(broker, error);
   for (const addrinfo* address = addresses.get(); address; address = address->ai_next) {
     char text[NI_MAXHOST];
     if (getnameinfo(address->ai_addr, address->ai_addrlen, text, sizeof text, nullptr, 0,
                     NI_NUMERICHOST) != 0)
       continue;
-    if (std::find(found.literals.begin(), found.literals.end(), text) == found.literals.end())
-      found.literals.emplace_back(text);
+    if (std::ranges::find(found.addresses, text) == found.addresses.end())
+      found.addresses.emplace_back(text);
   }
+  if (broker.tls) found.tls = std::make_shared<const TlsClient>(broker);
+  if (found.addresses.empty())
+    found.problem = explain_unknown_name(broker, error);
+  else if (found.tls)
+    found.problem = found.tls->problem();
   return found;
 }
 

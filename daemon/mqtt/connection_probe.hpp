@@ -4,10 +4,12 @@
 // most: call on the lane of a link.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "daemon/mqtt/settings.hpp"
+#include "daemon/mqtt/tls_client.hpp"
 
 namespace slamgw {
 
@@ -17,11 +19,14 @@ struct Reachability {
 };
 Reachability probe_broker(const BrokerSettings& broker);
 
-struct HostAddresses {
-  std::vector<std::string> literals;  ///< in the resolver's order
-  std::string problem;                ///< why there is none, for the operator
+/// What connections to a broker need besides the settings: what the name server and the TLS files
+/// say now.
+struct WayToBroker {
+  std::vector<std::string> addresses{};    ///< literals, in the resolver's order; at least one
+  std::shared_ptr<const TlsClient> tls{};  ///< null: without TLS
+  std::string problem{};                   ///< why there is no way, for the operator; else empty
 };
-HostAddresses resolve_host(const BrokerSettings& broker);
+WayToBroker find_broker(const BrokerSettings& broker);
 
 // Explanations of what the probe finds; clients that find the same by themselves use them, too.
 /// `error`: the errno of connect().

@@ -16,6 +16,7 @@
 
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
+#include "daemon/mqtt/connection_probe.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/mqtt/user_properties.hpp"
 #include "daemon/mqtt/version_choice.hpp"
@@ -26,7 +27,7 @@ namespace slamgw {
 /// far more than a robot can take. Without it, one message of 256 MiB would exhaust the daemon's
 /// memory. MQTT 3.1.1 has no such limit.
 inline constexpr std::uint32_t max_inbound_packet_octets = 1024 * 1024;
-/// Longest time from the attempt to the CONNACK, name look-up included. The second is for several
+/// Longest time from the attempt to the CONNACK, after the name look-up. The second is for several
 /// brokers.
 inline constexpr std::chrono::seconds connect_timeout{10};
 inline constexpr std::chrono::seconds connect_timeout_of_many{3};
@@ -42,6 +43,7 @@ struct LastWill {
 
 struct LinkOptions {
   BrokerSettings broker;
+  WayToBroker way;
   MqttVersion version = MqttVersion::v5;
   LastWill will;
   std::chrono::seconds timeout = connect_timeout;
@@ -51,13 +53,12 @@ struct LinkOptions {
   std::uint32_t max_inbound_octets = max_inbound_packet_octets;
 };
 
-/// Why a connection could not be made. `code`: a CONNACK code of the version in use, or 0 when none
-/// came.
+/// Why a connection could not be made: `code` is a CONNACK code of the version in use. Without a
+/// CONNACK it is 0, and `text` and `answer` explain the failure.
 struct ConnectFailure {
   int code = 0;
-  std::string text;
+  std::string text{};
   ConnectAnswer answer = ConnectAnswer::other;
-  bool is_not_authorised = false;
 };
 
 /// Called on the loop's thread, never from inside a call to the link, and not after abandon().
@@ -71,7 +72,8 @@ class MqttLinkListener {
   /// connected with our id.
   virtual void on_lost(std::string why, bool is_taken_over) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
-  virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
+  /// `code`: the reason code of the PUBACK or PUBREC.
+  virtual void on_publish_refused(std::uint64_t sequence, int code) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
 };
 
@@ -95,7 +97,7 @@ class MqttLink {
   virtual void abandon(bool is_orderly) = 0;
 
   /// Number of the broker's messages for which there was no room on the way to the loop.
-  virtual std::uint64_t inbound_dropped() const = 0;
+  virtual std::uint64_t inbound_dropped() const { return 0; }
 };
 
 /// Makes a link; its connect() is called next. `lane` is for blocking calls.

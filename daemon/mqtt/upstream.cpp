@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <utility>
 
@@ -103,6 +104,7 @@ void Upstream::stop() {
 
 void Upstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
+  if (settings.addresses().front() != place().address) publish_will();
   settings_ = settings;
   make_places();
   backoff_.reset();
@@ -118,13 +120,28 @@ void Upstream::retry_now() {
   connect_in(network_settles);
 }
 
+/// Looks the name up and reads the TLS files each time, because they may have changed.
 void Upstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
+  look_up_ = std::make_shared<const bool>(true);
+  boost::asio::post(lane_, [this, broker = broker(), asked = std::weak_ptr(look_up_),
+                            busy = boost::asio::make_work_guard(io_)] {
+    if (asked.expired()) return;
+    boost::asio::post(io_, [this, asked, way = find_broker(broker)] {
+      if (!asked.expired()) connect_by(way);
+    });
+  });
+}
+
+void Upstream::connect_by(WayToBroker way) {
+  look_up_.reset();
+  way_ = std::move(way);
+  if (!way_.problem.empty()) return on_connect_failed({0, way_.problem});
   const auto timeout = places_.size() > 1 ? connect_timeout_of_many : connect_timeout;
   link_ = traits_.make_link(
       io_, lane_,
-      {broker(), version(), place().will, timeout, place().attempt++,
+      {broker(), way_, version(), place().will, timeout, place().attempt++,
        std::bind_front(&UpstreamListener::on_message, &listener_), traits_.max_inbound_octets},
       *this);
   link_->connect();
@@ -142,6 +159,7 @@ void Upstream::connect_in(Duration wait) {
 
 void Upstream::drop_link(bool is_orderly) {
   is_up_ = false;
+  look_up_.reset();
   stall_watch_.on_link_down();
   stall_timer_.cancel();
   return_timer_.cancel();
@@ -223,12 +241,17 @@ void Upstream::probe_first_broker() {
   });
 }
 
-/// Publishes the last will at the broker before leaving it, because a clean DISCONNECT cancels it.
-void Upstream::return_to_first() {
+/// Publishes the last will at a broker that is left for another, because a clean DISCONNECT cancels
+/// it. The outbox never uses the sequence number 0.
+void Upstream::publish_will() {
   constexpr std::uint64_t no_sequence = 0;
   const LastWill& will = place().will;
   if (!will.topic.empty())
     publish(no_sequence, {will.topic, to_bytes(will.payload), will.qos, will.is_retained});
+}
+
+void Upstream::return_to_first() {
+  publish_will();
   drop_link(true);
   at_ = 0;
   tried_ = 0;
@@ -240,14 +263,14 @@ void Upstream::return_to_first() {
 double Upstream::random_jitter() { return std::uniform_real_distribution<double>(0, 1)(random_); }
 
 void Upstream::on_connect_failed(ConnectFailure failure) {
+  if (is_version_refusal(failure.code)) failure.answer = ConnectAnswer::version_refused;
   if (place().version.on_failed(failure.answer) || adapt_will(failure.code)) {
     drop_link(false);
     connect();
     return;
   }
-  if (failure.is_not_authorised) {
-    failure.text += explain_credentials(settings_, traits_);
-  }
+  if (failure.code != 0) failure.text = explain_connect_failure(failure.code);
+  if (is_not_authorised(failure.code)) failure.text += explain_credentials(settings_, traits_);
   go_on(failure.text, Duration::zero());
 }
 
@@ -303,10 +326,10 @@ bool Upstream::has_forgotten_a_message(TimePoint now) const {
          (last_answered_ > sequence || now - answered_at_ >= traits_.longest_answer);
 }
 
-void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
+void Upstream::on_publish_refused(std::uint64_t sequence, int code) {
   on_answered(sequence);
   refused_at_ = std::chrono::steady_clock::now();
-  listener_.on_publish_refused(sequence, refusal);
+  listener_.on_publish_refused(sequence, {code, explain_publish_refusal(code)});
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {

@@ -72,6 +72,8 @@ class Upstream final : private MqttLinkListener {
   MqttVersion version() const { return place().version.version(); }
   /// The settings of the broker that is connected, or tried now.
   BrokerSettings broker() const;
+  /// The addresses and TLS files of the broker that is connected, or tried now.
+  const WayToBroker& way() const { return way_; }
   /// Number of the broker's messages for which there was no room on the way to the loop.
   std::uint64_t inbound_dropped() const;
 
@@ -88,6 +90,7 @@ class Upstream final : private MqttLinkListener {
   const Place& place() const { return places_[at_]; }
   void make_places();
   void connect();
+  void connect_by(WayToBroker way);
   void connect_in(Duration wait);
   void go_on(const std::string& why, Duration least);
   void drop_link(bool is_orderly);
@@ -95,6 +98,7 @@ class Upstream final : private MqttLinkListener {
   void come_up();
   void probe_first_broker_in(Duration wait);
   void probe_first_broker();
+  void publish_will();
   void return_to_first();
   double random_jitter();
   void watch_for_stall();
@@ -108,7 +112,7 @@ class Upstream final : private MqttLinkListener {
   void on_connect_failed(ConnectFailure failure) override;
   void on_lost(std::string why, bool is_taken_over) override;
   void on_published(std::uint64_t sequence) override;
-  void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
+  void on_publish_refused(std::uint64_t sequence, int code) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
 
   boost::asio::io_context& io_;
@@ -126,8 +130,10 @@ class Upstream final : private MqttLinkListener {
   Backoff backoff_;
   std::minstd_rand random_;
   std::vector<Place> places_;
-  std::size_t at_ = 0;     ///< in `places_`
-  std::size_t tried_ = 0;  ///< places tried in a row, without success or pause
+  std::size_t at_ = 0;                   ///< in `places_`
+  std::size_t tried_ = 0;                ///< places tried in a row, without success or pause
+  std::shared_ptr<const bool> look_up_;  ///< null when none is under way
+  WayToBroker way_;
   std::shared_ptr<MqttLink> link_;
   BrokerLimits limits_;  ///< of the connection
   bool is_up_ = false;

@@ -67,13 +67,11 @@ class BoardChoice {
   /// Limit of other gateways' boards; more are ignored until one is silent for `forget_after`.
   static constexpr std::size_t max_boards = 1000;
 
-  /// Call when this gateway's own board works or fails. Returns true when that has changed.
-  bool on_board(bool is_up) {
-    const bool is_news = std::exchange(is_board_up_, is_up) != is_up;
-    if (!is_news) return false;
+  /// Call when this gateway's own board works or fails.
+  void on_board(bool is_up) {
+    if (std::exchange(is_board_up_, is_up) == is_up) return;
     hears_published_.reset();
     for (auto& [robot, here] : robots_) here.better_since.reset();
-    return true;
   }
   /// Call when this gateway's board has heard the robot. `level`: nothing when it is unknown.
   void on_heard(const std::string& robot, std::optional<SignalLevel> level, TimePoint now);

@@ -88,10 +88,16 @@ void Neighbours::on_withdrawn(const std::string& gateway, const std::string& rob
   }
 }
 
-void Neighbours::on_other_broker() {
+void Neighbours::on_broker_up(bool is_other) {
+  for (auto& [gateway, state] : gateways_) state.is_shown = false;
+  if (!is_other) return;
   gateways_.clear();
   robots_.clear();
   former_.clear();
+}
+
+void Neighbours::on_settled() {
+  for (auto& [gateway, state] : gateways_) state.is_online = state.is_online && state.is_shown;
 }
 
 bool Neighbours::is_served_elsewhere(const std::string& robot) const {

@@ -29,6 +29,7 @@ class Neighbours {
     bool is_online = false;
     std::string version;
     std::string since;
+    bool is_shown = true;  ///< on the present connection
   };
   /// The presence of a robot at a gateway.
   struct RobotPresence {
@@ -51,8 +52,11 @@ class Neighbours {
   /// Takes the presence of a robot at a gateway; empty when it was withdrawn.
   void on_presence(const std::string& gateway, const std::string& robot, ByteView document);
 
-  /// Forgets all gateways and robots, because this gateway uses another broker.
-  void on_other_broker();
+  /// Call at each connection. `is_other`: to another broker, so that all is forgotten.
+  void on_broker_up(bool is_other);
+  /// Call when the broker, or the gateways themselves, have had time to show the other gateways.
+  /// One that was not shown on this connection has died.
+  void on_settled();
 
   /// Returns the robots of gateways that are not online.
   std::vector<Orphan> orphans() const;

@@ -10,8 +10,17 @@ namespace slamgw::sessions {
 
 // --- Holding the session -------------------------------------------------------------------------
 
+void RobotSession::enter(State state) {
+  if (is_opening()) --counts_.opening;
+  if (is_held()) --counts_.held;
+  state_ = state;
+  if (is_opening()) ++counts_.opening;
+  if (is_held()) ++counts_.held;
+}
+
 void RobotSession::on_heard(bool is_elsewhere, TimePoint now) {
   if (is_held()) return;
+  keeps_at_.reset();
   is_wanted_ = true;
   const unsigned disputed = is_elsewhere ? quick_losses_ : losses_;
   if (now < quiet_at_ && disputed >= contested_losses) set_contested(true);
@@ -30,12 +39,8 @@ void RobotSession::set_contested(bool is_contested) {
       robot_});
 }
 
-void RobotSession::keep() {
-  if (state_ != State::attached) is_wanted_ = true;
-}
-
 void RobotSession::open() {
-  state_ = State::opening;
+  enter(State::opening);
   is_opened_clean_ = is_purge_due_;
   actions_.push(OpenSession{robot_, is_opened_clean_});
 }
@@ -46,7 +51,7 @@ void RobotSession::close(bool is_forgotten) {
   drop_unfenced();
   grant_waiting();
   end_note({});
-  state_ = State::detached;
+  enter(State::detached);
 }
 
 void RobotSession::drop_unfenced() {
@@ -67,7 +72,8 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
     actions_.push(CloseSession{robot_, false});
     return open();
   }
-  state_ = State::attached;
+  enter(State::attached);
+  ++counts_.attached;
   is_wanted_ = false;
   held_since_ = now;
   retry_ = first_retry;
@@ -96,7 +102,7 @@ void RobotSession::send_marker(TimePoint now) {
 /// Gives the messages that waited at the broker an outcome before the broker forgets them.
 void RobotSession::begin_sorting(TimePoint now) {
   if (!is_held()) subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);
-  state_ = State::sorting;
+  enter(State::sorting);
   is_wanted_ = true;
   for (Unfenced& each : unfenced_) each.is_stale = true;
   send_marker(now);
@@ -138,7 +144,7 @@ void RobotSession::on_other_broker(TimePoint now) {
 void RobotSession::on_attach_failed(TimePoint now) {
   drop_unfenced();        // of a session that was lost while sorting
   is_purge_due_ = false;  // new commands may wait in the session, so the next try sorts again
-  state_ = State::detached;
+  enter(State::detached);
   opens_at_ = now + retry_;
   retry_ = std::min(retry_ * 2, longest_retry);
 }
@@ -152,8 +158,9 @@ void RobotSession::on_detached(bool is_broker_gone, TimePoint unheld_since, Time
   if (!was_held && !is_broker_gone) return on_attach_failed(now);
   if (state_ == State::sorting) drop_unfenced();
   is_purge_due_ = false;
-  state_ = State::detached;
+  enter(State::detached);
   if (!was_held) return;
+  ++counts_.lost;
   if (!is_broker_gone) {
     count_loss(now);
     blame_unanswered();
@@ -334,6 +341,12 @@ void RobotSession::read_note(TimePoint now) {
   subscribe_own(names_.note_topic(robot_), /*wants_retained=*/true);
 }
 
+/// Ignores notes that are not retained: an UNSUBSCRIBE that was lost with its connection leaves old
+/// ones in the session.
+void RobotSession::on_note(BrokerMessage message) {
+  if (message.retain) end_note(std::move(message.payload));
+}
+
 void RobotSession::end_note(Bytes note) {
   if (!std::exchange(note_until_, std::nullopt)) return;
   if (note.size() > max_note_octets) note.clear();
@@ -346,7 +359,7 @@ void RobotSession::end_note(Bytes note) {
 void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32_t> ids,
                               TimePoint now) {
   if (!is_held() && state_ != State::sorting) return;
-  if (message.topic == names_.note_topic(robot_)) return end_note(std::move(message.payload));
+  if (message.topic == names_.note_topic(robot_)) return on_note(std::move(message));
   if (is_marker(message)) return on_marker(now);
   const bool is_fence = message.topic == names_.mailbox_topic(robot_) && message.payload.empty();
   if (is_fence || is_copy(message, ids) || !wants_retained(message, now)) return;

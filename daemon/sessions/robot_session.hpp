@@ -75,7 +75,12 @@ class RobotSession {
   static constexpr std::uint32_t first_filter_id = 3;
   static constexpr std::uint32_t last_filter_id = 268435455;
 
+  /// Shared by all sessions.
   struct Counts {
+    std::size_t opening = 0;  ///< CONNECTs under way, and sessions that sort
+    std::size_t held = 0;
+    std::uint64_t attached = 0;
+    std::uint64_t lost = 0;
     std::uint64_t fenced_off = 0;  ///< messages whose fence was not answered before the loss
     std::uint64_t dropped = 0;     ///< messages beyond max_unfenced, or invalid in the mailbox
   };
@@ -104,11 +109,13 @@ class RobotSession {
 
   /// Call when the robot was heard by radio. `is_elsewhere`: another living gateway shows it.
   void on_heard(bool is_elsewhere, TimePoint now);
-  /// Asks for the session although the robot was not heard.
-  void keep();
+  /// Asks for the session at this time although the robot was not heard; nothing: no longer.
+  void set_keeps_at(std::optional<TimePoint> when) { keeps_at_ = when; }
+  std::optional<TimePoint> keeps_at() const { return keeps_at_; }
+  void keep() { is_wanted_ = !is_held(); }
   /// `when`: no gateway has held the session since then; nothing: another living gateway holds it.
   void set_unheld_since(std::optional<TimePoint> when) { unheld_since_ = when; }
-  void set_queued() { state_ = State::queued; }
+  void set_queued() { enter(State::queued); }
   /// Sends CONNECT.
   void open();
   /// Sends DISCONNECT. `is_forgotten`: the broker forgets the session too.
@@ -174,6 +181,7 @@ class RobotSession {
     TimePoint came{};
   };
 
+  void enter(State state);
   Filter& filter_of(const std::string& filter, Qos qos);
   std::uint32_t make_id(const std::string& filter) const;
   void subscribe_own(const std::string& topic, bool wants_retained);
@@ -197,6 +205,7 @@ class RobotSession {
   void drop_unfenced();
   void release(TimePoint now);
   void pass_on(Unfenced& one);
+  void on_note(BrokerMessage message);
   void count_loss(TimePoint now);
   void set_contested(bool is_contested);
 
@@ -206,6 +215,7 @@ class RobotSession {
   Counts& counts_;
   State state_ = State::detached;
   bool is_wanted_ = false;
+  std::optional<TimePoint> keeps_at_;
   bool is_v5_ = false;
   bool is_clean_due_ = false;  ///< the session must start clean
   bool is_purge_due_ = false;  ///< the next CONNECT asks the broker to forget the session

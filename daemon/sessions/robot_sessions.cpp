@@ -20,7 +20,6 @@ RobotSessions::RobotSessions(SessionNames names, ServedElsewhere is_served_elsew
 void RobotSessions::on_heard(const std::string& robot, const Now& now) {
   RobotSession* session = find_or_make(robot, now);
   if (!session || session->is_held()) return;
-  kept_.erase(robot);
   session->on_heard(is_served_elsewhere_(robot), now);
   settle(robot, *session, now);
 }
@@ -46,11 +45,7 @@ void RobotSessions::unsubscribe(const std::string& robot, const std::string& fil
 void RobotSessions::begin_clean(const std::string& robot, const Now& now) {
   RobotSession* session = find_or_make(robot, now);
   if (!session) return;
-  const bool was_held = session->is_held();
   session->begin_clean(now);
-  if (!was_held || session->is_held()) return;
-  --held_;
-  ++opening_;
   settle(robot, *session, now);
 }
 
@@ -71,9 +66,16 @@ void RobotSessions::read_note(const std::string& robot, const Now& now) {
 
 void RobotSessions::settle(const std::string& robot, RobotSession& session, TimePoint now) {
   if (const auto next = session.deadline()) wake_at(robot, *next);
-  const auto kept = is_broker_up_ ? kept_.find(robot) : kept_.end();
-  if (kept != kept_.end()) wake_at(robot, kept->second);
-  want(robot, session, now);
+  if (is_broker_up_ && session.keeps_at()) wake_at(robot, *session.keeps_at());
+  if (is_broker_up_ && !is_stopping_ && session.is_wanted()) {
+    if (now < session.opens_at()) {
+      wake_at(robot, session.opens_at());
+    } else {
+      session.set_queued();
+      queue_.push_back(robot);
+    }
+  }
+  open_next();
 }
 
 void RobotSessions::keep(const std::string& robot, std::optional<TimePoint> unheld_since,
@@ -81,25 +83,22 @@ void RobotSessions::keep(const std::string& robot, std::optional<TimePoint> unhe
   RobotSession* session = find_or_make(robot, now);
   if (!session || session->is_held()) return;
   if (unheld_since) session->set_unheld_since(unheld_since);
-  kept_[robot] = now.mono + after;
-  wake_at(robot, now.mono + after);
+  session->set_keeps_at(now.mono + after);
+  settle(robot, *session, now);
 }
 
 void RobotSessions::attach_kept(const Now& now) {
-  for (auto& [robot, due] : kept_) {
-    due = now.mono;
-    wake_at(robot, due);
+  for (auto& [robot, entry] : sessions_) {
+    if (!entry.session->keeps_at()) continue;
+    entry.session->set_keeps_at(now.mono);
+    wake_at(robot, now.mono);
   }
 }
 
 void RobotSessions::forget(const std::string& robot) {
-  kept_.erase(robot);
   const bool was_held = is_held(robot);
   if (const auto found = sessions_.find(robot); found != sessions_.end()) {
-    RobotSession& session = *found->second.session;
-    held_ -= was_held ? 1 : 0;
-    opening_ -= session.is_opening() ? 1 : 0;
-    session.close(/*is_forgotten=*/true);
+    found->second.session->close(/*is_forgotten=*/true);
     if (found->second.wake) wakes_.erase({*found->second.wake, robot});
     sessions_.erase(found);
   }
@@ -112,42 +111,29 @@ void RobotSessions::forget(const std::string& robot) {
 
 // --- Opening -------------------------------------------------------------------------------------
 
-void RobotSessions::want(const std::string& robot, RobotSession& session, TimePoint now) {
-  if (!is_broker_up_ || is_stopping_ || !session.is_wanted()) return;
-  if (now < session.opens_at()) return wake_at(robot, session.opens_at());
-  session.set_queued();
-  queue_.push_back(robot);
-  open_next();
-}
-
 void RobotSessions::open_next() {
-  while (is_broker_up_ && opening_ < max_opening && !queue_.empty()) {
+  while (is_broker_up_ && counts_.opening < max_opening && !queue_.empty()) {
     const std::string robot = std::move(queue_.front());
     queue_.pop_front();
     if (const auto found = forgetting_.find(robot); found != forgetting_.end()) {
       if (std::exchange(found->second, true)) continue;
-      ++opening_;
+      ++counts_.opening;
       actions_.push(OpenSession{robot, /*is_clean=*/true});
       continue;
     }
     RobotSession* session = find(robot);
     if (!session || session->state() != RobotSession::State::queued) continue;
-    ++opening_;
     if (is_served_elsewhere_(robot)) session->set_unheld_since({});
     session->open();
   }
-}
-
-void RobotSessions::after_opening() {
-  --opening_;
-  open_next();
 }
 
 /// Ends the attempt, even if it has failed: the broker also ends a session that is unused for a
 /// day.
 void RobotSessions::end_forgetting(const std::string& robot) {
   const auto ended = forgetting_.extract(robot);
-  if (!ended.empty() && ended.mapped()) after_opening();
+  if (!ended.empty() && ended.mapped()) --counts_.opening;
+  open_next();
 }
 
 void RobotSessions::wake_at(const std::string& robot, TimePoint when) {
@@ -162,14 +148,14 @@ void RobotSessions::wake_at(const std::string& robot, TimePoint when) {
 
 void RobotSessions::on_broker_up(bool is_v5, bool is_other, const Now& now) {
   if (is_other) {
-    on_broker_down(now);
+    last_alive_.reset();
     for (auto& [robot, entry] : sessions_) entry.session->on_other_broker(now.mono);
   }
   is_broker_up_ = true;
   is_v5_ = is_v5;
   for (auto& [robot, entry] : sessions_) {
-    if (const auto kept = kept_.find(robot); kept != kept_.end())
-      kept->second = std::max(kept->second, now.mono + unheard_delay);
+    if (const auto kept = entry.session->keeps_at())
+      entry.session->set_keeps_at(std::max(*kept, now.mono + unheard_delay));
     settle(robot, *entry.session, now);
   }
   for (const auto& [robot, is_under_way] : forgetting_) queue_.push_back(robot);
@@ -179,22 +165,23 @@ void RobotSessions::on_broker_up(bool is_v5, bool is_other, const Now& now) {
 /// Detaches all sessions. Those that were held are attached again when the broker is back, unless
 /// another gateway has heard their robots first.
 void RobotSessions::on_broker_down(const Now& now) {
-  is_broker_up_ = false;
+  is_broker_up_ = is_silent_ = false;
   queue_.clear();
-  opening_ = 0;
   for (auto& [robot, entry] : sessions_) {
     RobotSession& session = *entry.session;
     const bool is_forgiven = session.forgive_loss(now.mono);
-    if (session.is_held() || is_forgiven) kept_[robot] = now.mono;
+    if (session.is_held() || is_forgiven) session.set_keeps_at(now.mono);
     if (session.is_connected()) actions_.push(CloseSession{robot, false});
     session.on_detached(/*is_broker_gone=*/true, lost_since(now.mono), now);
     if (is_forgiven) actions_.push(SessionLost{robot, LossReason::broker_gone});
     session.grant_waiting();
     session.end_note({});
   }
-  for (auto& [robot, is_under_way] : forgetting_)
-    if (std::exchange(is_under_way, false)) actions_.push(CloseSession{robot, false});
-  lost_ += std::exchange(held_, 0);
+  for (auto& [robot, is_under_way] : forgetting_) {
+    if (!std::exchange(is_under_way, false)) continue;
+    --counts_.opening;
+    actions_.push(CloseSession{robot, false});
+  }
 }
 
 void RobotSessions::on_silence(bool is_silent) {
@@ -211,11 +198,7 @@ void RobotSessions::on_attached(const std::string& robot, bool is_present, const
   RobotSession* session = find(robot);
   if (!session || session->state() != RobotSession::State::opening) return;
   session->on_attached(is_present, is_v5_, now);
-  if (!session->is_held()) return settle(robot, *session, now);  // the session starts clean first
-  ++held_;
-  ++attached_;
   settle(robot, *session, now);
-  after_opening();
 }
 
 void RobotSessions::on_attach_failed(const std::string& robot, const Now& now) {
@@ -223,8 +206,7 @@ void RobotSessions::on_attach_failed(const std::string& robot, const Now& now) {
   RobotSession* session = find(robot);
   if (!session || !session->is_opening()) return;
   session->on_attach_failed(now);
-  want(robot, *session, now);
-  after_opening();
+  settle(robot, *session, now);
 }
 
 void RobotSessions::on_detached(const std::string& robot, const Now& now) {
@@ -232,8 +214,6 @@ void RobotSessions::on_detached(const std::string& robot, const Now& now) {
   if (!session) return;
   if (session->is_opening()) return on_attach_failed(robot, now);
   if (!session->is_held()) return;
-  --held_;
-  ++lost_;
   session->on_detached(/*is_broker_gone=*/false, lost_since(now.mono), now);
   settle(robot, *session, now);
 }
@@ -259,8 +239,6 @@ void RobotSessions::on_stop() {
   is_stopping_ = true;
   queue_.clear();
   for (auto& [robot, entry] : sessions_) entry.session->close(/*is_forgotten=*/false);
-  held_ = 0;
-  opening_ = 0;
 }
 
 // --- Time ----------------------------------------------------------------------------------------
@@ -268,7 +246,7 @@ void RobotSessions::on_stop() {
 void RobotSessions::on_tick(TimePoint now) {
   if (has_stood_still(now)) {
     stood_still_since_ = *last_tick_;
-    catching_up_until_ = now + catching_up;
+    goes_on_at_ = now;
   }
   last_tick_ = now;
 }
@@ -281,7 +259,7 @@ bool RobotSessions::has_stood_still(TimePoint now) const {
 /// still notices the loss only when it goes on.
 TimePoint RobotSessions::lost_since(TimePoint now) const {
   if (has_stood_still(now)) return *last_tick_;
-  return now < catching_up_until_ ? stood_still_since_ : now;
+  return now < goes_on_at_ + catching_up ? stood_still_since_ : now;
 }
 
 std::optional<TimePoint> RobotSessions::deadline() const {
@@ -294,17 +272,17 @@ void RobotSessions::on_deadline(const Now& now) {
     const std::string robot = wakes_.begin()->second;
     wakes_.erase(wakes_.begin());
     Entry& entry = sessions_.at(robot);
+    RobotSession& session = *entry.session;
     entry.wake.reset();
-    entry.session->on_deadline(now);
-    const auto kept = kept_.find(robot);
-    if (kept != kept_.end() && kept->second <= now.mono && is_broker_up_) {
+    session.on_deadline(now);
+    if (is_broker_up_ && session.keeps_at() && *session.keeps_at() <= now.mono) {
+      session.set_keeps_at({});
       if (!is_served_elsewhere_(robot))
-        entry.session->keep();
-      else if (!entry.session->is_held())
+        session.keep();
+      else if (!session.is_held())
         actions_.push(SessionLost{robot, LossReason::taken});
-      kept_.erase(kept);
     }
-    settle(robot, *entry.session, now);
+    settle(robot, session, now);
   }
 }
 
@@ -348,9 +326,9 @@ bool RobotSessions::is_contested(const std::string& robot) const {
 }
 
 Counters RobotSessions::counters() const {
-  return {{"sessions", held_},
-          {"sessions_attached", attached_},
-          {"sessions_lost", lost_},
+  return {{"sessions", counts_.held},
+          {"sessions_attached", counts_.attached},
+          {"sessions_lost", counts_.lost},
           {"commands_fenced_off", counts_.fenced_off},
           {"session_messages_dropped", counts_.dropped}};
 }

@@ -30,9 +30,11 @@ class RobotSessions {
   /// After the broker is back, robots that were not heard are attached this much later, so that a
   /// gateway that hears them comes first.
   static constexpr std::chrono::seconds unheard_delay{5};
-  /// Between two calls of on_tick(): after a longer pause, sessions may have been lost long ago.
-  /// The losses are noticed within `catching_up`.
-  static constexpr std::chrono::seconds longest_pause{3};
+  /// Between two calls of on_tick(): after a longer pause, sessions may have been lost long ago,
+  /// and another gateway may serve the robots. Most losses are noticed within `waking`, and all
+  /// within `catching_up`.
+  static constexpr std::chrono::seconds longest_pause{2};
+  static constexpr std::chrono::seconds waking{1};
   static constexpr std::chrono::seconds catching_up{5};
 
   /// Returns true when another living gateway shows the robot as its own.
@@ -89,6 +91,9 @@ class RobotSessions {
 
   /// Call each second: a longer pause means that the process stood still.
   void on_tick(TimePoint now);
+  /// Returns true for a while after the process stood still, while it may hold fewer sessions than
+  /// it knows.
+  bool is_waking(TimePoint now) const { return has_stood_still(now) || now < goes_on_at_ + waking; }
 
   std::optional<SessionAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
@@ -96,27 +101,25 @@ class RobotSessions {
 
   bool is_held(const std::string& robot) const;
   bool is_contested(const std::string& robot) const;
-  std::size_t held() const { return held_; }
+  std::size_t held() const { return counts_.held; }
   Counters counters() const;
 
  private:
   RobotSession* find(const std::string& robot) const;
   RobotSession* find_or_make(const std::string& robot, TimePoint now);
-  /// Queues the robot for its CONNECT, if its session is wanted and may be opened now.
-  void want(const std::string& robot, RobotSession& session, TimePoint now);
   void open_next();
-  void after_opening();
   bool has_stood_still(TimePoint now) const;
   TimePoint lost_since(TimePoint now) const;
   void end_forgetting(const std::string& robot);
   /// Has on_deadline() visit the session at `when`, or earlier.
   void wake_at(const std::string& robot, TimePoint when);
-  /// Sets the session's next visit, and queues it if it is wanted. Call after each input of it.
+  /// Sets the session's next visit, queues it if it is wanted, and opens the next session of the
+  /// queue. Call after each input of it.
   void settle(const std::string& robot, RobotSession& session, TimePoint now);
 
   const SessionNames names_;
   const ServedElsewhere is_served_elsewhere_;
-  const std::optional<TimePoint> last_alive_;
+  std::optional<TimePoint> last_alive_;  ///< at the present broker
   const std::size_t max_sessions_;
   ActionQueue<SessionAction> actions_;
   RobotSession::Counts counts_;
@@ -126,19 +129,14 @@ class RobotSessions {
   };
   std::unordered_map<std::string, Entry> sessions_;
   std::deque<std::string> queue_;  ///< robots whose CONNECT waits for its turn
-  std::size_t opening_ = 0;
-  std::size_t held_ = 0;
-  std::uint64_t attached_ = 0;
-  std::uint64_t lost_ = 0;
   bool is_broker_up_ = false;
   bool is_silent_ = false;
   bool is_v5_ = false;
   bool is_stopping_ = false;
   std::optional<TimePoint> last_tick_;
   TimePoint stood_still_since_{};
-  TimePoint catching_up_until_{};
+  TimePoint goes_on_at_{};                             ///< when the last standstill was noticed
   std::set<std::pair<TimePoint, std::string>> wakes_;  ///< sessions to visit again, each once
-  std::map<std::string, TimePoint> kept_;              ///< robots to attach unheard, and when
   /// Robots whose sessions the broker must forget: each is opened clean, and then closed. True
   /// while that is under way.
   std::map<std::string, bool> forgetting_;

@@ -36,9 +36,9 @@ class LastAliveTest : public testing::Test {
     ASSERT_EQ(::utimensat(AT_FDCWD, file().c_str(), std::array{time, time}.data(), 0), 0);
   }
   std::optional<Duration> age_found() {
-    const auto found = LastAlive(io, directory.path(), broker).before_start();
+    const auto found = LastAlive(io, directory.path()).before_start();
     if (!found) return {};
-    return std::chrono::steady_clock::now() - *found;
+    return std::chrono::steady_clock::now() - found->time;
   }
   /// Returns whether the file is as `ended(0s, ...)` wrote it.
   bool is_still_old() const { return test::read_file(file()).starts_with("0 "); }
@@ -67,7 +67,7 @@ TEST_F(LastAliveTest, TakesTheLargerAgeOfTwoClocks) {
 
 TEST_F(LastAliveTest, KnowsNothingWhereNoProcessHasRun) {
   EXPECT_FALSE(age_found());
-  EXPECT_FALSE(LastAlive(io, directory / "missing", broker).before_start());
+  EXPECT_FALSE(LastAlive(io, directory / "missing").before_start());
 }
 
 TEST_F(LastAliveTest, TakesARebootForLongAgo) {
@@ -80,9 +80,11 @@ TEST_F(LastAliveTest, TakesATimeThatIsStillToComeForLongAgo) {
   EXPECT_FALSE(age_found());
 }
 
-TEST_F(LastAliveTest, TakesAnotherBrokerForLongAgo) {
+TEST_F(LastAliveTest, KnowsTheBrokerOfThatProcess) {
   ended(up(), 0s, "mqtt://elsewhere:1883");
-  EXPECT_FALSE(age_found());
+  const auto found = LastAlive(io, directory.path()).before_start();
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->uri, "mqtt://elsewhere:1883");
 }
 
 TEST_F(LastAliveTest, TakesAnyOtherTextForLongAgo) {
@@ -95,7 +97,7 @@ TEST_F(LastAliveTest, TakesAnyOtherTextForLongAgo) {
 
 TEST_F(LastAliveTest, WritesTheFileWhileTheBrokerIsOnline) {
   ended(0s, 24h);
-  LastAlive alive(io, directory.path(), broker);
+  LastAlive alive(io, directory.path());
   alive.on_broker_up(broker);
   EXPECT_TRUE(test::eventually(io, [&] { return !is_still_old(); }));
   ended(0s, 24h);
@@ -104,18 +106,18 @@ TEST_F(LastAliveTest, WritesTheFileWhileTheBrokerIsOnline) {
   ASSERT_TRUE(age_found());
   EXPECT_LT(*age_found(), 1h);
   ASSERT_TRUE(alive.before_start());
-  EXPECT_GE(std::chrono::steady_clock::now() - *alive.before_start(), 24h)
+  EXPECT_GE(std::chrono::steady_clock::now() - alive.before_start()->time, 24h)
       << "what this process found";
 }
 
 TEST_F(LastAliveTest, LeavesTheFileAloneBeforeTheBrokerIsOnline) {
   ended(0s, 24h);
-  LastAlive(io, directory.path(), broker).stop();
+  LastAlive(io, directory.path()).stop();
   EXPECT_TRUE(is_still_old());
 }
 
 TEST_F(LastAliveTest, LeavesTheFileAloneWhileTheBrokerIsOffline) {
-  LastAlive alive(io, directory.path(), broker);
+  LastAlive alive(io, directory.path());
   alive.on_broker_up(broker);
   ASSERT_TRUE(test::eventually(io, [&] { return !test::read_file(file()).empty(); }));
   alive.on_broker_down();
@@ -127,14 +129,14 @@ TEST_F(LastAliveTest, LeavesTheFileAloneWhileTheBrokerIsOffline) {
 /// A process that ends before it holds the robots' sessions must not make old commands look fresh.
 TEST_F(LastAliveTest, LeavesTheOldTimeToAProcessThatEndsAtOnce) {
   ended(0s, 24h);
-  LastAlive alive(io, directory.path(), broker);
+  LastAlive alive(io, directory.path());
   alive.on_broker_up(broker);
   alive.stop();
   EXPECT_TRUE(is_still_old());
 }
 
 TEST_F(LastAliveTest, LeavesTheTimeAloneWhenItComesBackFromAnotherBroker) {
-  LastAlive alive(io, directory.path(), broker);
+  LastAlive alive(io, directory.path());
   alive.on_broker_up("mqtt://second:1883");
   ASSERT_TRUE(test::eventually(io, [&] { return !test::read_file(file()).empty(); }));
   alive.on_broker_down();
@@ -146,17 +148,17 @@ TEST_F(LastAliveTest, LeavesTheTimeAloneWhenItComesBackFromAnotherBroker) {
 TEST_F(LastAliveTest, WritesAtOnceAfterAShortTimeOffline) {
   ended(up() - 1s, 0s);
   const std::string before = test::read_file(file());
-  LastAlive alive(io, directory.path(), broker);
+  LastAlive alive(io, directory.path());
   alive.on_broker_up(broker);
   alive.stop();
   EXPECT_NE(test::read_file(file()), before);
 }
 
 TEST_F(LastAliveTest, LivesWithADirectoryThatCannotBeWritten) {
-  LastAlive alive(io, directory / "missing", broker);
+  LastAlive alive(io, directory / "missing");
   alive.on_broker_up(broker);
   alive.stop();
-  EXPECT_FALSE(LastAlive(io, directory / "missing", broker).before_start());
+  EXPECT_FALSE(LastAlive(io, directory / "missing").before_start());
 }
 
 }  // namespace

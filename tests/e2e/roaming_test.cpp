@@ -96,6 +96,17 @@ TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
   EXPECT_EQ(count("ntnu-slam/gateway/b/commands/r1 {\"type\":\"cmd\",\"outcome\":\"refused\""), 1U);
 }
 
+/// The broker has no last will of a gateway that died while it was down itself.
+TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDiedWithAForgetfulBroker) {
+  Device robot{a.mqttsn_address()};
+  robot.connect_with_will("r1");
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
+  broker.kill();
+  a.process().send_signal(SIGKILL);
+  broker.start();
+  EXPECT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+}
+
 /// The other gateway has not heard the robot, so it is still this one's.
 TEST_F(TwoGateways, GatewayThatReturnsKeepsTheRobotsThatWereAnsweredForMeanwhile) {
   Device robot{a.mqttsn_address()};

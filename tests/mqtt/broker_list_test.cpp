@@ -105,6 +105,17 @@ TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
   EXPECT_EQ(link.listener.published, std::set<std::uint64_t>{1});
 }
 
+TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatANewConfigurationLeaves) {
+  TwoBrokers brokers;
+  ASSERT_TRUE(brokers.moves_on());
+  brokers.first.start();
+  Subscriber will(brokers.second, "gw/state", "%p");
+  BrokerSettings settings = brokers.settings(false);
+  settings.keep_alive = std::chrono::seconds{20};
+  brokers.link.upstream->reconfigure(settings);
+  EXPECT_TRUE(brokers.link.sees([&] { return !will.lines().empty(); }));
+}
+
 TEST_P(BrokerList, TriesAllInOrder) {
   Mosquitto last;
   const std::uint16_t nobody = test::free_tcp_port();

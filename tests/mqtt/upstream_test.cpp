@@ -468,8 +468,8 @@ TEST(Upstream, ConnectsOnceWhenTheNetworkChangesAsTheWaitEnds) {
   };
   Upstream upstream(io, settings_for(1), {make_link}, listener);
   upstream.start();
+  ASSERT_TRUE(eventually(io, [&] { return links == 1; }));
   upstream_side->on_connect_failed({});
-  ASSERT_EQ(links, 1);
   boost::asio::steady_timer network(io, std::chrono::milliseconds(0));
   network.async_wait([&](boost::system::error_code) { upstream.retry_now(); });
   const auto wait_is_over = std::chrono::steady_clock::now() + std::chrono::milliseconds(600);

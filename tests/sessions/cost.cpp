@@ -97,8 +97,9 @@ void measure(int sessions, std::uint16_t port, MqttVersion version) {
   };
   const auto first = make();
   const auto second = make();
-  first->on_broker_up(settings, version);
-  second->on_broker_up(settings, version);
+  const RobotBroker broker{settings, find_broker(settings), version};
+  first->on_broker_up(broker, /*is_other=*/false);
+  second->on_broker_up(broker, /*is_other=*/false);
   const double before = resident_kib();
   const double attach_s = attach_all(io, *first, sessions);
   const double each_kib = (resident_kib() - before) / sessions;

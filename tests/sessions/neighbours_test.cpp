@@ -49,9 +49,24 @@ TEST_F(NeighboursOfRoomB, OfAnotherBrokerAreNotKnown) {
   state("room-a", online);
   shows("room-a", "r1");
   EXPECT_FALSE(neighbours.is_first());
-  neighbours.on_other_broker();
+  neighbours.on_broker_up(/*is_other=*/true);
   EXPECT_TRUE(neighbours.is_first());
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
+}
+
+/// A broker that has lost what it retained, and a gateway that has died with it.
+TEST_F(NeighboursOfRoomB, OneThatTheBrokerShowsNoMoreHasDied) {
+  for (const char* const each : {"room-a", "room-c"}) state(each, online);
+  shows("room-a", "r1");
+  shows("room-c", "r2");
+  neighbours.on_broker_up(/*is_other=*/false);
+  state("room-c", online);
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r1")) << "the broker may show it yet";
+  neighbours.on_settled();
+  EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r2"));
+  ASSERT_EQ(neighbours.orphans().size(), 1U);
+  EXPECT_EQ(neighbours.orphans()[0].robot, "r1");
 }
 
 TEST_F(NeighboursOfRoomB, ItsOwnWordsSayNothing) {

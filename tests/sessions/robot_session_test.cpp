@@ -271,6 +271,7 @@ TEST_F(RobotSessionRulesUp, Rule11_RobotsWhoseConnectWaitsWhileTheBrokerGoesAreA
 TEST_F(RobotSessionRulesUp, AnotherBrokerIsToldEverythingAndItsOldCommandsAreRefused) {
   attach();
   subscribed_id("ntnu-slam/robot/+/update");
+  sessions.on_broker_down(now);
   sessions.on_broker_up(true, /*is_other=*/true, now);
   sessions.on_heard("r1", now);
   forget_actions();

@@ -146,6 +146,30 @@ TEST_F(RobotSessionRulesUp, UnsubscribesAgainUntilTheBrokerHasAnswered) {
   EXPECT_TRUE(drain<UnsubscribeSession>().empty());
 }
 
+TEST_F(RobotSessionRulesUp, WaitsForTheAnswerOfABrokerThatIsBackFromItsSilence) {
+  attach();
+  sessions.on_silence(true);
+  sessions.on_broker_down(now);
+  sessions.on_broker_up(/*is_v5=*/true, /*is_other=*/false, now);
+  attach();
+  subscribe("ntnu-slam/server/r1/+");
+  EXPECT_TRUE(drain<FilterAnswered>().empty());
+  grants("ntnu-slam/server/r1/+", false);
+  ASSERT_EQ(drain<FilterAnswered>().size(), 1U);
+}
+
+/// An UNSUBSCRIBE from the note may be lost with its connection.
+TEST_F(RobotSessionRulesUp, ReadsTheRetainedNoteAndNoneThatWaitedInTheSession) {
+  sessions.read_note("r1", now);
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  arrives({note_topic, to_bytes("old"), Qos::at_least_once, /*retain=*/false});
+  EXPECT_TRUE(drain<NoteRead>().empty());
+  arrives({note_topic, to_bytes("new"), Qos::at_least_once, /*retain=*/true});
+  const auto read = drain<NoteRead>();
+  ASSERT_EQ(read.size(), 1U);
+  EXPECT_EQ(as_text(read[0].note), "new");
+}
+
 TEST_F(RobotSessionRulesUp, AnUnsubscribedFilterForAllCommandsIsTheGatewaysAfterwards) {
   const std::string everything = "ntnu-slam/server/r1/#";
   resume(everything);

@@ -175,6 +175,17 @@ TEST_F(RobotSessionRules, Rule7_WithoutAFormerProcessAllThatWaitedIsOld) {
   EXPECT_TRUE(has_marker);
 }
 
+/// The broker of the list that is up first need not be the one of the former process.
+TEST_F(RobotSessionRules, Rule7_AtABrokerThatTheFormerProcessDidNotUseAllThatWaitedIsOld) {
+  resume("ntnu-slam/server/r1/run");
+  sessions.on_broker_up(/*is_v5=*/true, /*is_other=*/true, now);
+  for (const char* const robot : {"r1", "heard later"}) {
+    sessions.on_heard(robot, now);
+    sessions.on_attached(robot, /*is_present=*/true, now);
+    EXPECT_EQ(drain<SendMarker>().size(), 1U) << robot;
+  }
+}
+
 TEST_F(RobotSessionRulesUp, Rule7_WhatALivingGatewayHeldIsNotOld) {
   now.mono += std::chrono::hours{5};
   is_served_elsewhere = true;

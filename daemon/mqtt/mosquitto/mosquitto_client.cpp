@@ -180,7 +180,7 @@ void MosquittoClient::set_callbacks() {
       });
   mosquitto_subscribe_callback_set(
       client, [](mosquitto*, void* object, int id, int count, const int* granted) {
-        of(object).events_.push_back(Subscribed{id, count > 0 && granted[0] < first_reason});
+        of(object).events_.push_back(Suback{id, count > 0 && granted[0] < first_reason});
       });
   mosquitto_unsubscribe_callback_set(client, [](mosquitto*, void* object, int id) {
     of(object).events_.push_back(Confirmed{id, 0});
@@ -362,7 +362,9 @@ std::optional<int> MosquittoClient::subscribe(const std::string& filter, Qos qos
   int id = 0;
   const int result = mosquitto_subscribe_v5(client_.get(), &id, filter.c_str(),
                                             static_cast<int>(qos), options, properties);
-  return sent(result, id);
+  const auto packet_id = sent(result, id);
+  if (packet_id) subscribing_.emplace_back(*packet_id, filter);
+  return packet_id;
 }
 
 std::optional<int> MosquittoClient::unsubscribe(const std::string& filter) {

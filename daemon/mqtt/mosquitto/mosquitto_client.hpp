@@ -70,10 +70,6 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
     int packet_id;
     int reason;
   };
-  struct Subscribed {
-    int packet_id;
-    bool is_granted;
-  };
   struct Arrived {
     BrokerMessage message;
     UserProperties said;
@@ -129,7 +125,11 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   boost::asio::io_context& io_;
 
  private:
-  using Event = std::variant<Connack, Ended, Confirmed, Subscribed, Arrived>;
+  struct Suback {
+    int packet_id;
+    bool is_granted;
+  };
+  using Event = std::variant<Connack, Ended, Confirmed, Suback, Arrived>;
   struct Destroy {
     void operator()(mosquitto* client) const { mosquitto_destroy(client); }
   };
@@ -138,7 +138,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   virtual void on_connack(const Connack& connack) = 0;
   virtual void on_ended(const Ended& ended) = 0;
   virtual void on_confirmed(const Confirmed& confirmed) = 0;
-  virtual void on_subscribed(const Subscribed& subscribed) = 0;
+  virtual void on_subscribed(const std::string& filter, bool is_granted) = 0;
   virtual void on_arrived(Arrived& arrived) = 0;
 
   static MosquittoClient& of(void* object) { return *static_cast<MosquittoClient*>(object); }
@@ -162,7 +162,10 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   void report(Connack& connack);
   void report(Ended& ended) { on_ended(ended); }
   void report(Confirmed& confirmed) { on_confirmed(confirmed); }
-  void report(Subscribed& subscribed) { on_subscribed(subscribed); }
+  void report(Suback& suback) {
+    if (const auto filter = take(subscribing_, suback.packet_id))
+      on_subscribed(*filter, suback.is_granted);
+  }
   void report(Arrived& arrived) { on_arrived(arrived); }
   void disconnect_and_wait();
 
@@ -179,6 +182,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   bool is_write_due_ = false;
   std::size_t unwritten_ = 0;  ///< packets that the next write() sends
   std::vector<Event> events_;
+  std::vector<std::pair<int, std::string>> subscribing_;  ///< packet ids and filters
   std::string last_error_;
   int goodbye_socket_ = -1;               ///< lane only
   std::shared_ptr<const TlsClient> tls_;  ///< null: without TLS

@@ -39,28 +39,14 @@ void MosquittoLink::connect() {
     self->fail({0, self->is_reached() ? explain_not_a_broker(self->settings_)
                                       : explain_no_connection(self->settings_, ETIMEDOUT)});
   });
-  boost::asio::post(lane_, [self = self()] { self->prepare(); });
-}
-
-void MosquittoLink::prepare() {
-  HostAddresses addresses = resolve_host(settings_);
-  std::shared_ptr<const TlsClient> tls;
-  if (settings_.tls) tls = std::make_shared<const TlsClient>(settings_);
-  boost::asio::post(io_, [self = self(), addresses = std::move(addresses), tls = std::move(tls)] {
-    if (!self->is_ended() && !self->has_failed_) self->open_at(addresses, tls);
-  });
-}
-
-void MosquittoLink::open_at(const HostAddresses& addresses, std::shared_ptr<const TlsClient> tls) {
-  if (addresses.literals.empty()) return fail({0, addresses.problem});
-  if (tls && !tls->problem().empty()) return fail({0, tls->problem()});
+  const WayToBroker& way = options_.way;
   open({.broker = settings_,
         .client_id = settings_.client_id,
-        .address = addresses.literals[options_.attempt % addresses.literals.size()],
+        .address = way.addresses[options_.attempt % way.addresses.size()],
         .version = options_.version,
         .will = &options_.will,
         .max_inbound_octets = options_.max_inbound_octets},
-       std::move(tls));
+       way.tls);
   await_tick();
 }
 
@@ -80,17 +66,12 @@ void MosquittoLink::publish(std::uint64_t sequence, const BrokerMessage& message
   if (id) in_flight_.emplace_back(*id, sequence);
   if (id || is_over()) return;
   boost::asio::post(io_, [self = self(), sequence] {
-    if (!self->is_ended())
-      self->listener_.on_publish_refused(
-          sequence,
-          {MQTT_RC_TOPIC_NAME_INVALID, explain_publish_refusal(MQTT_RC_TOPIC_NAME_INVALID)});
+    if (!self->is_ended()) self->listener_.on_publish_refused(sequence, MQTT_RC_TOPIC_NAME_INVALID);
   });
 }
 
 void MosquittoLink::subscribe(std::string filter) {
-  const auto id = MosquittoClient::subscribe(filter, Qos::at_most_once);
-  if (id) subscribing_.emplace_back(*id, filter);
-  if (id || is_over()) return;
+  if (MosquittoClient::subscribe(filter, Qos::at_most_once) || is_over()) return;
   boost::asio::post(io_, [self = self(), filter = std::move(filter)] {
     if (!self->is_ended()) self->listener_.on_subscribe_result(filter, false);
   });
@@ -139,9 +120,7 @@ void MosquittoLink::on_connack(const Connack& connack) {
     timeout_.cancel();
     return listener_.on_connected(connack.limits);
   }
-  fail({connack.code, explain_connect_failure(connack.code),
-        is_version_refusal(connack.code) ? ConnectAnswer::version_refused : ConnectAnswer::other,
-        is_not_authorised(connack.code)});
+  fail({connack.code});
 }
 
 void MosquittoLink::on_ended(const Ended& ended) {
@@ -153,13 +132,11 @@ void MosquittoLink::on_confirmed(const Confirmed& confirmed) {
   const auto sequence = take(in_flight_, confirmed.packet_id);
   if (!sequence) return;
   if (confirmed.reason < first_reason) return listener_.on_published(*sequence);
-  listener_.on_publish_refused(*sequence,
-                               {confirmed.reason, explain_publish_refusal(confirmed.reason)});
+  listener_.on_publish_refused(*sequence, confirmed.reason);
 }
 
-void MosquittoLink::on_subscribed(const Subscribed& subscribed) {
-  if (const auto filter = take(subscribing_, subscribed.packet_id))
-    listener_.on_subscribe_result(*filter, subscribed.is_granted);
+void MosquittoLink::on_subscribed(const std::string& filter, bool is_granted) {
+  listener_.on_subscribe_result(filter, is_granted);
 }
 
 void MosquittoLink::on_arrived(Arrived& arrived) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The broker link through libmosquitto. Only the blocking preparations (name look-up, TLS files)
-// and the goodbye run on the lane.
+// The broker link through libmosquitto. Only the goodbye runs on the lane.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -30,20 +29,17 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
   void subscribe(std::string filter) override;
   void unsubscribe(std::string filter) override;
   void abandon(bool is_orderly) override;
-  std::uint64_t inbound_dropped() const override { return 0; }
 
  private:
   std::shared_ptr<MosquittoLink> self() {
     return std::static_pointer_cast<MosquittoLink>(shared_from_this());
   }
-  void prepare();  // on the lane
-  void open_at(const HostAddresses& addresses, std::shared_ptr<const TlsClient> tls);
   void await_tick();
 
   void on_connack(const Connack& connack) override;
   void on_ended(const Ended& ended) override;
   void on_confirmed(const Confirmed& confirmed) override;
-  void on_subscribed(const Subscribed& subscribed) override;
+  void on_subscribed(const std::string& filter, bool is_granted) override;
   void on_arrived(Arrived& arrived) override;
   void fail(ConnectFailure failure);
   ConnectFailure explain_failure(const Ended& ended) const;
@@ -57,7 +53,6 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
   boost::asio::steady_timer tick_;
   bool has_failed_ = false;                               ///< on_connect_failed() was called
   std::vector<std::pair<int, std::uint64_t>> in_flight_;  ///< packet ids and sequences, in order
-  std::vector<std::pair<int, std::string>> subscribing_;  ///< packet ids and filters
   PublishProperties properties_;
 };
 

@@ -92,76 +92,57 @@ void* as_context(std::uint64_t sequence) {
 
 }  // namespace
 
-// The three listeners run on Paho's threads. They hold the link by reference: before its own end,
-// the link destroys the client, which ends all callbacks.
-class PahoLink::ConnectListener final : public mqtt::iaction_listener {
- public:
-  explicit ConnectListener(PahoLink& session) : session_(session) {}
+// --- On Paho's threads: the answers to requests --------------------------------------------------
 
-  void on_success(const mqtt::token& token) override {
-    const BrokerLimits limits = limits_of(token, session_.options_.version);
-    session_.post_to_lane([](PahoLink& link) { link.socket_.adopt(link.settings_.port); });
-    session_.post_to_loop([=, &session = session_](MqttLinkListener& listener) {
-      if (std::exchange(session.has_answered_, true)) return;
-      listener.on_connected(limits);
-    });
+void PahoLink::on_success(const mqtt::token& token) {
+  switch (token.get_type()) {
+    case mqtt::token::CONNECT: return on_connack(token);
+    case mqtt::token::PUBLISH:
+      if (token.get_message_id() == 0) return on_written(sequence_of(token));  // QoS 0
+      return report_answer(token, refusal_of(token));
+    case mqtt::token::SUBSCRIBE: return report_suback(token, true);
+    case mqtt::token::UNSUBSCRIBE:
+    case mqtt::token::DISCONNECT: return;
   }
+}
 
-  void on_failure(const mqtt::token& token) override {
-    session_.report_failure(connack_code_of(token));
+void PahoLink::on_failure(const mqtt::token& token) {
+  switch (token.get_type()) {
+    case mqtt::token::CONNECT: return report_failure(connack_code_of(token));
+    case mqtt::token::PUBLISH:
+      if (const auto refusal = refusal_of(token)) return report_answer(token, refusal);
+      return report_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
+    case mqtt::token::SUBSCRIBE:
+      if (refusal_of(token))
+        report_suback(token, false);  // else connection_lost() reports the loss
+      return;
+    case mqtt::token::UNSUBSCRIBE:
+    case mqtt::token::DISCONNECT: return;
   }
+}
 
- private:
-  PahoLink& session_;
-};
+void PahoLink::on_connack(const mqtt::token& token) {
+  post_to_lane([](PahoLink& link) { link.socket_.adopt(link.settings_.port); });
+  post_to_loop([this, limits = limits_of(token, options_.version)](MqttLinkListener& listener) {
+    if (!std::exchange(has_answered_, true)) listener.on_connected(limits);
+  });
+}
 
-class PahoLink::PublishListener final : public mqtt::iaction_listener {
- public:
-  explicit PublishListener(PahoLink& session) : session_(session) {}
+void PahoLink::report_answer(const mqtt::token& token, std::optional<int> refusal) {
+  post_to_loop([this, sequence = sequence_of(token), refusal](MqttLinkListener& listener) {
+    on_acknowledged();
+    if (!refusal) return listener.on_published(sequence);
+    listener.on_publish_refused(sequence, *refusal);
+  });
+}
 
-  void on_success(const mqtt::token& token) override {
-    if (token.get_message_id() == 0)  // QoS 0
-      return session_.on_written(session_.sequence_of(token));
-    finish(token, refusal_of(token));
-  }
-
-  void on_failure(const mqtt::token& token) override {
-    if (const auto refusal = refusal_of(token)) return finish(token, refusal);
-    session_.report_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
-  }
-
- private:
-  void finish(const mqtt::token& token, std::optional<int> refusal) {
-    session_.post_to_loop([&link = session_, sequence = session_.sequence_of(token),
-                           refusal](MqttLinkListener& listener) {
-      link.on_acknowledged();
-      if (!refusal) return listener.on_published(sequence);
-      listener.on_publish_refused(sequence, {*refusal, explain_publish_refusal(*refusal)});
-    });
-  }
-
-  PahoLink& session_;
-};
-
-class PahoLink::SubscribeListener final : public mqtt::iaction_listener {
- public:
-  explicit SubscribeListener(PahoLink& session) : session_(session) {}
-  void on_success(const mqtt::token& token) override { finish(token, true); }
-  void on_failure(const mqtt::token& token) override {
-    if (refusal_of(token)) finish(token, false);  // else connection_lost() reports the loss
-  }
-
- private:
-  void finish(const mqtt::token& token, bool granted) {
-    const mqtt::const_string_collection_ptr topics = token.get_topics();
-    if (token.get_type() != mqtt::token::SUBSCRIBE || !topics || topics->empty()) return;
-    session_.post_to_loop([filter = (*topics)[0], granted](MqttLinkListener& listener) {
-      listener.on_subscribe_result(filter, granted);
-    });
-  }
-
-  PahoLink& session_;
-};
+void PahoLink::report_suback(const mqtt::token& token, bool is_granted) {
+  const mqtt::const_string_collection_ptr topics = token.get_topics();
+  if (!topics || topics->empty()) return;
+  post_to_loop([filter = (*topics)[0], is_granted](MqttLinkListener& listener) {
+    listener.on_subscribe_result(filter, is_granted);
+  });
+}
 
 PahoLink::PahoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,
                    MqttLinkListener& listener)
@@ -171,10 +152,7 @@ PahoLink::PahoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, 
       settings_(options_.broker),
       listener_(listener),
       nudge_timer_(io),
-      connect_timer_(io),
-      connect_listener_(std::make_unique<ConnectListener>(*this)),
-      publish_listener_(std::make_unique<PublishListener>(*this)),
-      subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {
+      connect_timer_(io) {
   [[maybe_unused]] static const bool once = (keep_paho_small(), true);
 }
 
@@ -209,7 +187,7 @@ void PahoLink::open() {
       report_ended(static_cast<int>(reason));  // connection_lost is not called then
     });
     set_connect_options();
-    connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
+    connect_token_ = client_->connect(connect_options_, nullptr, *this);
     post_to_loop([this](MqttLinkListener&) { watch_connect(); });
   } catch (const mqtt::exception&) {
     report_failure(0);
@@ -220,8 +198,8 @@ void PahoLink::open() {
 /// IPv4. With TLS returns the name, which TLS needs.
 std::string PahoLink::host_of_attempt() const {
   if (settings_.tls) return settings_.host;
-  const std::vector<std::string> addresses = resolve_host(settings_).literals;
-  return addresses.empty() ? settings_.host : addresses[options_.attempt % addresses.size()];
+  const std::vector<std::string>& addresses = options_.way.addresses;
+  return addresses[options_.attempt % addresses.size()];
 }
 
 /// The default of MQTT 5, which CONNECT names all the same: else Mosquitto 2.0.11 takes 20. It
@@ -280,15 +258,10 @@ void PahoLink::report_failure(int code) {
 }
 
 ConnectFailure PahoLink::explain_failure(int code, bool is_in_time) const {
-  if (code != 0) {
-    const auto answer =
-        is_version_refusal(code) ? ConnectAnswer::version_refused : ConnectAnswer::other;
-    return {code, explain_connect_failure(code), answer, is_not_authorised(code)};
-  }
+  if (code != 0) return {code};
   Reachability found = probe_broker(settings_);
   const bool is_closed = found.is_reachable && is_in_time;
-  return {0, std::move(found.text), is_closed ? ConnectAnswer::closed : ConnectAnswer::other,
-          false};
+  return {0, std::move(found.text), is_closed ? ConnectAnswer::closed : ConnectAnswer::other};
 }
 
 void PahoLink::watch_connect() {
@@ -316,7 +289,7 @@ void PahoLink::publish_all() {
     for (const Publication& publication : publications) {
       highest_ = publication.sequence;
       client_->publish(publish_form_->fill(publication.message), as_context(publication.sequence),
-                       *publish_listener_);
+                       *this);
     }
   } catch (const mqtt::exception& error) {
     report_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
@@ -344,7 +317,7 @@ void PahoLink::on_written(std::uint64_t sequence) {
 void PahoLink::subscribe(std::string filter) {
   post_to_lane([filter = std::move(filter)](PahoLink& session) {
     try {
-      session.client_->subscribe(filter, 0, nullptr, *session.subscribe_listener_);
+      session.client_->subscribe(filter, 0, nullptr, session);
     } catch (const mqtt::exception& error) {
       session.report_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
     }
@@ -354,7 +327,7 @@ void PahoLink::subscribe(std::string filter) {
 void PahoLink::unsubscribe(std::string filter) {
   post_to_lane([filter = std::move(filter)](PahoLink& session) {
     try {
-      session.client_->unsubscribe(filter, nullptr, *session.subscribe_listener_);
+      session.client_->unsubscribe(filter, nullptr, session);
     } catch (const mqtt::exception&) {
       // the connection is ending; the next one does not have the subscription
     }

@@ -142,7 +142,8 @@ class BrokerSocket {
 
 class PahoLink final : public MqttLink,
                        public std::enable_shared_from_this<PahoLink>,
-                       private mqtt::callback {
+                       private mqtt::callback,
+                       private mqtt::iaction_listener {
  public:
   /// Limits of messages that wait between Paho's receive thread and the loop; beyond them, messages
   /// are dropped and counted.
@@ -175,9 +176,6 @@ class PahoLink final : public MqttLink,
     std::uint64_t sequence;
     BrokerMessage message;
   };
-  class PublishListener;
-  class SubscribeListener;
-  class ConnectListener;
 
   // On the loop's thread:
   void on_acknowledged();
@@ -188,10 +186,11 @@ class PahoLink final : public MqttLink,
   /// when that is set back by an hour, Paho would not notice a silent broker for an hour.
   void watch_connect();
 
-  void connected(const std::string&) override {}
+  // On Paho's threads; the link destroys the client before its own end, which ends all callbacks:
+  void on_success(const mqtt::token& token) override;
+  void on_failure(const mqtt::token& token) override;
   void connection_lost(const std::string& cause) override;
   void message_arrived(mqtt::const_message_ptr message) override;
-  void delivery_complete(mqtt::delivery_token_ptr) override {}
 
   // On the lane:
   void open();
@@ -202,6 +201,9 @@ class PahoLink final : public MqttLink,
 
   void publish_all();
   // On Paho's threads:
+  void on_connack(const mqtt::token& token);
+  void report_answer(const mqtt::token& token, std::optional<int> refusal);
+  void report_suback(const mqtt::token& token, bool is_granted);
   std::uint64_t sequence_of(const mqtt::token& token) const;
   void on_written(std::uint64_t sequence);
 
@@ -238,9 +240,6 @@ class PahoLink final : public MqttLink,
   // The tokens and options outlive the client, which is destroyed first.
   mqtt::ssl_options tls_options_;
   mqtt::connect_options connect_options_;
-  std::unique_ptr<ConnectListener> connect_listener_;
-  std::unique_ptr<PublishListener> publish_listener_;
-  std::unique_ptr<SubscribeListener> subscribe_listener_;
   mqtt::token_ptr connect_token_;
   mqtt::token_ptr disconnect_token_;
   std::unique_ptr<mqtt::async_client> client_;  // lane only

@@ -36,7 +36,7 @@ void RobotLink::open(const std::string& client_id, bool is_clean, const std::str
                          .receive_maximum = receive_maximum,
                          .session_expiry_s = session_expiry_s,
                          .spares_descriptors = true},
-                        {broker_, broker_->tls.get()});
+                        broker_->way.tls);
 }
 
 void RobotLink::on_tick() {
@@ -58,10 +58,8 @@ void RobotLink::subscribe(const SubscribeSession& wanted) {
     mosquitto_property_add_varint(&properties, MQTT_PROP_SUBSCRIPTION_IDENTIFIER, wanted.id);
     options = wanted.wants_retained ? 0 : retain_handling_never;
   }
-  const auto packet_id =
-      must_be_sent(MosquittoClient::subscribe(wanted.filter, wanted.qos, options, properties));
+  must_be_sent(MosquittoClient::subscribe(wanted.filter, wanted.qos, options, properties));
   mosquitto_property_free_all(&properties);
-  if (packet_id) subscribing_.emplace_back(*packet_id, wanted.filter);
 }
 
 /// A broker of MQTT 5 answers UNSUBSCRIBE in order. In a cluster of MQTT 3.1.1 (RabbitMQ) another
@@ -95,9 +93,8 @@ void RobotLink::on_ended(const Ended& ended) {
                           .is_without_files = ended.error == EMFILE || ended.error == ENFILE});
 }
 
-void RobotLink::on_subscribed(const Subscribed& subscribed) {
-  if (const auto filter = take(subscribing_, subscribed.packet_id))
-    host_.on_subscribed(robot_, *filter, subscribed.is_granted);
+void RobotLink::on_subscribed(const std::string& filter, bool is_granted) {
+  host_.on_subscribed(robot_, filter, is_granted);
 }
 
 void RobotLink::on_confirmed(const Confirmed& confirmed) {

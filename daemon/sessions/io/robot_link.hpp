@@ -7,7 +7,6 @@
 #include <memory>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "daemon/core/time.hpp"
 #include "daemon/mqtt/connection_probe.hpp"
@@ -21,9 +20,8 @@ class SessionHost;
 /// Shared and kept alive by all connections to one broker.
 struct RobotBroker {
   BrokerSettings settings;
+  WayToBroker way;
   MqttVersion version = MqttVersion::v5;
-  HostAddresses addresses;
-  std::unique_ptr<TlsClient> tls;
 };
 
 class RobotLink final : public MosquittoClient {
@@ -58,15 +56,14 @@ class RobotLink final : public MosquittoClient {
   void on_connack(const Connack& connack) override;
   void on_ended(const Ended& ended) override;
   void on_confirmed(const Confirmed& confirmed) override;
-  void on_subscribed(const Subscribed& subscribed) override;
+  void on_subscribed(const std::string& filter, bool is_granted) override;
   void on_arrived(Arrived& arrived) override;
 
   SessionHost& host_;
   const std::shared_ptr<const RobotBroker> broker_;
   const std::string robot_;
   TimePoint give_up_at_{};
-  std::vector<std::pair<int, std::string>> subscribing_;  ///< packet ids and filters
-  std::deque<std::pair<int, std::uint64_t>> fences_;      ///< packet ids and numbers
+  std::deque<std::pair<int, std::uint64_t>> fences_;  ///< packet ids and numbers
 };
 
 }  // namespace slamgw::sessions

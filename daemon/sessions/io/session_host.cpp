@@ -3,17 +3,9 @@
 
 #include <fmt/format.h>
 
-#include <boost/asio/post.hpp>
-#include <mutex>
-#include <thread>
 #include <utility>
 
 namespace slamgw::sessions {
-
-struct SessionHost::Asker {
-  std::mutex mutex;
-  SessionHost* host = nullptr;  ///< until stop()
-};
 
 SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
                          RobotSessions::ServedElsewhere is_served_elsewhere,
@@ -26,64 +18,19 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
               [this](SessionAction& action) {
                 std::visit([this](auto& what) { perform(what); }, action);
               }),
-      tick_(io),
-      resolve_timer_(io),
-      asker_(std::make_shared<Asker>()) {
-  asker_->host = this;
+      tick_(io) {
   await_tick();
 }
 
 // --- The broker ----------------------------------------------------------------------------------
 
-/// Leads to on_resolved(), never from inside this call. Looks the name up each time, because the
-/// broker's addresses and the files of TLS may have changed.
-void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version) {
-  const std::string uri = broker.addresses().front().uri();
-  is_other_ = is_other_ || (!uri_.empty() && (uri != uri_ || version != version_));
-  uri_ = uri;
-  version_ = version;
-  resolve(broker, version);
-}
-
-void SessionHost::resolve(const BrokerSettings& broker, MqttVersion version) {
-  auto shared = std::make_shared<RobotBroker>();
-  shared->settings = broker;
-  shared->version = version;
-  std::thread([asker = asker_, shared, number = ++resolving_] {
-    shared->addresses = resolve_host(shared->settings);
-    if (shared->settings.tls) shared->tls = std::make_unique<TlsClient>(shared->settings);
-    const std::lock_guard lock(asker->mutex);
-    if (!asker->host) return;
-    boost::asio::post(asker->host->io_, [host = asker->host, shared, number] {
-      if (number == host->resolving_ && !host->is_stopped_) host->on_resolved(shared);
-    });
-  }).detach();
-}
-
-void SessionHost::on_resolved(std::shared_ptr<RobotBroker> broker) {
-  const bool is_same = broker_ && broker_->settings == broker->settings;
-  if (is_same && broker->addresses.literals.empty()) broker->addresses = broker_->addresses;
-  if (broker->addresses.literals.empty()) return resolve_later(*broker);
-  broker_ = std::move(broker);
-  driver_->on_broker_up(version_ == MqttVersion::v5, std::exchange(is_other_, false),
-                        read_clocks());
-}
-
-/// The gateway's own connection has found the broker, so the name server failed for a moment.
-void SessionHost::resolve_later(const RobotBroker& broker) {
-  if (failure_throttle_.on_event(read_clocks().mono))
-    report_(Notice{Severity::warning,
-                   "robots' sessions wait for the broker's address: " + broker.addresses.problem,
-                   {}});
-  resolve_timer_.expires_after(resolve_pause);
-  resolve_timer_.async_wait([this, settings = broker.settings, version = broker.version,
-                             number = resolving_](boost::system::error_code error) {
-    if (!error && number == resolving_ && !is_stopped_) resolve(settings, version);
-  });
+void SessionHost::on_broker_up(RobotBroker broker, bool is_other) {
+  is_other = is_other || (broker_ && broker_->version != broker.version);
+  broker_ = std::make_shared<const RobotBroker>(std::move(broker));
+  driver_->on_broker_up(broker_->version == MqttVersion::v5, is_other, read_clocks());
 }
 
 void SessionHost::on_broker_down() {
-  ++resolving_;  // the answer of a look-up that is under way is dropped
   refused_.clear();
   driver_->on_broker_down(read_clocks());
 }
@@ -97,10 +44,7 @@ void SessionHost::stop() {
 void SessionHost::close_all() {
   if (std::exchange(is_stopped_, true)) return;
   tick_.cancel();
-  resolve_timer_.cancel();
   end_links();
-  const std::lock_guard lock(asker_->mutex);
-  asker_->host = nullptr;
 }
 
 // --- From the links ------------------------------------------------------------------------------
@@ -185,9 +129,9 @@ void SessionHost::await_tick() {
 void SessionHost::perform(OpenSession& open) {
   const auto link = std::make_shared<RobotLink>(io_, *this, broker_, open.robot);
   links_[open.robot] = link;
-  const std::vector<std::string>& addresses = broker_->addresses.literals;
+  const std::vector<std::string>& addresses = broker_->way.addresses;
   link->open(names_.client_id(open.robot), open.is_clean,
-             addresses.empty() ? std::string() : addresses[attempts_++ % addresses.size()]);
+             addresses[attempts_++ % addresses.size()]);
 }
 
 void SessionHost::perform(CloseSession& close) {

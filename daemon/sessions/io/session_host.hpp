@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The shell of RobotSessions: the connections of robots' sessions, through libmosquitto on the
-// loop's own thread. Thousands share one tick and one TLS context; only the look-up of the broker's
-// name and the reading of TLS files run on another thread. RobotSessions decides what to open.
+// loop's own thread. Thousands share one tick and one TLS context. RobotSessions decides what to
+// open.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -21,9 +21,6 @@ namespace slamgw::sessions {
 
 class SessionHost {
  public:
-  /// Pause before a name that could not be resolved is looked up again.
-  static constexpr std::chrono::seconds resolve_pause{1};
-
   /// Actions for the application: the second group of session_action.hpp.
   using Report = std::variant<SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
                               RefuseStale, NoteRead, SessionContested, Notice>;
@@ -41,8 +38,9 @@ class SessionHost {
   /// Returns true when the broker does not let this gateway use the robot's client id.
   bool is_refused(const std::string& robot) const { return refused_.contains(robot); }
 
-  /// Call when the gateway's own connection to this broker is up, with this version, or is lost.
-  void on_broker_up(const BrokerSettings& broker, MqttVersion version);
+  /// Call when the gateway's own connection to this broker is up, or is lost. `is_other`: it is
+  /// another broker than before.
+  void on_broker_up(RobotBroker broker, bool is_other);
   void on_broker_down();
   /// Closes all connections without waiting.
   void stop();
@@ -55,13 +53,6 @@ class SessionHost {
     bool is_id_refused = false;     ///< the broker does not let this gateway use the client id
     bool is_without_files = false;  ///< the process may not open more files
   };
-  /// The resolving thread's link to this object, which does not wait for that thread, because
-  /// getaddrinfo() may hang.
-  struct Asker;
-
-  void resolve(const BrokerSettings& broker, MqttVersion version);
-  void resolve_later(const RobotBroker& broker);
-  void on_resolved(std::shared_ptr<RobotBroker> broker);
 
   // The links call these on the loop's thread, never from inside a call to a link.
   void on_attached(const std::string& robot, bool is_present);
@@ -93,15 +84,9 @@ class SessionHost {
   RobotSessions sessions_;
   MachineDriver<RobotSessions> driver_;
   boost::asio::steady_timer tick_;
-  boost::asio::steady_timer resolve_timer_;
-  const std::shared_ptr<Asker> asker_;
-  std::shared_ptr<const RobotBroker> broker_;  ///< null until its name is resolved
-  std::uint64_t resolving_ = 0;                ///< number of the last resolve()
+  std::shared_ptr<const RobotBroker> broker_;  ///< the newest; null before the first
   std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
   std::unordered_map<std::string, std::shared_ptr<RobotLink>> links_;
-  MqttVersion version_ = MqttVersion::v5;
-  std::string uri_;        ///< of the sessions' broker
-  bool is_other_ = false;  ///< the machine knows another broker
   bool is_stopped_ = false;
   std::set<std::string> refused_;  ///< at most as many as there are sessions
   LogThrottle failure_throttle_{std::chrono::minutes{1}};
