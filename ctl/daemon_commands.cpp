@@ -211,8 +211,7 @@ int watch(Connection& daemon, const Order& order) {
 /// Writes each line at once, so that none is lost.
 int record(Connection& daemon, const Order& order) {
   warn_of_unheard(daemon, string_at(order.request, "robot"));
-  std::ofstream file(order.file, std::ios::app | std::ios::binary);
-  if (!file.is_open()) throw Failure(order.file + " can't be written: " + std::strerror(errno));
+  std::ofstream file = open_recording(order.file);
   daemon.ask(order.request);
   std::cerr << "recording to " << order.file << " until Ctrl-C\n";
   while (true) {

@@ -10,7 +10,10 @@
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <cerrno>
+#include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <optional>
 #include <utility>
 
@@ -157,6 +160,19 @@ bool is_recorded(const json& event) {
   return kind == "arrived" || kind == "command" || kind == "lost";
 }
 
+std::ofstream open_recording(const std::string& path) {
+  std::error_code error;
+  std::ifstream former;
+  if (std::filesystem::is_regular_file(path, error))
+    former.open(path, std::ios::binary | std::ios::ate);
+  const bool is_cut =
+      former.is_open() && former.tellg() > 0 && former.seekg(-1, std::ios::end).get() != '\n';
+  std::ofstream file(path, std::ios::app | std::ios::binary);
+  if (!file.is_open()) throw Failure(path + " can't be written: " + std::strerror(errno));
+  if (is_cut) file << '\n' << std::flush;
+  return file;
+}
+
 std::vector<RecordedMessage> read_recording(std::istream& in, const std::string& name) {
   std::vector<RecordedMessage> messages;
   std::size_t number = 0;
@@ -169,8 +185,10 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     const bool is_message =
         event.is_object() && text_at(event, "event") == "arrived" && text_at(event, "why").empty();
     const auto message = is_message ? message_of(event) : std::nullopt;
-    const bool is_cut = event.is_discarded() && in.eof();  // the program that wrote it was killed
-    if (is_cut && number > 1) break;
+    // The program that wrote it was killed, or its disk was full; it may have continued later.
+    const bool is_cut =
+        event.is_discarded() && (in.eof() || (line.starts_with('{') && !line.ends_with('}')));
+    if (is_cut && number > 1) continue;
     if (!at || (is_message && !message))
       throw Failure(
           fmt::format("{}:{}: is not a line that slam-gatewayctl record writes", name, number));

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <chrono>
+#include <fstream>
 #include <istream>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
@@ -28,6 +29,10 @@ std::optional<std::chrono::microseconds> parse_event_time(const std::string& tex
 /// Returns whether a watch event belongs in a recording: a message from or to a robot, or the
 /// number of lost events.
 bool is_recorded(const nlohmann::json& event);
+
+/// Opens a recording for more lines; a last line that was cut ends before them. Throws Failure when
+/// the file can't be written.
+std::ofstream open_recording(const std::string& path);
 
 /// Returns robots' messages (`arrived`) that were published unchanged, in the order of time. Throws
 /// Failure that names the line if the text is not a recording.

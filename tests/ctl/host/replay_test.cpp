@@ -10,6 +10,7 @@
 #include "tests/support/eventually.hpp"
 #include "tests/support/free_port.hpp"
 #include "tests/support/mosquitto.hpp"
+#include "tests/support/temp_dir.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -25,6 +26,24 @@ BrokerSettings at_port(std::uint16_t port) {
   BrokerSettings settings;
   settings.port = port;
   return settings;
+}
+
+/// A full disk cuts a line; the operator makes room and records on.
+TEST(Recording, GoesOnAfterALineThatWasCut) {
+  const TempDir directory;
+  const std::string path = directory / "recording";
+  const auto line = [](char robot) {
+    return std::string(
+               R"({"at":"2026-11-21T06:31:07Z","event":"arrived","payload":"00","qos":1,)") +
+           R"("topic":"p/robot/)" + robot + "/a\"}\n";
+  };
+  ctl::open_recording(path) << line('a') << line('b').substr(0, 50);
+  ctl::open_recording(path) << line('c');
+  ctl::open_recording(path) << line('d');
+  std::ifstream in(path);
+  std::string topics;
+  for (const auto& recorded : ctl::read_recording(in, path)) topics += recorded.message.topic + " ";
+  EXPECT_EQ(topics, "p/robot/a/a p/robot/c/a p/robot/d/a ");
 }
 
 TEST(Replay, PublishesTopicsAndOctetsNoSoonerThanRecorded) {
