@@ -206,6 +206,19 @@ void put_in_place(const fs::path& source, const fs::path& target,
   run_or_fail(words);
 }
 
+/// Throws Failure if the way to a file of the state is a link: the service, which owns its state,
+/// could have root write elsewhere.
+void refuse_links(const fs::path& target, const Installation& installation) {
+  if (!installation.is_state(target)) return;
+  const fs::path directory = target.parent_path();
+  const fs::path state = installation.state();
+  if (fs::weakly_canonical(directory) / target.filename() !=
+      fs::weakly_canonical(state) / target.lexically_relative(state))
+    throw Failure(
+        fmt::format("{} is a link, or lies behind one; remove the link, then restore again",
+                    directory.string()));
+}
+
 /// Brings the files back that were there before a restore failed. Returns the result in words.
 std::string undo(const Steps& steps) {
   std::error_code error;
@@ -233,6 +246,7 @@ std::string replace_files(const fs::path& unpacked, const std::vector<fs::path>&
     make_directories(installation.state(), fs::perms::owner_all);
     make_directories(installation.site(), static_cast<fs::perms>(0755));
     for (const fs::path& target : targets) {
+      refuse_links(target, installation);
       steps.put.push_back(target);
       put_in_place(unpacked / target.relative_path(), target, installation);
     }

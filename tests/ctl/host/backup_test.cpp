@@ -372,6 +372,19 @@ TEST_F(Backup, RefusesLinksAndHiddenFiles) {
   }
 }
 
+/// The service owns its state; root restores it.
+TEST_F(Backup, FollowsNoLinkInTheState) {
+  backup(installation(), archive());
+  fs::remove_all(root() / "state/messages");
+  fs::create_directory(root() / "elsewhere");
+  write("elsewhere/1.log", "of another program");
+  fs::create_directory_symlink(root() / "elsewhere", root() / "state/messages");
+  const std::string told = refusal();
+  EXPECT_NE(told.find("state/messages is a link"), told.npos) << told;
+  EXPECT_EQ(read("elsewhere/1.log"), "of another program");
+  EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
+}
+
 TEST_F(Backup, GivesFilesModesOfItsOwn) {
   backup(installation(), archive());
   fs::create_directories(root() / "evil" / (root() / "state").relative_path());
