@@ -282,11 +282,10 @@ int joining(Connection& daemon, const Order& order) {
 int export_mesh(Connection& daemon, const Order& order) {
   if (std::filesystem::exists(order.file))
     throw Failure(order.file + " can't be made: File exists");
-  ArchiveFile file(order.file);
+  NewFile file(order.file);
   const auto exported = daemon.ask(order.request, order.patience);
-  std::ofstream out(file.path(), std::ios::binary);
-  out << exported.at("mesh").get<std::string>() << std::flush;
-  if (!out.good()) throw Failure(order.file + " can't be written: is the disk full?");
+  file.write(exported.at("mesh").get<std::string>());
+  file.give_to_caller();
   file.finish();
   print(order, {{"file", order.file}, {"address", exported.at("address")}});
   return 0;

@@ -384,7 +384,7 @@ std::string backup(const Installation& installation, const std::string& file) {
   const WorkDirectory work;
   write_manifest(work.path(), {installation.configuration(), installation.state(),
                                installation.parsed().config.gateway_id});
-  ArchiveFile archive(file);
+  NewFile archive(file);
   {
     const ServicePause pause(installation);
     std::ofstream names(work.path() / "files", std::ios::binary);
@@ -395,6 +395,7 @@ std::string backup(const Installation& installation, const std::string& file) {
                  work.path().string(), manifest_name, "-C", "/", "--no-recursion", "--null",
                  "--verbatim-files-from", "-T", work.path() / "files"});
   }
+  archive.give_to_caller();
   archive.finish();
   return fmt::format(
       "{}: configuration, credentials, mesh keys, kept messages and sessions ({} bytes).\n"
@@ -436,7 +437,7 @@ std::string without_secrets(std::string_view text) {
 
 std::string report(const Installation& installation, const std::string& socket,
                    const std::string& file) {
-  ArchiveFile archive(file);
+  NewFile archive(file);
   const WorkDirectory work;
   const fs::path directory = work.path() / "slam-gateway-report";
   fs::create_directory(directory);
@@ -447,6 +448,7 @@ std::string report(const Installation& installation, const std::string& socket,
   for (const Source& source : sources())
     write_text(directory / source.name, run_program(source.words).output);
   run_or_fail({"tar", "-czf", archive.path(), "-C", work.path().string(), "slam-gateway-report"});
+  archive.give_to_caller();
   archive.finish();
   return fmt::format(
       "{}: versions, configuration without secrets, status, robots, the journal's last hour, "

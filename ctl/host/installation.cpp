@@ -17,7 +17,6 @@
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <string_view>
 #include <thread>
 #include <utility>
@@ -32,14 +31,6 @@ namespace slamgw::ctl {
 namespace fs = std::filesystem;
 
 namespace {
-
-/// Waits until the file, or the directory's list of files, is on disk.
-bool sync(const fs::path& path) {
-  const int opened = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  const bool is_synced = opened >= 0 && fsync(opened) == 0;
-  if (opened >= 0) close(opened);
-  return is_synced;
-}
 
 constexpr std::size_t max_output_bytes = std::size_t{4} << 20;
 constexpr std::chrono::seconds lock_patience{10};
@@ -67,17 +58,6 @@ int wait_for(pid_t child) {
   while (waitpid(child, &status, 0) < 0)
     if (errno != EINTR) return exit_not_started;
   return WIFEXITED(status) ? WEXITSTATUS(status) : exit_signal + WTERMSIG(status);
-}
-
-/// Gives the file to the user who typed sudo: sudo(8) sets SUDO_UID and SUDO_GID.
-void give_to_caller(int file) {
-  const auto number_in = [](const char* variable) {
-    const char* const text = std::getenv(variable);
-    return parse_number<unsigned>(text ? text : "").value_or(0);
-  };
-  const unsigned user = number_in("SUDO_UID");
-  if (geteuid() != 0 || user == 0) return;
-  if (fchown(file, user, number_in("SUDO_GID")) != 0) return;  // the file stays root's
 }
 
 /// Returns the path of `file` in `directory`; empty when the file lies elsewhere, is hidden, or
@@ -179,16 +159,10 @@ std::string change_bans(const Installation& installation, const std::string& who
   const fs::path file = installation.site() / "bans.json";
   std::error_code error;
   fs::create_directory(installation.site(), error);
-  const fs::path unfinished = file.string() + ".dpkg-new";  // the daemon does not read this name
-  std::ofstream out(unfinished);
-  out << nlohmann::json{{"bans", bans}}.dump(2) << '\n';
-  out.close();
-  fs::permissions(unfinished, static_cast<fs::perms>(0644), error);
-  const bool is_written = out && sync(unfinished);
-  if (is_written) fs::rename(unfinished, file, error);
-  if (!is_written || error || !sync(installation.site()))
-    throw Failure(fmt::format("{} can't be written; type: sudo slam-gatewayctl {} {}",
-                              file.string(), is_banned ? "ban" : "unban", who));
+  NewFile changed(file);
+  changed.write(nlohmann::json{{"bans", bans}}.dump(2) + "\n");
+  fs::permissions(changed.path(), static_cast<fs::perms>(0644), error);
+  changed.finish();
   const ParseResult now = load_config(installation.configuration());
   if (read_bans(now) != bans)
     throw Failure(
@@ -269,27 +243,55 @@ WorkDirectory::~WorkDirectory() {
   fs::remove_all(path_, ignored);
 }
 
-ArchiveFile::ArchiveFile(std::string file)
-    : file_(std::move(file)), unfinished_(file_ + ".unfinished") {
+NewFile::NewFile(std::string file) : file_(std::move(file)), unfinished_(file_ + ".unfinished") {
   std::error_code error;
-  if (std::filesystem::is_directory(file_, error))
-    throw Failure(file_ + " is a directory; name a file in it");
+  if (fs::is_directory(file_, error)) throw Failure(file_ + " is a directory; name a file in it");
+  if (fs::exists(file_, error) && !fs::is_regular_file(file_, error))
+    throw Failure(file_ + " is not a regular file; name a new one");
   unlink(unfinished_.c_str());
   made_ = open(unfinished_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (made_ < 0) throw Failure(file_ + ": " + std::strerror(errno));
+  if (made_ < 0) fail();
 }
 
-ArchiveFile::~ArchiveFile() {
+NewFile::~NewFile() {
   close(made_);
   unlink(unfinished_.c_str());
 }
 
-/// Gives the file away only at the end: in /tmp, the kernel does not let root write to another
-/// user's file (fs.protected_regular in proc_sys_fs(5)).
-void ArchiveFile::finish() {
-  give_to_caller(made_);
-  if (fsync(made_) != 0 || rename(unfinished_.c_str(), file_.c_str()) != 0)
-    throw Failure(file_ + ": " + std::strerror(errno));
+void NewFile::write(std::string_view text) {
+  while (!text.empty()) {
+    const ssize_t count = ::write(made_, text.data(), text.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) fail();
+    text.remove_prefix(static_cast<std::size_t>(count));
+  }
+}
+
+/// Call at the end: in /tmp, the kernel does not let root write to another user's file
+/// (fs.protected_regular in proc_sys_fs(5)). sudo(8) sets SUDO_UID and SUDO_GID.
+void NewFile::give_to_caller() {
+  const auto number_in = [](const char* variable) {
+    const char* const text = std::getenv(variable);
+    return parse_number<unsigned>(text ? text : "").value_or(0);
+  };
+  const unsigned user = number_in("SUDO_UID");
+  if (geteuid() != 0 || user == 0) return;
+  if (fchown(made_, user, number_in("SUDO_GID")) != 0) return;  // the file stays root's
+}
+
+void NewFile::finish() {
+  if (fsync(made_) != 0 || rename(unfinished_.c_str(), file_.c_str()) != 0) fail();
+  const fs::path directory = fs::absolute(file_).parent_path();
+  const int opened = open(directory.c_str(), O_RDONLY | O_CLOEXEC);
+  const bool is_synced = opened >= 0 && fsync(opened) == 0;
+  if (opened >= 0) close(opened);
+  if (!is_synced) fail();
+}
+
+void NewFile::fail() const {
+  const int error = errno;
+  throw Failure(fmt::format("{}: {}{}", file_, std::strerror(error),
+                            error == EACCES ? "; type the command with sudo" : ""));
 }
 
 }  // namespace slamgw::ctl

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "daemon/config/io/load.hpp"
@@ -25,7 +26,6 @@ class Installation {
   const ParseResult& parsed() const { return parsed_; }
   std::filesystem::path etc() const { return std::filesystem::path(configuration_).parent_path(); }
   std::filesystem::path state() const;
-  /// `gateway.d` beside `gateway.json`.
   std::filesystem::path site() const { return site_directory(configuration_); }
   /// Returns whether the packaged service reads this configuration.
   bool is_service() const { return configuration_ == service_configuration; }
@@ -106,26 +106,32 @@ class DirectoryLock {
 /// `who` to remove is not banned, the file can't be written, or another file overrules it.
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned);
 
-/// A file with mode 0600 that gets its name only when it is complete. When root makes it through
-/// sudo, it belongs to the user who typed sudo: else that user could neither copy nor send it.
-class ArchiveFile {
+/// A file with mode 0600 that gets its name only when it is complete, and may then replace another.
+class NewFile {
  public:
   /// Throws Failure when the file can't be made.
-  explicit ArchiveFile(std::string file);
+  explicit NewFile(std::string file);
   /// Removes the file if it was not finished.
-  ~ArchiveFile();
-  ArchiveFile(const ArchiveFile&) = delete;
-  ArchiveFile& operator=(const ArchiveFile&) = delete;
+  ~NewFile();
+  NewFile(const NewFile&) = delete;
+  NewFile& operator=(const NewFile&) = delete;
 
   /// The path to write to until finish().
   const std::string& path() const { return unfinished_; }
-  /// Gives the complete file its name once it is on disk. Throws Failure when that is not possible.
+  int descriptor() const { return made_; }
+  void write(std::string_view text);
+  /// Gives the file to the user who typed sudo, if any: else that user could neither copy nor send
+  /// it.
+  void give_to_caller();
+  /// Gives the complete file its name, for good. Throws Failure when that is not possible.
   void finish();
 
  private:
+  [[noreturn]] void fail() const;
+
   std::string file_;
   std::string unfinished_;
-  int made_ = -1;  ///< the unfinished file
+  int made_ = -1;
 };
 
 }  // namespace slamgw::ctl

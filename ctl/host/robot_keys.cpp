@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/host/robot_keys.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <pwd.h>
 #include <qrencode.h>
@@ -24,24 +23,6 @@ namespace slamgw::ctl {
 namespace {
 
 namespace fs = std::filesystem;
-
-class Descriptor {
- public:
-  explicit Descriptor(int number) : number_(number) {}
-  ~Descriptor() {
-    if (number_ >= 0) close(number_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  operator int() const { return number_; }
-
- private:
-  int number_;
-};
-
-[[noreturn]] void fail(const fs::path& file, const char* what) {
-  throw Failure(fmt::format("{} can't be {}: {}", file.string(), what, std::strerror(errno)));
-}
 
 fs::path keys_file(const Installation& installation) {
   const auto& file = installation.parsed().config.mqttsn.dtls.keys_file;
@@ -75,21 +56,16 @@ void give_to_owner(int file, const fs::path& replaced) {
     owner = status.st_uid;
     group = status.st_gid;
   }
-  if (fchown(file, owner, group) != 0) fail(replaced, "given to its owner");
+  if (fchown(file, owner, group) != 0)
+    throw Failure(
+        fmt::format("{} can't be given to its owner: {}", replaced.string(), std::strerror(errno)));
 }
 
 void write_keys(const fs::path& path, const RobotKeys& keys) {
-  const std::string text = write_key_file(keys);
-  const std::string unfinished = path.string() + ".unfinished";
-  unlink(unfinished.c_str());
-  const Descriptor file(open(unfinished.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
-  if (file < 0) fail(path, "written");
-  give_to_owner(file, path);
-  const Descriptor directory(open(path.parent_path().c_str(), O_RDONLY | O_CLOEXEC));
-  const bool is_written =
-      write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-      fsync(file) == 0 && rename(unfinished.c_str(), path.c_str()) == 0 && fsync(directory) == 0;
-  if (!is_written) fail(path, "written");
+  NewFile file(path);
+  file.write(write_key_file(keys));
+  give_to_owner(file.descriptor(), path);
+  file.finish();
 }
 
 Bytes random_key() {

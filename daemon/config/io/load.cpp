@@ -39,10 +39,10 @@ Environment read_environment(const std::string& configuration) {
           is_services ? credential_source() : ""};
 }
 
-/// Recognizes the names of files that editors and dpkg have put aside.
+/// Recognizes the names of files that editors, dpkg and slam-gatewayctl have put aside.
 bool is_put_aside(const fs::path& name) {
   return name.string().starts_with('.') || name.string().ends_with('~') ||
-         name.extension().string().starts_with(".dpkg-");
+         name.extension().string().starts_with(".dpkg-") || name.extension() == ".unfinished";
 }
 
 /// Warns of JSON files beside gateway.json that neither the gateway nor a key's path uses.

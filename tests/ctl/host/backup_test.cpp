@@ -385,6 +385,13 @@ TEST_F(Backup, FollowsNoLinkInTheState) {
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
 
+TEST_F(Backup, ReportReplacesNoDevice) {
+  const std::string pipe = root() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THROW(report(installation(), "", pipe), Failure);
+  EXPECT_TRUE(fs::is_fifo(pipe));
+}
+
 TEST_F(Backup, GivesFilesModesOfItsOwn) {
   backup(installation(), archive());
   fs::create_directories(root() / "evil" / (root() / "state").relative_path());
