@@ -87,6 +87,9 @@ constexpr std::size_t max_unsaved_answers = 16384;
 constexpr std::chrono::seconds max_supervision{3600};
 /// Promise 6 of docs/topics.md gives 30 s; a second of them is for the way to the broker.
 constexpr std::chrono::seconds command_patience{29};
+/// Younger commands are not stored, as most end before this age. After a crash, a stored command
+/// would be carried out or reported a second time.
+constexpr std::chrono::milliseconds stored_command_age{300};
 /// Remembered refusals, which are not logged again. Lines about new refusals are limited, too: a
 /// burst, then a rate per second.
 constexpr std::size_t max_logged_refusals = 4096;

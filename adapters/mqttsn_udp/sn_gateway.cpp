@@ -355,6 +355,10 @@ void SnGateway::on_stop(TimePoint now) {
     commands_.refuse(unsent.message, unsent.command, Downlink::stopped);
 }
 
+void SnGateway::set_changed(const std::string& client_id) {
+  if (const ClientSession* session = clients_.find(client_id)) output_.mark_changed(*session);
+}
+
 void SnGateway::set_all_dirty() {
   for (const auto& [id, session] : clients_.all()) output_.mark_changed(*session);
 }

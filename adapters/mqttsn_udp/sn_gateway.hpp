@@ -89,6 +89,7 @@ class SnGateway {
   /// Returns about `max` client ids of sessions that have changed or ended and were not taken yet.
   std::vector<std::string> take_changed(std::size_t max) { return output_.take_changed(max); }
   bool has_changed() const { return output_.has_changed(); }
+  void set_changed(const std::string& client_id);
   /// Marks all sessions, to save also what changes too often to be marked each time (the window of
   /// R76).
   void set_all_dirty();

@@ -61,6 +61,12 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
       Command{CommandId::none, snapshot.robot, type, now - age, false});
 }
 
+bool leave_out_young_commands(SessionSnapshot& snapshot) {
+  return std::erase_if(snapshot.messages, [](const MessageSnapshot& message) {
+           return message.command_age && *message.command_age < limits::stored_command_age;
+         }) > 0;
+}
+
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   SessionSnapshot out;
   out.client_id = session.client_id;

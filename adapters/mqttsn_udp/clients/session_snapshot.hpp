@@ -74,6 +74,8 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
                                     TimePoint now);
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
+/// Removes commands younger than `limits::stored_command_age`. Returns false if there are none.
+bool leave_out_young_commands(SessionSnapshot& snapshot);
 /// Returns what another gateway needs to continue the session: keep-alive, will, subscriptions, and
 /// the topics that the client uses. Leaves out its address and all messages to it.
 SessionSnapshot to_note(const SessionSnapshot& snapshot);

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -16,7 +17,8 @@ SessionKeeper::SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, Se
       store_(store),
       on_saved_(std::move(on_saved)),
       timer_(io),
-      patience_timer_(io) {
+      patience_timer_(io),
+      later_timer_(io) {
   gateway_.answer_when_saved();
   store_.watch(std::bind_front(&SessionKeeper::on_written, this));
 }
@@ -86,13 +88,29 @@ void SessionKeeper::save_some() {
   std::vector<SessionStore::Change> changes;
   for (std::string& id : gateway_.take_changed(sessions_a_write)) {
     std::optional<Bytes> content;
-    if (const auto snapshot = gateway_.snapshot(id, now)) content = encode_session(*snapshot);
+    if (auto snapshot = gateway_.snapshot(id, now)) {
+      if (!is_stopping_ && leave_out_young_commands(*snapshot)) save_again_later(id);
+      content = encode_session(*snapshot);
+    }
     changes.push_back({std::move(id), std::move(content)});
   }
   if (!changes.empty()) store_.save(std::move(changes));
 }
 
+void SessionKeeper::save_again_later(std::string id) {
+  later_.push_back(std::move(id));
+  if (later_.size() > 1) return;
+  later_timer_.expires_after(limits::stored_command_age);
+  later_timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    for (const std::string& each : std::exchange(later_, {})) gateway_.set_changed(each);
+    save_soon();
+  });
+}
+
 void SessionKeeper::stop() {
+  is_stopping_ = true;
+  later_timer_.cancel();
   timer_.cancel();
   patience_timer_.cancel();
   gateway_.set_all_dirty();

@@ -8,6 +8,8 @@
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/session_store.hpp"
@@ -43,6 +45,7 @@ class SessionKeeper {
   void watch_disk();
   void save_after(std::chrono::milliseconds delay);
   void save_some();
+  void save_again_later(std::string id);
   void on_written(bool is_written);
 
   SnGateway& gateway_;
@@ -50,6 +53,9 @@ class SessionKeeper {
   const std::function<void(bool is_saved)> on_saved_;
   boost::asio::steady_timer timer_;
   boost::asio::steady_timer patience_timer_;
+  boost::asio::steady_timer later_timer_;
+  std::vector<std::string> later_;  ///< client ids with commands that were too young
+  bool is_stopping_ = false;
   bool is_armed_ = false;
   bool is_urgent_ = false;    // armed for answers
   bool is_watching_ = false;  // while answers wait
