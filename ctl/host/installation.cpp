@@ -250,7 +250,7 @@ NewFile::NewFile(std::string file) : file_(std::move(file)), unfinished_(file_ +
     throw Failure(file_ + " is not a regular file; name a new one");
   unlink(unfinished_.c_str());
   made_ = open(unfinished_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (made_ < 0) fail();
+  if (made_ < 0) fail(errno);
 }
 
 NewFile::~NewFile() {
@@ -262,7 +262,7 @@ void NewFile::write(std::string_view text) {
   while (!text.empty()) {
     const ssize_t count = ::write(made_, text.data(), text.size());
     if (count < 0 && errno == EINTR) continue;
-    if (count < 0) fail();
+    if (count < 0) fail(errno);
     text.remove_prefix(static_cast<std::size_t>(count));
   }
 }
@@ -280,16 +280,15 @@ void NewFile::give_to_caller() {
 }
 
 void NewFile::finish() {
-  if (fsync(made_) != 0 || rename(unfinished_.c_str(), file_.c_str()) != 0) fail();
+  if (fsync(made_) != 0 || rename(unfinished_.c_str(), file_.c_str()) != 0) fail(errno);
   const fs::path directory = fs::absolute(file_).parent_path();
   const int opened = open(directory.c_str(), O_RDONLY | O_CLOEXEC);
-  const bool is_synced = opened >= 0 && fsync(opened) == 0;
+  const int error = opened >= 0 && fsync(opened) == 0 ? 0 : errno;
   if (opened >= 0) close(opened);
-  if (!is_synced) fail();
+  if (error != 0) fail(error);
 }
 
-void NewFile::fail() const {
-  const int error = errno;
+void NewFile::fail(int error) const {
   throw Failure(fmt::format("{}: {}{}", file_, std::strerror(error),
                             error == EACCES ? "; type the command with sudo" : ""));
 }

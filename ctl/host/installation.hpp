@@ -127,7 +127,7 @@ class NewFile {
   void finish();
 
  private:
-  [[noreturn]] void fail() const;
+  [[noreturn]] void fail(int error) const;
 
   std::string file_;
   std::string unfinished_;

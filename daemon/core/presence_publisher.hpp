@@ -13,22 +13,12 @@
 #include <vector>
 
 #include "daemon/core/broker_link.hpp"
-#include "daemon/core/command_ledger.hpp"
 #include "daemon/core/gateway_actions.hpp"
-#include "daemon/core/normalizer.hpp"
+#include "daemon/core/gateway_settings.hpp"
 #include "daemon/core/robot_directory.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw {
-
-struct GatewaySettings {
-  std::string version;
-  UpdateMode update_mode = UpdateMode::positions;
-  WallTime started{};  ///< "since" in `state`
-  std::size_t max_open_commands = CommandLedger::default_max_open;
-  std::vector<std::string> retain = {"*"};  ///< `topics.retain`
-  bool describes_robots = false;            ///< `topics.home_assistant`
-};
 
 class PresencePublisher {
  public:

@@ -19,13 +19,13 @@ struct Reachability {
 };
 Reachability probe_broker(const BrokerSettings& broker);
 
-/// What connections to a broker need besides the settings: what the name server and the TLS files
-/// say now.
+/// A broker's addresses and TLS files, looked up for one attempt to connect.
 struct WayToBroker {
   std::vector<std::string> addresses{};    ///< literals, in the resolver's order; at least one
   std::shared_ptr<const TlsClient> tls{};  ///< null: without TLS
   std::string problem{};                   ///< why there is no way, for the operator; else empty
 };
+/// Resolves the broker's name and reads its TLS files.
 WayToBroker find_broker(const BrokerSettings& broker);
 
 // Explanations of what the probe finds; clients that find the same by themselves use them, too.

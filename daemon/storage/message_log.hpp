@@ -93,8 +93,8 @@ class MessageLog {
  private:
   struct LettersOfTopic {
     std::size_t count = 0;
-    /// Those that are retried, in the order of RetryDeadLetters: false if the letter has lost a
-    /// connection, and its id.
+    /// The letters that are retried, by id, but letters that have lost a connection (false) come
+    /// first, as RetryDeadLetters wants them.
     std::set<std::pair<bool, std::uint64_t>> retried;
   };
   using Topics = std::map<std::string, LettersOfTopic, std::less<>>;

@@ -125,7 +125,6 @@ TEST_F(RobotPlacesTest, ALeftoverThatAnotherGatewayShowsIsWithdrawn) {
   EXPECT_EQ(announced(), (Shown{"pi1/gone", "-pi1/moved"}));
 }
 
-/// Whether the presence that is published now says so.
 TEST_F(RobotPlacesTest, ARobotWithoutASessionIsNotShown) {
   say(update_from("a", {1, 0, 2, 0}));
   broker_comes();
@@ -159,6 +158,7 @@ TEST_F(RobotPlacesTest, EachConnectionShowsAnewWhetherItsBrokerSendsRetainedMess
 
 class ContestedTest : public RobotPlacesTest {
  protected:
+  /// Whether the presence that is published now says so.
   std::vector<bool> said() {
     std::vector<bool> all;
     for (const Upload& upload : drain<Upload>())

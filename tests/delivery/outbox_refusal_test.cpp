@@ -38,13 +38,14 @@ class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
       return notice.find(words) != std::string::npos;
     });
   }
-  /// Turns `count` messages of topic "t" into dead letters, one after the other.
-  void be_refused(std::uint64_t count) {
+  /// Turns `count` messages into dead letters, one after the other, while there is room.
+  void be_refused(std::uint64_t count, const std::string& topic = "t", std::uint64_t first = 1,
+                  int code = not_authorised) {
     is_store_quick = true;
-    link_up();
-    for (std::uint64_t i = 1; i <= count; ++i) {
-      submit("t", i);
-      refuse_all();
+    if (!is_up) link_up();
+    for (std::uint64_t i = 0; i < count; ++i) {
+      submit(topic, first + i);
+      refuse_all(code);
     }
   }
   void serve_all() {
@@ -459,12 +460,7 @@ TEST_F(OutboxRefusalTest, ALetterIsTriedAgainThoughAnotherOneOfItsTopicWasResent
 TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
   max_bytes = 1000 * stored_cost(3, 4);
   start();
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 2000; ++i) {
-    submit("bad", 1000 + i);
-    refuse_all();
-  }
+  be_refused(2000, "bad", 1001);
   EXPECT_EQ(store.dead_letters.size(), 188u) << "three quarters of a quarter";
   EXPECT_TRUE(has_fired(3000, ReceiptOutcome::refused)) << "not acknowledged: the robot keeps it";
   link_down();
@@ -478,12 +474,7 @@ TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
 TEST_F(OutboxRefusalTest, DeadLettersLeaveRoomForMessages) {
   max_bytes = 400 * stored_cost(3, 4);
   start();
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 400; ++i) {
-    submit("bad", 1000 + i);
-    refuse_all(topic_name_invalid);
-  }
+  be_refused(400, "bad", 1001, topic_name_invalid);
   EXPECT_EQ(store.dead_letters.size(), 75u);
   EXPECT_TRUE(has_fired(1400, ReceiptOutcome::refused));
 }
@@ -491,12 +482,7 @@ TEST_F(OutboxRefusalTest, DeadLettersLeaveRoomForMessages) {
 TEST_F(OutboxRefusalTest, ARobotWithARefusedTopicLeavesRoomForDeadLettersOfOthers) {
   max_bytes = 4000 * stored_cost(7, 4);
   start();
-  is_store_quick = true;
-  link_up();
-  for (std::uint64_t i = 1; i <= 2000; ++i) {
-    submit("r/1/bad", 1000 + i);
-    refuse_all();
-  }
+  be_refused(2000, "r/1/bad", 1001);
   EXPECT_TRUE(has_fired(3000, ReceiptOutcome::refused));
   EXPECT_TRUE(outbox->backlog().has_little_room_for_letters());
   EXPECT_EQ(outbox->backlog().largest_share().flow, "r/1");

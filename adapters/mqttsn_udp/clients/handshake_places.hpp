@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which DTLS handshake gives way to a new one. Handshakes under way are bounded in all, at one
 // address, and in one network. When no place is free, the oldest handshake of the fullest address
-// ends, so an attacker with many handshakes shuts out no robot. Pure.
+// ends, so an attacker with many handshakes shuts out no robot. And which one has taken too long.
+// Pure.
 #pragma once
 
 #include <algorithm>
@@ -38,6 +39,15 @@ std::optional<Endpoint> find_handshake_to_end(const Handshakes& handshakes,
     return std::tuple(competes, at_address[address], TimePoint::max() - each.second.began);
   };
   return std::ranges::max_element(handshakes, {}, rank)->first;
+}
+
+/// Returns a handshake that has taken limits::dtls_handshake_patience, if there is one.
+template <class Handshakes>
+std::optional<Endpoint> find_overdue_handshake(const Handshakes& handshakes, TimePoint now) {
+  const auto overdue = std::ranges::find_if(handshakes, [now](const auto& each) {
+    return now - each.second.began >= limits::dtls_handshake_patience;
+  });
+  return overdue == handshakes.end() ? std::nullopt : std::optional(overdue->first);
 }
 
 }  // namespace slamgw::mqttsn

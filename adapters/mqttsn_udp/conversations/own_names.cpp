@@ -2,7 +2,6 @@
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 
 #include <algorithm>
-#include <iterator>
 #include <map>
 #include <utility>
 
@@ -38,19 +37,12 @@ namespace {
 /// Renames the filters. If the client has both names of a filter, the higher QoS counts.
 void rename_filters(ClientSession& session, const NewName& new_name) {
   std::map<std::string, Subscription, std::less<>> renamed;
-  for (auto at = session.subscriptions.begin(); at != session.subscriptions.end();) {
-    const auto next = std::next(at);
-    if (auto filter = new_name(at->first)) {
-      auto node = session.subscriptions.extract(at);
-      node.key() = std::move(*filter);
-      renamed.insert(std::move(node));
-    }
-    at = next;
-  }
-  for (auto& [filter, subscription] : renamed) {
-    Subscription& kept = session.subscriptions.try_emplace(filter, subscription).first->second;
+  for (const auto& [filter, subscription] : session.subscriptions) {
+    const std::string name = new_name(filter).value_or(filter);
+    Subscription& kept = renamed.try_emplace(name, subscription).first->second;
     kept.qos = std::max(kept.qos, subscription.qos);
   }
+  session.subscriptions = std::move(renamed);
 }
 
 }  // namespace

@@ -391,12 +391,10 @@ void DtlsPort::watch_handshakes() {
 
 void DtlsPort::on_time() {
   const TimePoint now = read_clocks().mono;
+  while (const auto overdue = find_overdue_handshake(handshakes_, now))
+    fail(handshakes_.find(*overdue), "it was not finished in time");
   for (auto next = handshakes_.begin(); next != handshakes_.end();) {
     const auto handshake = next++;
-    if (now - handshake->second.began >= limits::dtls_handshake_patience) {
-      fail(handshake, "it was not finished in time");
-      continue;
-    }
     SSL* const ssl = handshake->second.ssl.get();
     ERR_clear_error();
     const long result = DTLSv1_handle_timeout(ssl);

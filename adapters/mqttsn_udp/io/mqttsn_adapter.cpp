@@ -109,14 +109,14 @@ void MqttsnAdapter::open() {
   where_.clear();
   for (std::size_t i = 0; i < settings_.listen.size(); ++i) {
     const std::string& listen = settings_.listen[i];
-    sockets_.push_back(open_socket(listen, std::exchange(kept[i], -1)));
+    sockets_.push_back(open_socket(listen, std::exchange(kept[i], -1), "mqttsn.listen"));
     sockets_.back()->start(std::bind_front(&MqttsnAdapter::on_datagram, this),
                            static_cast<std::uint8_t>(i));
     where_ += place_of(where_.empty() ? "UDP " : ", ", listen, *sockets_.back());
   }
   for (std::size_t i = 0; i < kept_dtls.size(); ++i) {
     const std::string& listen = settings_.dtls.listen[i];
-    dtls_->add(open_dtls_socket(listen, std::exchange(kept_dtls[i], -1)));
+    dtls_->add(open_socket(listen, std::exchange(kept_dtls[i], -1), "mqttsn.dtls.listen"));
     where_ += place_of(i == 0 ? ", DTLS " : ", ", listen, *dtls_->sockets().back());
   }
   report_open();
@@ -149,22 +149,12 @@ std::vector<int> MqttsnAdapter::take_kept(const std::vector<std::string>& listen
   return kept;
 }
 
-std::shared_ptr<UdpSocket> MqttsnAdapter::open_socket(const std::string& listen, int kept) {
-  auto socket = std::make_shared<UdpSocket>(io_, listen, bound_to(), kept);
+std::shared_ptr<UdpSocket> MqttsnAdapter::open_socket(const std::string& listen, int kept,
+                                                      const char* key) {
+  auto socket = std::make_shared<UdpSocket>(io_, listen, bound_to(), kept, key);
   if (descriptors_ && !socket->is_taken_over())
     descriptors_->keep(kept_name(listen), socket->descriptor());
   return socket;
-}
-
-std::shared_ptr<UdpSocket> MqttsnAdapter::open_dtls_socket(const std::string& listen, int kept) {
-  try {
-    return open_socket(listen, kept);
-  } catch (const std::runtime_error& error) {
-    std::string text = error.what();
-    constexpr std::string_view plain = "mqttsn.listen";
-    if (text.starts_with(plain)) text.replace(0, plain.size(), "mqttsn.dtls.listen");
-    throw std::runtime_error(text);
-  }
 }
 
 void MqttsnAdapter::close() {
@@ -187,8 +177,8 @@ std::vector<std::shared_ptr<UdpSocket>> MqttsnAdapter::all_sockets() const {
   return all;
 }
 
-/// The name contains all that a kept socket must fit and that cannot be read from it. systemd
-/// allows no colons.
+/// The name contains all that a kept socket must fit, because only this daemon stores sockets under
+/// it. systemd allows no colons.
 std::string MqttsnAdapter::kept_name(const std::string& listen) const {
   std::string name =
       fmt::format("mqttsn,{},{},{}", listen, bound_to(), settings_.multicast_group.value_or(""));

@@ -70,8 +70,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void open();
   void close();
   std::vector<int> take_kept(const std::vector<std::string>& listen);
-  std::shared_ptr<UdpSocket> open_socket(const std::string& listen, int kept);
-  std::shared_ptr<UdpSocket> open_dtls_socket(const std::string& listen, int kept);
+  std::shared_ptr<UdpSocket> open_socket(const std::string& listen, int kept, const char* key);
   std::vector<std::shared_ptr<UdpSocket>> all_sockets() const;
   std::string kept_name(const std::string& listen) const;
   /// Follows interfaces that come and go, also that of `mqttsn.interface` (R19).

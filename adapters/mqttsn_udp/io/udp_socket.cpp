@@ -118,11 +118,11 @@ constexpr std::size_t control_octets = 256;
 /// The port where Nordic's clients expect their gateway (R22). Border routers made for them use it.
 constexpr unsigned nordic_port = 47193;
 
-udp::endpoint parse_listen(const std::string& listen) {
+udp::endpoint parse_listen(const std::string& listen, const char* key) {
   const std::size_t colon = listen.rfind(':');
   const auto fail = [&]() {
     return std::runtime_error(
-        fmt::format("mqttsn.listen: '{}' is not ADDRESS:PORT or [ADDRESS]:PORT", listen));
+        fmt::format("{}: '{}' is not ADDRESS:PORT or [ADDRESS]:PORT", key, listen));
   };
   if (colon == std::string::npos) throw fail();
   std::string address = listen.substr(0, colon);
@@ -248,16 +248,16 @@ UdpSocket::Counts& UdpSocket::Counts::operator+=(const Counts& other) {
 UdpSocket::~UdpSocket() { flush(); }
 
 UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface,
-                     int kept)
+                     int kept, const char* key)
     : socket_(io),
       is_bound_to_interface_(!interface.empty()),
       incoming_(std::make_unique<Incoming>()),
       outgoing_(std::make_unique<Outgoing>()) {
-  const udp::endpoint endpoint = parse_listen(listen);
+  const udp::endpoint endpoint = parse_listen(listen, key);
   try {
     open(endpoint, interface, kept);
   } catch (const boost::system::system_error& error) {
-    throw std::runtime_error(fmt::format("mqttsn.listen: can't use {}: {}{}", listen,
+    throw std::runtime_error(fmt::format("{}: can't use {}: {}{}", key, listen,
                                          error.code().message(),
                                          advise(error.code(), endpoint.port())));
   }

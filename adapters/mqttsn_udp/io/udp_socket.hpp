@@ -66,9 +66,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   /// Binds at once. `listen` is `ADDRESS:PORT` or `[ADDRESS]:PORT`; `[::]` takes IPv4 too; port 0
   /// is any. `interface` may be empty. `kept` is a socket that an earlier process has made from the
   /// same values, or -1. It is closed if its interface has gone since. Throws std::runtime_error
-  /// with a sentence for operators.
+  /// with a sentence for operators, which begins with the configuration's `key`.
   UdpSocket(boost::asio::io_context& io, const std::string& listen, const std::string& interface,
-            int kept = -1);
+            int kept = -1, const char* key = "mqttsn.listen");
   ~UdpSocket();
 
   /// Calls `receive` for each datagram from now on, a bounded number in each turn of the loop.

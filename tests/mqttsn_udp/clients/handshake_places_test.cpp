@@ -63,5 +63,16 @@ TEST_F(HandshakePlaces, OfAllNetworksAreBounded) {
   EXPECT_TRUE(under_way.contains(robot));
 }
 
+TEST_F(HandshakePlaces, EndWithTime) {
+  add(endpoint(1, 1, 1));
+  const TimePoint end = now + limits::dtls_handshake_patience;
+  now += std::chrono::seconds(1);
+  add(endpoint(1, 1, 2));
+  EXPECT_FALSE(find_overdue_handshake(under_way, end - std::chrono::milliseconds(1)));
+  EXPECT_EQ(find_overdue_handshake(under_way, end), endpoint(1, 1, 1));
+  under_way.erase(endpoint(1, 1, 1));
+  EXPECT_FALSE(find_overdue_handshake(under_way, end));
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn

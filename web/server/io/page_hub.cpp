@@ -83,7 +83,10 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, Tokens token
       io_(io),
       roster_timer_(io),
       link_(io, config.broker, filters(config.topics.prefix),
-            {[this](const BrokerMessage& message) { on_message(message); },
+            {[this](const BrokerMessage& message) {
+               ++own_.messages;
+               on_message(message);
+             },
              [this](bool is_up, const std::string& why) { on_broker(is_up, why); },
              [this](std::uint64_t command, const std::string& why) { on_refused(command, why); },
              [this](const std::string& filter, const std::string& why) {
@@ -124,7 +127,6 @@ std::string PageHub::publish(const CommandRequest& command) {
 }
 
 void PageHub::on_message(const BrokerMessage& message) {
-  ++own_.messages;
   const TopicKind kind = topics_.kind_of(message.topic);
   if (kind == TopicKind::robot && !message.is_retained) on_robot_message(message);
   if (kind == TopicKind::robot && pages_.empty()) return;
