@@ -19,6 +19,8 @@ using boost::system::error_code;
 
 namespace {
 
+using Clock = asio::steady_timer::clock_type;
+
 /// Names the client's user, as the kernel reports it.
 std::string peer_of(int socket) {
   ucred peer{};
@@ -92,7 +94,7 @@ void ControlSession::on_line(error_code error, std::size_t size) {
   if (error) return end();
   const std::string line = input_.substr(0, size - 1);
   input_.erase(0, size);
-  idle_timer_.cancel();  // the client may wait as long as its order takes
+  idle_timer_.expires_at(Clock::time_point::max());  // the order may take any time
   handle(line);
   // The next request is read after this answer is written, so that answers can't pile up. A watcher
   // is always read, which shows when it disconnects.
@@ -153,7 +155,9 @@ void ControlSession::arm_idle_timer() {
   }
   idle_timer_.expires_after(limits_.idle);
   idle_timer_.async_wait([self = shared_from_this()](error_code error) {
-    if (!error && !self->is_closed_ && !self->watch_) self->end();
+    // Setting the timer anew is too late for a handler that already waits for its turn.
+    const bool is_due = self->idle_timer_.expiry() <= Clock::now();
+    if (!error && is_due && !self->is_closed_ && !self->watch_) self->end();
   });
 }
 
