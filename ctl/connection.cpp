@@ -44,12 +44,12 @@ constexpr const char* stranger_words =
   throw Failure(path + ": " + std::strerror(error));
 }
 
-void set_patience(int socket, std::chrono::milliseconds patience) {
+/// `option`: SO_RCVTIMEO, or SO_SNDTIMEO, which counts for connect() too.
+void set_patience(int socket, int option, std::chrono::milliseconds patience) {
   timeval limit{};
   limit.tv_sec = patience.count() / 1000;
   limit.tv_usec = patience.count() % 1000 * 1000;
-  setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
-  setsockopt(socket, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof limit);
+  setsockopt(socket, SOL_SOCKET, option, &limit, sizeof limit);
 }
 
 }  // namespace
@@ -61,7 +61,7 @@ Connection::Connection(std::string path) : path_(std::move(path)) {
   std::memcpy(address.sun_path, path_.data(), path_.size());
   socket_ = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (socket_ < 0) throw Failure(std::strerror(errno));
-  set_patience(socket_, std::chrono::seconds(10));
+  set_patience(socket_, SO_SNDTIMEO, answer_patience);
   if (connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return;
   const int error = errno;
   close(socket_);
@@ -73,7 +73,7 @@ Connection::~Connection() { close(socket_); }
 nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::seconds patience,
                                const OnWaiting& on_waiting) {
   constexpr std::chrono::milliseconds interval{250};
-  set_patience(socket_, interval);
+  set_patience(socket_, SO_RCVTIMEO, interval);
   send(control::to_line(request));
   for (std::chrono::milliseconds waited{0};;) {
     try {
@@ -94,7 +94,7 @@ nlohmann::json Connection::result_in(nlohmann::json answer) const {
 }
 
 std::optional<nlohmann::json> Connection::next_event_within(std::chrono::seconds patience) try {
-  set_patience(socket_, patience);
+  set_patience(socket_, SO_RCVTIMEO, patience);
   nlohmann::json line = receive();
   if (!line.contains("event")) throw Failure(path_ + stranger_words);
   return std::move(line["event"]);

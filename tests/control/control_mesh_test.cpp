@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include <csignal>
+#include <thread>
 
 #include "tests/control/control_program_fixture.hpp"
 
@@ -255,12 +256,16 @@ TEST_F(ControlMeshIo, ImportsAFile) {
   EXPECT_TRUE(handler.orders.empty());
 }
 
-TEST_F(ControlMeshIo, ImportsALargeMesh) {
+TEST_F(ControlMeshIo, ImportsALargeMeshIntoABusyDaemon) {
   start();
   json large{{"netKeys", json::array()}};
-  large["nodes"] = std::string(300 * 1024, 'x');
+  large["nodes"] = std::string(800 * 1024, 'x');
   write_file(directory / "mesh.json", large.dump());
-  EXPECT_EQ(order({"import", directory / "mesh.json"}, {R"({"nodes":3})", {}}).status, 0);
+  const auto child = launch({"ble", "import", directory / "mesh.json"});
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));  // the daemon reads nothing
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
+  handler.orders[0].done({R"({"nodes":3})", {}});
+  EXPECT_EQ(finish(*child).status, 0);
 }
 
 TEST_F(ControlMeshIo, ExportsIntoANewFileThatOnlyItsOwnerReads) {
