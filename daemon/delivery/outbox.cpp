@@ -422,6 +422,7 @@ void Outbox::leave_memory(Item& item) {
 
 void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   backlog_.on_write_failed(queue_, now);
+  refused_.on_write_failed();
   notify(store_trouble_.on_write_failed(failed.why, now));
 }
 

@@ -64,7 +64,8 @@ void RefusedTopics::rest(Topic& topic, TimePoint due) {
   wake_ = earlier(wake_, due);
 }
 
-/// Ends refusal and accusation. Keeps the topic until its dead letters have been fetched.
+/// Ends refusal and accusation. Keeps the topic until the store has answered, and its dead letters
+/// have been fetched.
 void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
   Topic& topic = known->second;
   enter(topic, Phase::accepted);
@@ -72,13 +73,18 @@ void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
   topic.pause = {};
   topic.due = now;
   wake_ = now;
-  if (topic.waiting == 0) topics_.erase(known);
+  if (topic.waiting == 0 && !topic.asked_of) topics_.erase(known);
   if (topics_.empty()) flows_.clear();
 }
 
 void RefusedTopics::on_rows_lost(TimePoint now) {
   for (auto& [name, topic] : topics_)
     if (topic.phase == Phase::asked) rest(topic, now);
+}
+
+void RefusedTopics::on_write_failed() {
+  for (auto& [name, topic] : topics_)
+    if (topic.asked_of) topic.asked_of = 0;
 }
 
 void RefusedTopics::grow_pause(Topic& topic, Duration longest, TimePoint now) {
@@ -260,6 +266,8 @@ RefusedTopics::Topics::value_type* RefusedTopics::next_due(const Backlog& backlo
       wake_ = earlier(wake_, topic.due + forgotten_after);
     } else if ((is_page || topic.phase == Phase::resting) && topic.due > now) {
       wake_ = earlier(wake_, topic.due);
+    } else if (topic.asked_of) {
+      continue;                                            // the store's answer wakes
     } else if (is_page ? !backlog.has_unread(known.first)  // the last page was read
                        : topic.phase == Phase::resting && may_try(now)) {
       if (!next || topic.due < next->second.due) next = &known;
@@ -272,35 +280,31 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
   const auto known = topics_.find(revived.retried_topic);
   if (known == topics_.end()) return;
   Topic& topic = known->second;
-  topic.waiting -= std::min(topic.waiting, revived.messages.size());
+  const std::size_t asked_of = std::exchange(topic.asked_of, std::nullopt).value_or(0);
+  const bool is_none = revived.why_failed.empty() && revived.messages.empty();
+  topic.waiting -= std::min(topic.waiting, is_none ? asked_of : revived.messages.size());
+  wake_ = now;
   const bool is_page = topic.phase == Phase::fetching;
   if (!is_page && topic.phase != Phase::asked) return;
-  if (!revived.why_failed.empty()) {
-    if (!is_page) return rest(topic, now + first_pause);
-    topic.phase = Phase::accepted;
-    topic.due = now + store_pause;
-    wake_ = earlier(wake_, topic.due);
-  } else if (revived.messages.empty()) {
-    on_no_letter(known, now);
+  if (is_none) {
+    is_page ? accept(known, now) : rest(topic, now);
   } else if (is_page) {
     topic.phase = Phase::accepted;
+    if (!revived.why_failed.empty()) topic.due = now + store_pause;
+  } else if (!revived.why_failed.empty()) {
+    rest(topic, now + first_pause);
   } else {
     topic.row = revived.messages.front().row;
   }
 }
 
-void RefusedTopics::on_no_letter(Topics::iterator known, TimePoint now) {
-  Topic& topic = known->second;
-  topic.waiting -= std::min(topic.waiting, topic.asked_of);
-  if (topic.phase == Phase::fetching) return accept(known, now);
-  rest(topic, now);
-  wake_ = now;
-}
-
 void RefusedTopics::on_resent(const FormerLetter& letter, TimePoint now) {
   Topic* const known = find(letter.topic);
   if (!known) return;
-  if (letter.was_retried && known->waiting > 0) --known->waiting;
+  if (letter.was_retried) {
+    if (known->waiting > 0) --known->waiting;
+    if (known->asked_of.value_or(0) > 0) --*known->asked_of;
+  }
   if (known->phase == Phase::resting) rest(*known, now);
   tries_put_off_.reset();
 }

@@ -145,6 +145,8 @@ class RefusedTopics {
   void on_store_opened(std::vector<DeadTopic> dead_topics, TimePoint now);
   /// Call when the store has lost messages, perhaps a requested dead letter.
   void on_rows_lost(TimePoint now);
+  /// Call when the store has not taken dead letters on which requests rely.
+  void on_write_failed();
 
   /// Returns when next_to_ask() or turn_of() may return something new.
   std::optional<TimePoint> deadline() const { return wake_; }
@@ -169,7 +171,8 @@ class RefusedTopics {
     Refusal refusal;
     std::uint32_t tries = 0;
     std::size_t waiting = 0;
-    std::size_t asked_of = 0;  // `waiting` at the last request
+    /// How many of `waiting` are gone if the store finds none; set while it is asked.
+    std::optional<std::size_t> asked_of;
     TimePoint since{};
     Duration pause{};
     TimePoint due{};                    // of the next try or request; the time of an accusation
@@ -203,7 +206,6 @@ class RefusedTopics {
   void accuse(const std::string& topic, TimePoint now);
   void drop_oldest_written();
   Topics::value_type* next_due(const Backlog& backlog, TimePoint now);
-  void on_no_letter(Topics::iterator known, TimePoint now);
 
   Topics topics_;
   std::size_t busy_ = 0;                    // topics that are asked or trying

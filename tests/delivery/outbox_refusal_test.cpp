@@ -457,6 +457,51 @@ TEST_F(OutboxRefusalTest, ALetterIsTriedAgainThoughAnotherOneOfItsTopicWasResent
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"2"});
 }
 
+TEST_F(OutboxRefusalTest, ALetterFollowsThoughAnOperatorTookTheOneThatWasAskedFor) {
+  link_up();
+  submit("t", 1);
+  refuse_all();
+  serve_all();
+  pass(1s);  // the store is asked for the letter
+  outbox->on_store_event(store.revive_all(now), now);
+  drain();
+  submit("t", 2);
+  settle();
+  EXPECT_EQ(all_of("t"), (std::vector<std::string>{"1", "2"}));
+  EXPECT_TRUE(store.dead_letters.empty());
+}
+
+TEST_F(OutboxRefusalTest, ALetterFollowsThoughTheStoreFailedToMakeItOneAtFirst) {
+  submit("t", 1);
+  serve_all();
+  link_up();
+  serve_all();
+  store.fail_countdown = 1;
+  refuse_all();
+  pass(1s);  // the store is asked for the letter, which it does not have
+  settle();
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
+}
+
+TEST_F(OutboxRefusalTest, AnOldAnswerOfTheStoreIsNotTakenForANewOne) {
+  be_refused(2);
+  pass(1s);
+  is_store_quick = false;
+  acknowledge_all();  // the store is asked for letter 2
+  submit("t", 3);
+  submit("t", 4);
+  refuse_first();
+  acknowledge_first();
+  store.dead_letters.clear();  // an operator has discarded letter 2
+  serve_store();
+  serve_store();
+  store.is_failing = true;
+  serve_store();
+  store.is_failing = false;
+  settle();
+  EXPECT_EQ(all_of("t"), (std::vector<std::string>{"1", "3", "4"}));
+}
+
 TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
   max_bytes = 1000 * stored_cost(3, 4);
   start();
