@@ -450,7 +450,8 @@ void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
 
 void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   backlog_.on_revived(revived);
-  notify(store_trouble_.on_revived(revived.why_failed, now));
+  if (!revived.why_failed.empty() || backlog_.can_keep())  // a failed write is tried again
+    notify(store_trouble_.on_revived(revived.why_failed, now));
   if (!revived.retried_topic.empty()) return refused_.on_revived(revived, now);
   for (const FormerLetter& message : revived.messages) refused_.on_resent(message, now);
 }

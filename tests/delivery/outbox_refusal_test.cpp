@@ -502,6 +502,18 @@ TEST_F(OutboxRefusalTest, AnOldAnswerOfTheStoreIsNotTakenForANewOne) {
   EXPECT_EQ(all_of("t"), (std::vector<std::string>{"1", "3", "4"}));
 }
 
+TEST_F(OutboxRefusalTest, AnAnswerAboutDeadLettersDoesNotHideThatTheStoreFails) {
+  link_up();
+  submit("t", 1);
+  refuse_all();
+  serve_all();
+  pass(1s);  // the store is asked for the letter
+  store.dead_letters.clear();
+  outbox->on_store_event(StoreWriteFailed{"no space left on device"}, now);
+  serve_all();
+  EXPECT_NE(outbox->store_trouble(), "");
+}
+
 TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
   max_bytes = 1000 * stored_cost(3, 4);
   start();
