@@ -204,7 +204,8 @@ struct FormerLetter {
   std::uint64_t bytes = 0;   ///< its stored_cost()
   bool was_retried = false;  ///< is_retried()
 };
-/// Comes whenever the number of dead letters has changed.
+/// Comes whenever the number of dead letters has changed, and after each write of dead letters:
+/// damage may have taken some of them.
 struct DeadLettersChanged {
   DeadLetterCounts dead_letters;
   std::vector<FormerLetter> discarded = {};

@@ -105,11 +105,10 @@ void DiskStore::serve(const Request& request) {
 
 void DiskStore::perform(const WriteToStore& write) {
   restore_files();
-  const DeadLetterCounts before = log_->dead_letters();
   const std::size_t damaged = log_->write(write);
   post(StoreWritten{});
   report_damaged(damaged);
-  if (before != log_->dead_letters()) post(DeadLettersChanged{log_->dead_letters()});
+  if (!write.dead_letters.empty()) post(DeadLettersChanged{log_->dead_letters()});
 }
 
 void DiskStore::perform(const LoadFromStore& load) {
@@ -134,6 +133,7 @@ void DiskStore::perform(const RetryDeadLetters& retry) {
 
 /// Returns the number of letters that are messages again. The others are damaged.
 std::size_t DiskStore::revive(std::span<const std::uint64_t> ids, const std::string& topic) {
+  restore_files();
   MessageLog::Revival revival = log_->revive(ids);
   const std::size_t count = revival.messages.size();
   report_damaged(revival.damaged.size());
@@ -155,6 +155,7 @@ OrderAnswer DiskStore::answer(const ListDeadLetters& order) const {
 }
 
 OrderAnswer DiskStore::answer(const DiscardOrder& order) {
+  restore_files();
   auto discarded = log_->discard(log_->ids(order.choice));
   const std::size_t count = discarded.size();
   post(DeadLettersChanged{log_->dead_letters(), std::move(discarded)});

@@ -358,6 +358,32 @@ TEST_F(StoreDamage, ADamagedDeadLetterHidesNoOtherOfItsTopic) {
   EXPECT_NE(user.notices().find(told(1)), std::string::npos) << user.notices();
 }
 
+TEST_F(StoreDamage, AMessageThatIsLostInsteadOfADeadLetterIsNotCountedAsOne) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 3, 100));
+  const std::string file = read_file(segment());
+  const auto place = file.find(std::string(as_text(StoreUser::message(2, 100).payload)));
+  ASSERT_NE(place, std::string::npos);
+  overwrite(segment(), place + 50, "!");
+  ASSERT_TRUE(user.make_dead_letters({2}, "refused"));
+  const auto changed = user.await<DeadLettersChanged>();
+  ASSERT_TRUE(changed) << "the outbox has counted a letter already";
+  EXPECT_EQ(changed->dead_letters, DeadLetterCounts{});
+}
+
+TEST_F(StoreDamage, AFileThatIsRemovedIsBackBeforeDeadLettersAreSentAgainOrDiscarded) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 3, 100));
+  ASSERT_TRUE(user.make_dead_letters({1, 2}, "refused"));
+  const std::string path = segment();
+  std::filesystem::remove(path);
+  user.perform(ResendOrder{{{1}, "", false}});
+  EXPECT_TRUE(std::filesystem::exists(path));
+  std::filesystem::remove(path);
+  user.perform(DiscardOrder{{{2}, "", false}});
+  EXPECT_TRUE(std::filesystem::exists(path));
+}
+
 TEST_F(StoreDamage, ADeadLetterIsOneMessageHoweverOftenItIsSentAgain) {
   {
     StoreUser user(directory.path());
