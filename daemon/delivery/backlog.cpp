@@ -2,6 +2,7 @@
 #include "daemon/delivery/backlog.hpp"
 
 #include <algorithm>
+#include <cassert>
 #include <utility>
 
 namespace slamgw {
@@ -206,6 +207,8 @@ void Backlog::on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now) {
       std::ranges::count_if(loaded.damaged, [&](auto row) { return !is_passed_over(row); }));
   rows_ -= std::min(rows_, lost);
   bytes_ = rows_ == 0 ? 0 : bytes_ - std::min(bytes_, loaded.damaged_bytes);
+  // Events come in the order of the requests, so the rows on disk only are known exactly.
+  assert(loaded.messages.size() + lost <= unread_);
   unread_ -= loaded.messages.size() + lost;
   if (unread_ == 0) unread_topics_ = {};
   if (cursor_ == loading_after_) cursor_ = last;
