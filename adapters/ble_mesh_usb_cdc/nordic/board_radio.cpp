@@ -113,10 +113,7 @@ void BoardRadio::on_response(const CommandResponse& response, TimePoint now) {
   command_.reset();
   switch (ended.purpose) {
     case Command::Purpose::restart: return;  // the board can't restart
-    case Command::Purpose::scan_control:
-      if (response.status != Status::success && response.status != Status::invalid_state)
-        on_scan_refused(response.status, now);
-      return;
+    case Command::Purpose::scan_control: return on_scan_changed(response, now);
     case Command::Purpose::session:
       if (session_) session_->on_response(response, ended.is_repeat);
       return end_session();
@@ -125,16 +122,21 @@ void BoardRadio::on_response(const CommandResponse& response, TimePoint now) {
   }
 }
 
-void BoardRadio::on_scan_refused(Status status, TimePoint now) {
-  is_scanning_ = !is_scanning_;
+/// "Invalid state": the board scans already, or has stopped already.
+void BoardRadio::on_scan_changed(const CommandResponse& response, TimePoint now) {
+  const bool is_start = response.opcode == static_cast<std::uint8_t>(CommandOpcode::scan_start);
+  if (response.status == Status::success || response.status == Status::invalid_state) {
+    is_scanning_ = is_start;
+    return;
+  }
   scan_retry_at_ = now + scan_retry_pause;
   if (!scan_lines_.on_event(now)) return;
-  actions_.push(Notice{
-      Severity::warning,
-      fmt::format("the serial board does not {} scanning for new robots ({}); the "
-                  "gateway tries again every {} s",
-                  is_scanning_ ? "stop" : "start", to_string(status), scan_retry_pause.count()),
-      {}});
+  actions_.push(Notice{Severity::warning,
+                       fmt::format("the serial board does not {} scanning for new robots ({}); the "
+                                   "gateway tries again every {} s",
+                                   is_start ? "start" : "stop", to_string(response.status),
+                                   scan_retry_pause.count()),
+                       {}});
 }
 
 /// If the board refuses to add or delete a key, its table has unknown entries. The table is then
@@ -221,11 +223,10 @@ std::optional<BoardRadio::Command> BoardRadio::choose() {
   using Purpose = Command::Purpose;
   if (!hold_until_ && std::exchange(is_restart_wanted_, false))
     return Command{Purpose::restart, encode_command(CommandOpcode::radio_reset)};
-  if (is_scan_wanted_ != is_scanning_ && !scan_retry_at_) {
-    is_scanning_ = is_scan_wanted_;
-    return Command{Purpose::scan_control, encode_command(is_scanning_ ? CommandOpcode::scan_start
-                                                                      : CommandOpcode::scan_stop)};
-  }
+  if (is_scan_wanted_ != is_scanning_ && !scan_retry_at_)
+    return Command{
+        Purpose::scan_control,
+        encode_command(is_scan_wanted_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop)};
   if (auto frame = session_ ? session_->command() : std::nullopt)
     return Command{Purpose::session, std::move(*frame)};
   return key_command();

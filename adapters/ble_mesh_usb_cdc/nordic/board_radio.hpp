@@ -132,7 +132,7 @@ class BoardRadio final : public Radio {
   void on_started(const StartedBoard& board);
   void on_response(const CommandResponse& response, TimePoint now);
   void on_answer_lost();
-  void on_scan_refused(Status status, TimePoint now);
+  void on_scan_changed(const CommandResponse& response, TimePoint now);
   void on_device_key(const Command& command, const CommandResponse& response);
   void on_event(const ProvisioningEvent& event, TimePoint now);
   void on_message(MessageReceived& message);
@@ -153,7 +153,7 @@ class BoardRadio final : public Radio {
   std::optional<TimePoint> hold_until_;  ///< while a device joins
   bool is_restart_wanted_ = false;
   bool is_scan_wanted_ = false;
-  bool is_scanning_ = false;
+  bool is_scanning_ = false;                ///< as the board has answered
   std::optional<TimePoint> scan_retry_at_;  ///< set while the board has refused to change it
   LogThrottle scan_lines_{std::chrono::hours{1}};
   std::optional<ProvisionDevice> device_;  ///< the device that joins or waits for the board

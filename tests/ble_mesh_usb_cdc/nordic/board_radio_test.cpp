@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Nordic's board as a radio, without a mesh above it: the device keys in its table.
+// Nordic's board as a radio, without a mesh above it: the device keys in its table, and the scan.
 #include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 
 #include <gtest/gtest.h>
@@ -161,6 +161,19 @@ TEST(BoardRadio, WithoutADeviceKeyItSaysSo) {
   ASSERT_EQ(rig.used.size(), 1u);
   EXPECT_NE(rig.used[0].problem, "");
   EXPECT_EQ(rig.board.count(devkey_addition) + rig.board.count(devkey_deletion), 0u);
+}
+
+TEST(BoardRadio, AsksForAScanAgainWhenARepeatedRequestIsRefused) {
+  BoardRadioRig rig;
+  rig.board.status_of[0x61] = 0x86;
+  rig.radio.scan(true);
+  rig.write_all();
+  rig.answers.clear();  // lost on the line
+  for (int i = 0; i < 5; ++i) rig.run();
+  EXPECT_EQ(rig.board.count(0x61), 2u);
+  rig.board.status_of.clear();
+  for (int i = 0; i < 20; ++i) rig.run();
+  EXPECT_TRUE(rig.board.devices.is_scanning);
 }
 
 }  // namespace
