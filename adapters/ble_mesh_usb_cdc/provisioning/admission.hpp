@@ -143,6 +143,8 @@ class Admission : private ProvisionerPart {
   /// This device is joining now, or next.
   bool is_chosen(const Uuid& uuid) const { return is_joining(uuid) || chosen_ == uuid; }
 
+  /// Returns true if the node was not heard for `reset_silence`.
+  bool was_silent(const Node& node, TimePoint now) const;
   /// Removes a node, or a device that may join, on an operator's order.
   void remove(Uuid uuid);
 
@@ -153,7 +155,6 @@ class Admission : private ProvisionerPart {
  private:
   bool is_open() const { return settings_.provisioning.enabled || permit_.is_open(); }
   bool is_wanted(const Candidate& candidate, const IsBusy& is_busy, TimePoint now) const;
-  bool was_silent(const Node& node, TimePoint now) const;
   bool reserve(const Candidate& candidate, const std::string& name, TimePoint now);
   void keep(const Uuid& uuid, std::uint16_t address, std::uint8_t elements,
             const std::string& name);

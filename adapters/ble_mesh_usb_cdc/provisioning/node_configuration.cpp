@@ -380,8 +380,9 @@ void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
   send_at_ = now + refused_pause;
 }
 
-void NodeConfiguration::on_beacon() {
-  if (stage_ == Stage::talking && purpose_ == Purpose::reset) finish(State::succeeded, {});
+void NodeConfiguration::on_beacon(TimePoint now) {
+  if (stage_ == Stage::talking && purpose_ == Purpose::reset && now - step_since_ >= reset_time)
+    finish(State::succeeded, {});
 }
 
 std::optional<TimePoint> NodeConfiguration::deadline() const {

@@ -84,6 +84,8 @@ class NodeConfiguration {
   static constexpr Duration step_time_limit = std::chrono::seconds{20};
   /// The same for a request of a ping or a survey.
   static constexpr Duration ping_time_limit = std::chrono::seconds{5};
+  /// A node in reach obeys a reset within this time. An earlier beacon may be spoofed.
+  static constexpr Duration reset_time = std::chrono::seconds{5};
   /// The pause before a request is repeated, doubled each time: repeats come after 0.5 s, 1.5 s,
   /// 3.5 s ... For a segmented request the pauses are twice as long, because the radio repeats the
   /// segments by itself.
@@ -102,9 +104,9 @@ class NodeConfiguration {
   /// Returns true if the message came under this node's device key, as answers do.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(const std::string& why, TimePoint now);
-  /// The node sends beacons of a device without a mesh. So a reset has succeeded, even if its
-  /// answer was lost: the node can't answer any more.
-  void on_beacon();
+  /// The node sends beacons of a device without a mesh, and no messages. So a reset has succeeded,
+  /// even if its answer was lost: the node can't answer any more.
+  void on_beacon(TimePoint now);
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 

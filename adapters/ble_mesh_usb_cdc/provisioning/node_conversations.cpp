@@ -31,10 +31,11 @@ void NodeConversations::on_key_used(const DeviceKeyUsed& used, TimePoint now) {
   if (found != conversations_.end()) found->second.on_key_used(used.problem, now);
 }
 
-void NodeConversations::on_beacon(const Uuid& uuid) {
+void NodeConversations::on_beacon(const Uuid& uuid, TimePoint now) {
   const Node* node = nodes_.find(uuid);
-  const auto found = node ? conversations_.find(node->address) : conversations_.end();
-  if (found != conversations_.end()) found->second.on_beacon();
+  if (node == nullptr || !admission_.was_silent(*node, now)) return;
+  const auto found = conversations_.find(node->address);
+  if (found != conversations_.end()) found->second.on_beacon(now);
 }
 
 // --- The next node -------------------------------------------------------------------------------

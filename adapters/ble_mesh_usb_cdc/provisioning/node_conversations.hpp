@@ -32,8 +32,8 @@ class NodeConversations : private ProvisionerPart {
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now);
   void on_link_down() { conversations_.clear(); }
   void on_key_used(const DeviceKeyUsed& used, TimePoint now);
-  /// A device with this UUID is in no mesh.
-  void on_beacon(const Uuid& uuid);
+  /// A device with this UUID is in no mesh, unless the beacon is spoofed.
+  void on_beacon(const Uuid& uuid, TimePoint now);
 
   /// Continues all conversations, and handles the results of those that have ended.
   void continue_all(TimePoint now);

@@ -48,7 +48,7 @@ void Provisioner::on_event(const ProvisionerEvent& event, TimePoint now) {
                  [&](const SourceWanted& wanted) { lives_.on_source_wanted(wanted, now); },
                  [&](const UnprovisionedBeacon& beacon) {
                    admission_.candidates().on_beacon(beacon, now);
-                   conversations_.on_beacon(beacon.uuid);
+                   conversations_.on_beacon(beacon.uuid, now);
                  },
                  [&](const DeviceAnswered& answered) { admission_.on_answered(answered); },
                  [&](const DeviceJoined& joined) { admission_.on_joined(joined.device_key, now); },

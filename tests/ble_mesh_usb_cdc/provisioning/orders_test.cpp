@@ -415,6 +415,36 @@ TEST(Orders, RemoveSucceedsThoughTheRobotsAnswerIsLost) {
   }
 }
 
+/// A beacon may be spoofed: a robot that is still heard has not been reset.
+TEST(Orders, RemoveDoesNotTakeASpoofedBeaconForTheRobotsAnswer) {
+  JoinedRig rig;
+  rig.add(1);  // another device with its UUID
+  rig.device().deaf_to = {"8049"};
+  rig.hear(first_robot, "cb 59 00 01 00 02 00");
+  rig.order(RemoveOrder{"ble-0100"});
+  for (int second = 0; second < 25; ++second) {
+    rig.pass(1s);
+    rig.hear(first_robot, "cb 59 00 01 00 02 00");
+  }
+  EXPECT_NE(text_of(rig.answer()).find("still in the mesh"), std::string::npos) << rig.answer();
+  EXPECT_EQ(rig.on_disk().nodes.size(), 1u);
+}
+
+/// A robot in reach obeys, so that its beacons are its own.
+TEST(Orders, RemoveAsksForAWhileBeforeABeaconCounts) {
+  JoinedRig rig;
+  rig.device().deaf_to = {"8049"};
+  rig.run_for(10s);
+  rig.add(1);  // another device with its UUID
+  rig.order(RemoveOrder{"ble-0100"});
+  rig.pass(3s);
+  EXPECT_EQ(rig.answer(), nullptr) << rig.answer();
+  rig.device().deaf_to.clear();
+  rig.pass(4s);
+  EXPECT_EQ(rig.answer()["was_reset"], true) << rig.answer();
+  EXPECT_EQ(rig.device().address, 0) << "the robot itself";
+}
+
 /// What is removed may have been stolen: it knows the keys that the others go on with.
 TEST(Orders, RemoveChangesNoKey) {
   JoinedRig rig;
