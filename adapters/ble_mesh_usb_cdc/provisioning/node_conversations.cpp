@@ -355,7 +355,7 @@ void NodeConversations::on_reset(const Node& node, bool is_done, const std::stri
   json.insert(json.size() - 1, fmt::format(R"(,"was_reset":{})", was_reset));
   admission_.remove(node.uuid);
   notify(Severity::notice, fmt::format("{} was removed from the mesh", id), id);
-  if (is_ordered) order_.answer(json);
+  if (is_ordered) order_->removed = std::move(json);
 }
 
 }  // namespace slamgw::ble

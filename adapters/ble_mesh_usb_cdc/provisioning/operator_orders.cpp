@@ -186,6 +186,13 @@ void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
   if (!link_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot anyway");
 }
 
+void OperatorOrders::on_removal_stored(const std::string& problem) {
+  if (order_->removed.empty()) return;  // the robot is still to be reset
+  if (!problem.empty())
+    return order_.refuse(problem + "; the robot is removed when it can be stored");
+  if (nodes_.is_saved()) order_.answer(std::move(order_->removed));
+}
+
 const Node* OperatorOrders::find_robot(const std::string& robot) const {
   const auto& nodes = nodes_.database()->nodes;
   const auto node = std::ranges::find_if(
@@ -297,6 +304,7 @@ void OperatorOrders::answer_export(std::uint16_t address) {
 void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   const bool is_import = order_.is(Kind::import_mesh);
   if (order_.is(Kind::refresh_keys)) return on_refresh_stored(problem);
+  if (order_.is(Kind::remove)) return on_removal_stored(problem);
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
     if (is_import) {
@@ -422,7 +430,7 @@ void OperatorOrders::on_refresh_stored(const std::string& problem) {
 // --- Orders that end by themselves ---------------------------------------------------------------
 
 void OperatorOrders::on_link_down() {
-  if (order_ && order_->kind <= Kind::config)
+  if (order_ && order_->kind <= Kind::config && order_->removed.empty())
     order_.refuse("the BLE link went down: " + link_.down_reason);
 }
 

@@ -64,6 +64,7 @@ class OperatorOrders : private ProvisionerPart {
   std::string problem_with_refresh(const RefreshKeysOrder& wanted) const;
   void leave_behind(const RefreshKeysOrder& wanted);
   void on_refresh_stored(const std::string& problem);
+  void on_removal_stored(const std::string& problem);
   const Node* find_robot(const std::string& robot) const;
   OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
   std::string problem_with_mesh() const;

@@ -33,6 +33,7 @@ class OpenOrder {
     Uuid uuid{};                              ///< provision, remove, ping, config
     std::string robot = {};                   ///< provision
     bool is_forced = false;                   ///< remove
+    std::string removed = {};                 ///< remove: the answer when the removal is on disk
     std::optional<NodeDatabase> before = {};  ///< import
     std::uint16_t address = 0;                ///< export: of the other gateway
   };

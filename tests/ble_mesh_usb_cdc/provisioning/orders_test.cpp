@@ -445,6 +445,26 @@ TEST(Orders, RemoveAsksForAWhileBeforeABeaconCounts) {
   EXPECT_EQ(rig.device().address, 0) << "the robot itself";
 }
 
+TEST(Orders, RemoveEndsWhenTheRemovalIsOnDisk) {
+  JoinedRig rig;
+  rig.answers_stores = false;
+  rig.order(RemoveOrder{"ble-0100"});
+  rig.pass(2s);
+  ASSERT_TRUE(rig.on_disk().nodes.empty());
+  EXPECT_EQ(rig.answer(), nullptr);
+  rig.mesh.on_stored({}, rig.now);
+  rig.run_for(1ms);
+  EXPECT_EQ(rig.answer()["was_reset"], true) << rig.answer();
+}
+
+TEST(Orders, RemoveTellsThatTheDiskDoesNotTakeIt) {
+  JoinedRig rig;
+  rig.store_problem = "the disk is full";
+  rig.order(RemoveOrder{"ble-0100"});
+  rig.pass(2s);
+  EXPECT_NE(text_of(rig.answer()).find("the disk is full"), std::string::npos) << rig.answer();
+}
+
 /// What is removed may have been stolen: it knows the keys that the others go on with.
 TEST(Orders, RemoveChangesNoKey) {
   JoinedRig rig;
