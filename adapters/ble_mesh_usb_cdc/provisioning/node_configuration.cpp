@@ -293,6 +293,7 @@ std::vector<ConfigurationStep> NodeConfiguration::plan(const Composition& compos
 void NodeConfiguration::on_key_used(const std::string& problem, TimePoint now) {
   if (stage_ == Stage::adding_key && problem.empty()) {
     stage_ = Stage::talking;
+    talking_since_ = now;
     return begin_step(now);
   }
   if (stage_ == Stage::adding_key) {
@@ -387,11 +388,16 @@ void NodeConfiguration::on_beacon(TimePoint now) {
 
 std::optional<TimePoint> NodeConfiguration::deadline() const {
   if (stage_ != Stage::talking) return std::nullopt;
-  return std::min(send_at_, step_since_ + time_limit());
+  return std::min({send_at_, step_since_ + time_limit(), talking_since_ + longest});
 }
 
 void NodeConfiguration::on_deadline(TimePoint now) {
-  if (stage_ != Stage::talking || now < step_since_ + time_limit()) return;
+  if (stage_ != Stage::talking) return;
+  if (now >= talking_since_ + longest)
+    return finish(State::failed,
+                  fmt::format("it did not end in {} min",
+                              std::chrono::duration_cast<std::chrono::minutes>(longest).count()));
+  if (now < step_since_ + time_limit()) return;
   std::string why =
       fmt::format("no answer to {} in {} s", steps_.front().what,
                   std::chrono::duration_cast<std::chrono::seconds>(time_limit()).count());

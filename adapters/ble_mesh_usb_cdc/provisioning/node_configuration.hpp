@@ -84,6 +84,8 @@ class NodeConfiguration {
   static constexpr Duration step_time_limit = std::chrono::seconds{20};
   /// The same for a request of a ping or a survey.
   static constexpr Duration ping_time_limit = std::chrono::seconds{5};
+  /// A conversation is given up after this long, even if the node answers each request late.
+  static constexpr Duration longest = std::chrono::minutes{10};
   /// A node in reach obeys a reset within this time. An earlier beacon may be spoofed.
   static constexpr Duration reset_time = std::chrono::seconds{5};
   /// The pause before a request is repeated, doubled each time: repeats come after 0.5 s, 1.5 s,
@@ -144,6 +146,7 @@ class NodeConfiguration {
   State result_ = State::succeeded;
   std::string problem_;
   std::deque<ConfigurationStep> steps_;  ///< front: under way
+  TimePoint talking_since_{};
   TimePoint step_since_{};
   TimePoint send_at_{};
   Duration pause_{};     ///< before the next repeat

@@ -141,6 +141,24 @@ TEST(Configuration, LeavesARobotHalfConfiguredAndTakesItUpAgain) {
   EXPECT_TRUE(rig.all_configured(10s));
 }
 
+/// It would hold one of the few conversations for hours.
+TEST(Configuration, EndsWhenTheRobotAnswersEachRequestLate) {
+  ProvisioningRig rig;
+  FakeDevice& device = rig.add(1);
+  device.composition = hex("00 59 00 01 00 01 00 28 00 00 00 00 00 64 00");
+  for (int model = 0; model < 100; ++model) device.composition = device.composition + hex("00 10");
+  rig.start();
+  while (device.requests.empty()) rig.pass(100ms);
+  for (const TimePoint end = rig.now + 11min; rig.now < end;) {
+    device.deaf_to = {""};
+    rig.run_for(14s);
+    device.deaf_to.clear();
+    for (const std::size_t before = device.requests.size(); device.requests.size() == before;)
+      rig.run_for(1ms);
+  }
+  EXPECT_TRUE(rig.has_notice("not configured: it did not end in 10 min"));
+}
+
 TEST(Configuration, IsTakenUpAtOnceWhenTheRobotIsHeardAgain) {
   ProvisioningRig rig;
   rig.add(1).deaf_to = {"8008"};
