@@ -503,7 +503,10 @@ void BoardLink::on_silence() {
 
 void BoardLink::go_down(const std::string& why) {
   in_flight_.reset();
-  if (stage_ == Stage::closed) is_clear_wanted_ = has_restarted_ = false;
+  if (stage_ == Stage::closed) {
+    has_restarted_ = false;
+    if (std::exchange(is_clear_wanted_, false)) actions_.push(RadioCleared{why});
+  }
   const bool was_up = std::exchange(is_up_, false);
   if (was_up) notified_.clear();
   if (std::exchange(down_reason_, why) == why && !was_up) return;

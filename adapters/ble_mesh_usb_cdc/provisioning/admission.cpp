@@ -148,6 +148,8 @@ Admission::Admission(const ProvisionerPart& shared) : ProvisionerPart(shared) {
 void Admission::on_link_down(const LinkIsDown& down, TimePoint now) {
   if (down.join) return on_join_ended(*down.join, now);
   if (joining_) chosen_ = std::exchange(joining_, std::nullopt);  // the radio had not begun
+  if (chosen_ && order_.is(OpenOrder::Kind::provision, *chosen_))
+    chosen_.reset();  // the order ends with the link
 }
 
 bool Admission::wants_scan() const {

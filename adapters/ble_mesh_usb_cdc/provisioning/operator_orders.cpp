@@ -430,8 +430,12 @@ void OperatorOrders::on_refresh_stored(const std::string& problem) {
 // --- Orders that end by themselves ---------------------------------------------------------------
 
 void OperatorOrders::on_link_down() {
-  if (order_ && order_->kind <= Kind::config && order_->removed.empty())
-    order_.refuse("the BLE link went down: " + link_.down_reason);
+  if (!order_ || order_->kind > Kind::config || !order_->removed.empty()) return;
+  const Node* node = nodes_.find(order_->uuid);
+  const bool is_kept =
+      order_.is(Kind::config) && node && node->applied && node->applied->is_changing;
+  order_.refuse("the BLE link went down: " + link_.down_reason +
+                (is_kept ? "; the new settings are kept and tried again" : ""));
 }
 
 void OperatorOrders::on_deadline(TimePoint now) {

@@ -648,5 +648,47 @@ TEST(Orders, EndWhenTheLinkGoesDown) {
   EXPECT_NE(text_of(rig.answer()).find("unplugged"), std::string::npos);
 }
 
+TEST(Orders, ProvisionIsNotCarriedOutAfterItHasEndedWithTheLink) {
+  ProvisioningRig rig(by_hand());
+  rig.add(1);
+  rig.start();
+  rig.answers_stores = false;
+  rig.order(ProvisionOrder{uuid_1, "lego-1"});
+  rig.pass(2s);
+  ASSERT_EQ(rig.on_disk().nodes.size(), 1u) << "it has an address";
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_NE(text_of(rig.answer()).find("unplugged"), std::string::npos) << rig.answer();
+  rig.answers_stores = true;
+  rig.mesh.on_stored({}, rig.now);
+  rig.say(rig.board.restart());
+  rig.open();
+  rig.pass(30s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0);
+}
+
+TEST(Orders, ConfigTellsThatItIsKeptWhenTheLinkGoesDown) {
+  JoinedRig rig;
+  rig.device().deaf_to = {"80"};
+  NodeConfigOrder order{"ble-0100"};
+  order.ttl.emplace(7);
+  rig.order(order);
+  rig.pass(1s);
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_NE(text_of(rig.answer()).find("kept"), std::string::npos) << rig.answer();
+}
+
+TEST(Orders, ResetBoardEndsWhenTheBoardIsUnplugged) {
+  JoinedRig rig;
+  rig.board.ignored = {0xac};
+  rig.order(ResetBoardOrder{});
+  rig.run_for(1s);
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_NE(text_of(rig.answer()).find("unplugged"), std::string::npos) << rig.answer();
+}
+
 }  // namespace
 }  // namespace slamgw::ble
