@@ -103,7 +103,11 @@ void BoardRadio::on_started(const StartedBoard& board) {
 
 void BoardRadio::on_answer_lost() {
   if (traffic_.awaits_response()) return traffic_.on_answer_lost();
-  if (command_) command_->is_repeat = true;
+  if (!command_) return;
+  // A board that keeps its address may have restarted without a word.
+  const bool is_done = command_->purpose == Command::Purpose::restart && command_->is_repeat;
+  command_->is_repeat = true;
+  if (is_done) command_.reset();
 }
 
 void BoardRadio::on_response(const CommandResponse& response, TimePoint now) {

@@ -454,6 +454,22 @@ TEST(BoardLives, ARestartThatIsLostOnTheLineIsRepeated) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
+/// With storage it keeps its address, so that nothing shows its restart.
+TEST(BoardLives, ABoardThatRestartsWithoutAWordIsRestartedTwiceAtMost) {
+  LivesRig rig;
+  rig.board.forgets = false;
+  rig.start();
+  rig.spoil = [](Bytes& transfer) {
+    if (transfer == hex("04 81 02 00 fe")) transfer.clear();
+  };
+  repeat_all(rig, "c5 59 00 01");
+  rig.run_for(30s);
+  EXPECT_EQ(rig.board.count(0x0e), 2u);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.count_notices("not Nordic's"), 0);
+  EXPECT_EQ(rig.all<LinkChange>().size(), 1u) << "it never went down";
+}
+
 TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
   LivesRig rig;
   rig.start();
