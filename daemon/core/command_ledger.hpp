@@ -87,18 +87,20 @@ class StrayCommands {
     BrokerMessage message;
     std::string robot;
     TimePoint came{};
+    bool awaits_session = false;  ///< its robot is this gateway's, so it waits for `longest`
   };
 
   /// Holds the command until `due`.
   void add(Stray stray, TimePoint due);
-  bool is_full() const { return waiting_.size() > max_waiting || octets_ > max_octets; }
-  /// Removes and returns a command that is due; if is_full(), the one that is due next.
+  /// Removes and returns a command that is due; beyond the bounds, the one that is due next.
   std::optional<Stray> take_due(TimePoint now);
   /// Removes and returns the commands for the robot `of`, or for all robots, oldest first.
   std::vector<Stray> take_all(std::string_view of = {});
   std::optional<TimePoint> deadline() const;
 
  private:
+  bool is_full() const { return waiting_.size() > max_waiting || octets_ > max_octets; }
+
   std::multimap<TimePoint, Stray> waiting_;  // by `due`
   std::size_t octets_ = 0;                   // of all waiting payloads
 };

@@ -80,7 +80,7 @@ void Commands::on_broker_link(std::optional<TimePoint> settled_at) {
 /// Until the other gateways' robots are known, a command waits for StrayCommands::longest.
 void Commands::hold(StrayCommands::Stray stray) {
   TimePoint due = stray.came + StrayCommands::longest;
-  if (settled_at_)
+  if (settled_at_ && !stray.awaits_session)
     due = std::min(due, std::max(stray.came + StrayCommands::patience, *settled_at_));
   strays_.add(std::move(stray), due);
 }
@@ -188,15 +188,11 @@ void Commands::refuse(const Command& command, const Now& now) {
 }
 
 /// Refuses the stray commands that are due or beyond the bounds. A command for a robot of this
-/// gateway may wait longer.
+/// gateway may wait longer, because the robot's session may bring it.
 void Commands::refuse_strays(const Now& now) {
-  while (true) {
-    const bool is_full = strays_.is_full();
-    auto stray = strays_.take_due(now.mono);
-    if (!stray) return;
-    const TimePoint last = stray->came + StrayCommands::longest;
-    if (!is_full && now.mono < last && awaits_session(stray->robot))
-      strays_.add(std::move(*stray), last);
+  while (auto stray = strays_.take_due(now.mono)) {
+    if (!std::exchange(stray->awaits_session, true) && awaits_session(stray->robot))
+      hold(std::move(*stray));
     else
       refuse_stray(*stray, now);
   }

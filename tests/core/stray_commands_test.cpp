@@ -263,6 +263,17 @@ TEST_F(StrayCommandsTest, OfACrowdOfMadeUpNamesHaveABoundAndFewLines) {
   EXPECT_EQ(outcomes.size(), crowd + 1);
 }
 
+/// Else the session could bring a command that was refused already.
+TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionOutliveACrowdOfMadeUpNames) {
+  say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
+  server_sends("slow");
+  for (std::size_t i = 0; i < StrayCommands::max_waiting + 7; ++i)
+    server_sends(fmt::format("n{}", i));
+  EXPECT_EQ(outcomes.size(), 8u);
+  for (const auto& [topic, outcome] : outcomes)
+    EXPECT_NE(topic, "ntnu-slam/gateway/pi1/commands/slow");
+}
+
 TEST_F(StrayCommandsTest, AreBoundedWhileTheOtherGatewaysAreNotKnownToo) {
   broker_is(false);
   broker_is(true);
