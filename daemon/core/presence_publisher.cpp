@@ -274,11 +274,13 @@ void PresencePublisher::on_deadline(const Now& now) {
 }
 
 void PresencePublisher::on_own_presence(const BrokerMessage& message) {
-  const bool is_leftover =
-      message.retain && !message.payload.empty() && message.payload.size() <= max_leftover_octets;
-  if (leftovers_ && is_leftover && leftovers_->size() < max_leftovers)
-    leftovers_->insert_or_assign(message.topic.substr(own_presence_.size()),
-                                 std::string(as_text(message.payload)));
+  if (!leftovers_) return;
+  std::string robot = message.topic.substr(own_presence_.size());
+  if (message.payload.empty())
+    leftovers_->erase(robot);
+  else if (message.retain && message.payload.size() <= max_leftover_octets &&
+           leftovers_->size() < max_leftovers)
+    leftovers_->insert_or_assign(std::move(robot), std::string(as_text(message.payload)));
 }
 
 /// Marks leftovers that were not heard as offline; the time is unknown.

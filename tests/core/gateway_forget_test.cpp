@@ -91,6 +91,18 @@ TEST_F(GatewayForget, DoesNotShowAForgottenRobotOfAnEarlierLifeAgain) {
   EXPECT_FALSE(is_retained("old"));
 }
 
+/// The broker sends what it retains before the messages that clear it.
+TEST_F(GatewayForget, DoesNotShowARobotOfAnEarlierLifeThatWasForgottenBeforeTheBrokerCame) {
+  broker_is(false);
+  EXPECT_EQ(gateway.forget("old"), "");
+  broker_is(true);
+  const std::string topic = "p/gateway/g/robots/old";
+  for (const char* const text : {R"({"state":"online"})", ""})
+    gateway.on_broker_message({topic, to_bytes(text), Qos::at_least_once, *text != '\0'}, now);
+  pass(PresencePublisher::leftover_grace);
+  EXPECT_FALSE(is_retained("old"));
+}
+
 TEST_F(GatewayForget, ClearsWhatIsRetainedWhenTheBrokerIsBack) {
   presence("r", Presence::offline);
   presence("back", Presence::offline);
