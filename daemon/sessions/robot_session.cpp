@@ -137,7 +137,6 @@ bool RobotSession::hears_all_commands() const {
 
 void RobotSession::on_other_broker(TimePoint now) {
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
-  given_up_.clear();
   unheld_since_ = now - 2 * stale_after;
 }
 

@@ -146,6 +146,19 @@ TEST_F(RobotSessionRulesUp, UnsubscribesAgainUntilTheBrokerHasAnswered) {
   EXPECT_TRUE(drain<UnsubscribeSession>().empty());
 }
 
+/// The other broker may have an older session of the robot, with that filter.
+TEST_F(RobotSessionRules, UnsubscribesAtAnotherBrokerWhatTheRobotGaveUpBefore) {
+  const std::string updates = "ntnu-slam/robot/+/update";
+  resume(updates);
+  sessions.unsubscribe("r1", updates);
+  sessions.on_broker_up(/*is_v5=*/true, /*is_other=*/true, now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  const auto given_up = drain<UnsubscribeSession>();
+  ASSERT_EQ(given_up.size(), 1U);
+  EXPECT_EQ(given_up[0].filter, updates);
+}
+
 TEST_F(RobotSessionRulesUp, WaitsForTheAnswerOfABrokerThatIsBackFromItsSilence) {
   attach();
   sessions.on_silence(true);
