@@ -56,7 +56,7 @@ RobotPlaces FleetMember::places() {
           [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
           [this](const std::string& robot) { return is_shown(robot); },
           [this](const std::string& robot) {
-            return host_.is_refused(robot) && !neighbours_.is_served_elsewhere(robot);
+            return host_.sessions().is_refused(robot) && !neighbours_.is_served_elsewhere(robot);
           },
           [this] { return neighbours_.gateways().empty(); }};
 }

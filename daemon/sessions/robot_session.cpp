@@ -66,6 +66,7 @@ void RobotSession::drop_unfenced() {
 /// with its connection, so it is opened a second time.
 void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   is_v5_ = is_v5;
+  is_refused_ = false;
   if (is_clean_due_ && is_present && !is_opened_clean_) return begin_sorting(now);
   is_clean_due_ = is_purge_due_ = false;
   if (is_opened_clean_ && !is_v5) {
@@ -150,6 +151,7 @@ void RobotSession::on_attach_failed(TimePoint now) {
 
 void RobotSession::on_detached(bool is_broker_gone, TimePoint unheld_since, TimePoint now) {
   if (is_broker_gone) {
+    is_refused_ = false;
     opens_at_ = {};
     retry_ = first_retry;
   }

@@ -102,6 +102,8 @@ class RobotSession {
   bool is_connected() const { return is_held() || is_opening(); }
   /// Returns true while another client repeatedly takes the session of a robot that is heard here.
   bool is_contested() const { return is_contested_; }
+  /// Returns true when the broker does not let this gateway use the robot's client id.
+  bool is_refused() const { return is_refused_; }
   /// Returns the earliest time for CONNECT, which is past unless the session failed or flaps.
   TimePoint opens_at() const { return opens_at_; }
   /// Returns true when the session is detached, and its robot was heard or is kept.
@@ -143,6 +145,7 @@ class RobotSession {
   void on_other_broker(TimePoint now);
   void on_attached(bool is_present, bool is_v5, TimePoint now);
   void on_attach_failed(TimePoint now);
+  void on_refused() { is_refused_ = true; }
   /// `is_broker_gone`: the broker was lost, so no other client has taken the session. All CONNECTs
   /// fail then, so a failed one does not delay the next. `unheld_since`: when the session may have
   /// been lost.
@@ -241,6 +244,7 @@ class RobotSession {
   unsigned quick_losses_ = 0;  ///< of these, in a row
   TimePoint quiet_at_{};       ///< end of the quiet minute, unless the session is lost again
   bool is_contested_ = false;
+  bool is_refused_ = false;
 };
 
 }  // namespace slamgw::sessions

@@ -201,11 +201,12 @@ void RobotSessions::on_attached(const std::string& robot, bool is_present, const
   settle(robot, *session, now);
 }
 
-void RobotSessions::on_attach_failed(const std::string& robot, const Now& now) {
+void RobotSessions::on_attach_failed(const std::string& robot, const Now& now, bool is_refused) {
   if (forgetting_.contains(robot)) return end_forgetting(robot);
   RobotSession* session = find(robot);
   if (!session || !session->is_opening()) return;
   session->on_attach_failed(now);
+  if (is_refused) session->on_refused();
   settle(robot, *session, now);
 }
 
@@ -323,6 +324,11 @@ bool RobotSessions::is_held(const std::string& robot) const {
 bool RobotSessions::is_contested(const std::string& robot) const {
   const RobotSession* session = find(robot);
   return session && session->is_contested();
+}
+
+bool RobotSessions::is_refused(const std::string& robot) const {
+  const RobotSession* session = find(robot);
+  return session && session->is_refused();
 }
 
 Counters RobotSessions::counters() const {

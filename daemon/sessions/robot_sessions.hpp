@@ -79,7 +79,8 @@ class RobotSessions {
   /// broker.
   void on_silence(bool is_silent);
   void on_attached(const std::string& robot, bool is_present, const Now& now);
-  void on_attach_failed(const std::string& robot, const Now& now);
+  /// `is_refused`: the broker does not let this gateway use the robot's client id.
+  void on_attach_failed(const std::string& robot, const Now& now, bool is_refused = false);
   void on_detached(const std::string& robot, const Now& now);
   void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted,
                      const Now& now);
@@ -101,6 +102,7 @@ class RobotSessions {
 
   bool is_held(const std::string& robot) const;
   bool is_contested(const std::string& robot) const;
+  bool is_refused(const std::string& robot) const;
   std::size_t held() const { return counts_.held; }
   Counters counters() const;
 

@@ -293,6 +293,33 @@ TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNothingAtTheBroker) {
   EXPECT_EQ(sessions.held(), 0U);
 }
 
+TEST_F(RobotSessionRulesUp, AForgottenRobotIsNotRefusedAnyMore) {
+  sessions.on_heard("r1", now);
+  sessions.on_attach_failed("r1", now, /*is_refused=*/true);
+  EXPECT_TRUE(sessions.is_refused("r1"));
+  sessions.forget("r1");
+  sessions.on_attach_failed("r1", now, /*is_refused=*/true);
+  EXPECT_FALSE(sessions.is_refused("r1"));
+}
+
+TEST_F(RobotSessionRulesUp, ARefusedRobotIsRefusedUntilTheSessionIsHeldOrTheBrokerIsGone) {
+  for (const bool is_lost : {false, true}) {
+    sessions.on_heard("r1", now);
+    sessions.on_attach_failed("r1", now, /*is_refused=*/true);
+    pass(RobotSession::longest_retry);
+    sessions.on_attach_failed("r1", now);
+    EXPECT_TRUE(sessions.is_refused("r1"));
+    pass(RobotSession::longest_retry);
+    if (is_lost) {
+      sessions.on_broker_down(now);
+    } else {
+      sessions.on_attached("r1", false, now);
+      sessions.on_detached("r1", now);
+    }
+    EXPECT_FALSE(sessions.is_refused("r1"));
+  }
+}
+
 class ForgottenRobots : public RobotSessionRules {
  protected:
   void expect_a_clean_open_and_close() {

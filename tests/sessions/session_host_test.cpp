@@ -376,7 +376,7 @@ TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
   a.host.on_broker_up({settings, {.addresses = {"127.0.0.2"}}}, /*is_other=*/false);
   a.hear("r1");
   ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); })) << "no broker listens there";
-  EXPECT_FALSE(a.host.is_refused("r1"));
+  EXPECT_FALSE(a.host.sessions().is_refused("r1"));
   a.host.on_broker_down();
   a.up(settings, MqttVersion::v5);
   EXPECT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));

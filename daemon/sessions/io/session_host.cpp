@@ -30,10 +30,7 @@ void SessionHost::on_broker_up(RobotBroker broker, bool is_other) {
   driver_->on_broker_up(broker_->version == MqttVersion::v5, is_other, read_clocks());
 }
 
-void SessionHost::on_broker_down() {
-  refused_.clear();
-  driver_->on_broker_down(read_clocks());
-}
+void SessionHost::on_broker_down() { driver_->on_broker_down(read_clocks()); }
 
 void SessionHost::stop() {
   driver_->on_stop();
@@ -50,7 +47,6 @@ void SessionHost::close_all() {
 // --- From the links ------------------------------------------------------------------------------
 
 void SessionHost::on_attached(const std::string& robot, bool is_present) {
-  refused_.erase(robot);
   driver_->on_attached(robot, is_present, read_clocks());
 }
 
@@ -60,8 +56,7 @@ void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure
     report_(Notice{
         Severity::warning,
         fmt::format("{} (count since the last line: {})", explain(robot, failure), *count), robot});
-  if (failure.is_id_refused) refused_.insert(robot);
-  driver_->on_attach_failed(robot, read_clocks());
+  driver_->on_attach_failed(robot, read_clocks(), failure.is_id_refused);
 }
 
 std::string SessionHost::explain(const std::string& robot, const AttachFailure& failure) const {

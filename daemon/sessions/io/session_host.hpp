@@ -8,7 +8,6 @@
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <memory>
-#include <set>
 #include <string>
 #include <unordered_map>
 #include <variant>
@@ -35,8 +34,6 @@ class SessionHost {
   /// Calls an input of the machine: `host->on_heard(robot, read_clocks())`.
   MachineDriver<RobotSessions>::Input operator->() { return driver_.operator->(); }
   const RobotSessions& sessions() const { return sessions_; }
-  /// Returns true when the broker does not let this gateway use the robot's client id.
-  bool is_refused(const std::string& robot) const { return refused_.contains(robot); }
 
   /// Call when the gateway's own connection to this broker is up, or is lost. `is_other`: it is
   /// another broker than before.
@@ -88,7 +85,6 @@ class SessionHost {
   std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
   std::unordered_map<std::string, std::shared_ptr<RobotLink>> links_;
   bool is_stopped_ = false;
-  std::set<std::string> refused_;  ///< at most as many as there are sessions
   LogThrottle failure_throttle_{std::chrono::minutes{1}};
   LogThrottle mailbox_throttle_{std::chrono::hours{1}};
 };
