@@ -128,7 +128,8 @@ bool FleetMember::takes(const BrokerMessage& message) {
 }
 
 /// Some brokers send no retained messages to a subscription with wildcards, so a newcomer misses
-/// the presence of robots. So each gateway publishes its own again, once for all newcomers.
+/// the presence of robots. So each gateway publishes its own again, once for all newcomers. A
+/// gateway that has connected again is one, too: it may not have been seen to go.
 void FleetMember::on_state(const std::string& gateway, const BrokerMessage& message) {
   const auto known = neighbours_.gateways().find(gateway);
   const auto before =
@@ -145,7 +146,9 @@ void FleetMember::on_state(const std::string& gateway, const BrokerMessage& mess
   const auto after = neighbours_.gateways().find(gateway);
   if (after == neighbours_.gateways().end() || !after->second.is_online) return;
   if (!before.is_online) log_newcomer(gateway, now);
-  if ((before.is_online && before.is_shown) || message.retain) return;
+  const bool is_newcomer =
+      !before.is_online || !before.is_shown || before.connected != after->second.connected;
+  if (!is_newcomer || message.retain) return;
   newcomer_timer_.expires_after(newcomer_delay);
   newcomer_timer_.async_wait([this](boost::system::error_code error) {
     if (error || !up_since_) return;

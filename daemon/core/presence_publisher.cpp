@@ -42,6 +42,7 @@ void PresencePublisher::on_broker_link(const Now& now) {
   announce_at_.reset();
   if (!broker_.is_up) return;
   up_since_ = now.mono;
+  connected_ = now.wall;
   if (!waiting_wills_.empty()) wills_due_ = now.mono + will_patience;
   if (leftovers_ && !leftovers_due_) leftovers_due_ = now.mono + leftover_grace;
   publish_state();
@@ -159,7 +160,8 @@ void PresencePublisher::publish_state() {
     return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
   Json state{{"state", "online"},
              {"version", settings_.version},
-             {"since", to_iso8601(settings_.started)}};
+             {"since", to_iso8601(settings_.started)},
+             {"connected", to_iso8601(connected_)}};
   if (is_store_full_) state["store"] = "full";
   publish_retained(scheme_.state_topic(), state.dump());
 }

@@ -36,7 +36,7 @@ std::vector<Neighbours::Orphan> Neighbours::on_state(const std::string& gateway,
     gateways_[gateway] = {};
     if (parsed)
       gateways_[gateway] = {text_of(*parsed, "state") == "online", text_of(*parsed, "version"),
-                            text_of(*parsed, "since")};
+                            text_of(*parsed, "since"), text_of(*parsed, "connected")};
   }
   if (!was_online || is_online(gateway)) return {};
   std::vector<Orphan> of_gateway = orphans();
@@ -97,7 +97,8 @@ void Neighbours::on_broker_up(bool is_other) {
 }
 
 void Neighbours::on_settled() {
-  for (auto& [gateway, state] : gateways_) state.is_online = state.is_online && state.is_shown;
+  for (auto& [gateway, state] : gateways_)
+    state.is_online = state.is_online && (state.is_shown || state.connected.empty());
 }
 
 bool Neighbours::is_served_elsewhere(const std::string& robot) const {

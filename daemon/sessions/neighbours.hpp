@@ -29,7 +29,8 @@ class Neighbours {
     bool is_online = false;
     std::string version;
     std::string since;
-    bool is_shown = true;  ///< on the present connection
+    std::string connected;  ///< when it connected to the broker; empty at version 0.1.0
+    bool is_shown = true;   ///< on the present connection
   };
   /// The presence of a robot at a gateway.
   struct RobotPresence {
@@ -55,7 +56,8 @@ class Neighbours {
   /// Call at each connection. `is_other`: to another broker, so that all is forgotten.
   void on_broker_up(bool is_other);
   /// Call when the broker, or the gateways themselves, have had time to show the other gateways.
-  /// One that was not shown on this connection has died.
+  /// One that was not shown on this connection has died, unless its version shows itself to
+  /// newcomers only.
   void on_settled();
 
   /// Returns the robots of gateways that are not online.

@@ -662,7 +662,8 @@ TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
   gateway.presence().on_store(true);
   EXPECT_TRUE(states().empty()) << "nobody to tell yet";
   const std::string online =
-      R"({"state":"online","version":"0.1.0","since":"2023-11-14T22:13:20Z")";
+      R"({"state":"online","version":"0.1.0","since":"2023-11-14T22:13:20Z",)"
+      R"("connected":"2023-11-14T22:13:20Z")";
   broker_is(true);
   EXPECT_EQ(states(), std::vector{online + R"(,"store":"full"})"});
   gateway.presence().on_store(true);

@@ -16,6 +16,7 @@ using nlohmann::json;
 
 class TwoGateways : public testing::Test {
  protected:
+  explicit TwoGateways(const std::string& of_broker = {}) : broker(of_broker) {}
   static json configuration(const Mosquitto& broker, const std::string& id) {
     return {{"gateway", {{"id", id}}}, {"broker", {{"uri", broker.uri()}}}};
   }
@@ -105,6 +106,24 @@ TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDiedWithAForgetfulBr
   a.process().send_signal(SIGKILL);
   broker.start();
   EXPECT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+}
+
+/// To a wildcard, RabbitMQ sends no retained messages either.
+class TwoGatewaysWithoutRetainedMessages : public TwoGateways {
+ protected:
+  TwoGatewaysWithoutRetainedMessages() : TwoGateways("retain_available false\n") {}
+  bool have_shown_themselves(std::size_t times) const {
+    return count("ntnu-slam/gateway/a/state {\"state\":\"online\"") >= times &&
+           count("ntnu-slam/gateway/b/state {\"state\":\"online\"") >= times;
+  }
+};
+
+/// It leaves in order, so there is no last will that the other one could hear.
+TEST_F(TwoGatewaysWithoutRetainedMessages, ShowThemselvesWhenOneHasConnectedAgain) {
+  ASSERT_TRUE(eventually([&] { return have_shown_themselves(2); })) << a.log() << b.log();
+  b.reload([](json& wanted) { wanted["broker"]["keep_alive_s"] = 31; });
+  EXPECT_TRUE(eventually([&] { return have_shown_themselves(3); })) << a.log() << b.log();
+  EXPECT_EQ(state_of(b), "member");
 }
 
 /// The other gateway has not heard the robot, so it is still this one's.

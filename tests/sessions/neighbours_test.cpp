@@ -17,7 +17,7 @@ class NeighboursOfRoomB : public testing::Test {
              const std::string& text = R"({"state":"online","since":"2026-11-23T10:00:00Z"})") {
     neighbours.on_presence(gateway, robot, to_bytes(text));
   }
-  static constexpr const char* online = R"({"state":"online","version":"0.1.0"})";
+  static constexpr const char* online = R"({"state":"online","connected":"2026-11-23T09:00:00Z"})";
   static constexpr const char* offline = R"({"state":"offline"})";
   Neighbours neighbours{"room-b"};
 };
@@ -67,6 +67,17 @@ TEST_F(NeighboursOfRoomB, OneThatTheBrokerShowsNoMoreHasDied) {
   EXPECT_TRUE(neighbours.is_served_elsewhere("r2"));
   ASSERT_EQ(neighbours.orphans().size(), 1U);
   EXPECT_EQ(neighbours.orphans()[0].robot, "r1");
+}
+
+/// It shows itself to gateways that it has seen go, so its silence means nothing.
+TEST_F(NeighboursOfRoomB, OneOfVersion010LivesUntilItsLastWill) {
+  state("room-a", R"({"state":"online","version":"0.1.0","since":"2026-11-23T09:00:00Z"})");
+  shows("room-a", "r1");
+  neighbours.on_broker_up(/*is_other=*/false);
+  neighbours.on_settled();
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
+  state("room-a", offline);
+  EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
 }
 
 TEST_F(NeighboursOfRoomB, ItsOwnWordsSayNothing) {
