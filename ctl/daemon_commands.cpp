@@ -392,6 +392,9 @@ class Verb {
   CLI::App* verb_;
 };
 
+/// Returns whether a flag was typed, but not as `--flag=false`.
+bool is_on(const CLI::Option* flag) { return flag->count() > 0 && flag->as<bool>(); }
+
 std::optional<std::int16_t> parse_coordinate(std::string_view text) {
   if (text.starts_with('+')) text.remove_prefix(1);
   return parse_number<std::int16_t>(text);
@@ -495,7 +498,7 @@ void add_refresh_keys(CLI::App& app, Order& order) {
   status->excludes(left)->excludes(silent);
   refresh->add_flag("--yes", order.is_confirmed, "Begin, or leave robots behind");
   refresh.asks(show::refresh, answer, order_patience, [&order, status] {
-    if (!order.is_confirmed && status->count() == 0)
+    if (!order.is_confirmed && !is_on(status))
       throw CLI::ValidationError("refresh-keys", refresh_keys_warning);
     order.request.emplace("left_behind", json::array());
   });
@@ -542,8 +545,8 @@ void add_ble(CLI::App& app, Order& order) {
   auto* const measure = distances->add_flag("--measure")
                             ->description("Measure which robots hear which; takes a while");
   distances.asks(show::topology, topology, answer_patience, [&order, measure] {
-    order.request["command"] = measure->count() == 0 ? "ble nodes" : "ble measure-hearing";
-    if (measure->count() == 0) return;
+    order.request["command"] = is_on(measure) ? "ble measure-hearing" : "ble nodes";
+    if (!is_on(measure)) return;
     order.text = show::hearing;
     order.ask = hearing;
   });
@@ -562,7 +565,7 @@ void add_letter_choice(CLI::App& app, Order& order, const char* name, const char
   ids->excludes(topic)->excludes(all);
   topic->excludes(all);
   verb.asks(text, ask, order_patience, [name, ids, topic, all] {
-    if (ids->count() + topic->count() + all->count() == 0)
+    if (ids->count() + topic->count() == 0 && !is_on(all))
       throw CLI::ValidationError(name, "say which: ids, --topic or --all");
   });
 }
@@ -593,8 +596,8 @@ void add_send(CLI::App& app, Order& order) {
       verb->add_option("PAYLOAD", "Text; for cmd: X,Y in cm")->required()->type_name("TEXT");
   auto* const hex = verb->add_flag("--hex")->description("PAYLOAD is pairs of hex digits");
   verb.asks(show::outcome, send, outcome_patience, [&order, payload, hex] {
-    const auto bytes = parse_payload(string_at(order.request, "type"), payload->as<std::string>(),
-                                     hex->count() > 0);
+    const auto bytes =
+        parse_payload(string_at(order.request, "type"), payload->as<std::string>(), is_on(hex));
     if (!bytes) throw CLI::ValidationError("PAYLOAD", bytes.error());
     order.request["payload_hex"] = to_hex(*bytes);
   });

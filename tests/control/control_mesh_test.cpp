@@ -305,6 +305,7 @@ TEST_F(ControlMeshIo, RefreshesTheKeysOnlyWhenToldTwice) {
                              R"({"robot":"r1","has_new_keys":false,"problem":"no answer"}]})";
   const Ended asked = order({"refresh-keys", "--leave-behind", "r1"}, {answer, {}});
   EXPECT_EQ(asked.status, 2);
+  EXPECT_EQ(order({"refresh-keys", "--status=false"}, {answer, {}}).status, 2);
   EXPECT_NE(asked.err.find("--yes"), std::string::npos) << asked.err;
   EXPECT_TRUE(handler.orders.empty());
   const Ended begun = order(
