@@ -254,6 +254,19 @@ TEST_F(Backup, BelongsToWhoTypedSudo) {
   EXPECT_EQ(status.st_uid, 0U);
 }
 
+/// Such as a directory for uploads.
+TEST_F(Backup, MayLieInADirectoryThatIsNotReadable) {
+  const test::TempDir uploads;
+  chmod(uploads.path().c_str(), 0333);
+  const uid_t user = geteuid();
+  constexpr uid_t nobody = 65534;
+  ASSERT_EQ(seteuid(user == 0 ? nobody : user), 0);
+  EXPECT_NO_THROW(NewFile(uploads / "file").finish());
+  ASSERT_EQ(seteuid(user), 0);
+  chmod(uploads.path().c_str(), 0700);
+  EXPECT_TRUE(fs::exists(uploads / "file"));
+}
+
 TEST_F(Backup, FailsWhenTheDiskDoes) {
   const test::FaultyDisk disk;
   test::FaultyDisk::fails_syncs = true;
