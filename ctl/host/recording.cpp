@@ -188,7 +188,7 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     // The program that wrote it was killed, or its disk was full; it may have continued later.
     const bool is_cut =
         event.is_discarded() && (in.eof() || (line.starts_with('{') && !line.ends_with('}')));
-    if (is_cut && number > 1) continue;
+    if (is_cut && (number > 1 || !in.eof())) continue;
     if (!at || (is_message && !message))
       throw Failure(
           fmt::format("{}:{}: is not a line that slam-gatewayctl record writes", name, number));
