@@ -55,10 +55,9 @@ const std::string* TopicTable::name_of(std::uint16_t id) const {
 }
 
 std::optional<std::uint16_t> TopicTable::id_of(std::string_view name) const {
-  const Topic* const made = find(wanted_id_(name));
-  if (made && made->name == name) return made->id;
-  const auto found = std::ranges::find(topics_, name, &Topic::name);
-  return found == topics_.end() ? std::nullopt : std::optional(found->id);
+  const auto found = place_of(name);
+  if (found == by_name_.end() || *name_of(*found) != name) return std::nullopt;
+  return *found;
 }
 
 void TopicTable::forget_known() {
@@ -86,17 +85,26 @@ void TopicTable::restore(Topic topic) {
   if (is_taken || id < lowest_topic_id || id > highest_topic_id) return;
   charge_for(topic.name);
   topics_.insert(place, std::move(topic));
+  by_name_.insert(place_of(*name_of(id)), id);
 }
 
 void TopicTable::erase(std::uint16_t id) {
   const auto topic = std::ranges::lower_bound(topics_, id, {}, &Topic::id);
   discharge_for(topic->name);
   topics_.erase(topic);
+  std::erase(by_name_, id);
 }
 
 void TopicTable::clear() {
   if (budget_) budget_->give_back(std::exchange(octets_, 0));
   topics_.clear();
+  by_name_.clear();
+}
+
+std::vector<std::uint16_t>::const_iterator TopicTable::place_of(std::string_view name) const {
+  return std::ranges::lower_bound(by_name_, name, std::ranges::less(), [this](std::uint16_t id) {
+    return std::string_view(*name_of(id));
+  });
 }
 
 const TopicTable::Topic* TopicTable::find(std::uint16_t id) const {

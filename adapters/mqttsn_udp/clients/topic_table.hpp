@@ -78,7 +78,7 @@ class TopicTable {
                                       std::span<const std::uint16_t> in_use = {});
   /// Returns null for an id that is not given out.
   const std::string* name_of(std::uint16_t id) const;
-  /// Finds a name fast under the id that is made from it. Looks at all others.
+  /// Cheap: each datagram of a client may ask for the topics of all messages in its queue.
   std::optional<std::uint16_t> id_of(std::string_view name) const;
 
   /// Call when the client may have forgotten its ids: each must be registered again.
@@ -108,6 +108,8 @@ class TopicTable {
  private:
   std::uint16_t free_id(std::string_view name) const;
   void erase(std::uint16_t id);
+  /// Returns the place in by_name_ where `name` is, or belongs.
+  std::vector<std::uint16_t>::const_iterator place_of(std::string_view name) const;
   bool may_take(std::size_t octets) const;
   void charge_for(const std::string& name);
   void discharge_for(const std::string& name);
@@ -115,6 +117,8 @@ class TopicTable {
 
   TopicIdOf wanted_id_ = topic_id_of;
   std::vector<Topic> topics_;  // by id
+  /// All ids in the order of their names. A map would store each name a second time.
+  std::vector<std::uint16_t> by_name_;
   std::uint64_t last_use_ = 0;
   std::size_t octets_ = 0;  // charged
   NameBudget* budget_ = nullptr;

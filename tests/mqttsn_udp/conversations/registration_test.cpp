@@ -50,6 +50,17 @@ TEST(SnGateway, R58_ARobotThatGoesOnAtAnotherGatewayMeansTheSameTopicByAnId) {
   }
 }
 
+TEST(SnGateway, R58_FindsANameByAnyOfItsIds) {
+  TopicTable table;
+  table.restore({"a", 7});
+  table.restore({"b", 8});
+  table.rename([](const std::string&) { return "b"; });
+  const auto id = table.id_of("b");
+  ASSERT_TRUE(id == 7 || id == 8);
+  EXPECT_EQ(table.assign("b"), id);
+  EXPECT_EQ(table.id_of("a"), std::nullopt);
+}
+
 TEST(SnGateway, R58_TakesNoIdTwiceFromWhatWasKept) {
   TopicTable table;
   table.restore({"a", 7});
