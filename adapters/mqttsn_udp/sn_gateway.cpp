@@ -187,6 +187,7 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
     session->repeats.on_request(request->msg_id);
   if (const auto* request = std::get_if<Subscribe>(&packet))
     session->repeats.on_request(request->msg_id);
+  downlink_.expire_commands(*session, arrival.now);
   handle(*session, packet, arrival.now);
   supervision_.advance(*session, arrival.now);
 }

@@ -45,7 +45,10 @@ class Downlink : Conversation {
 
   /// Queues the message, or refuses it with a reason. `pump()` sends it.
   void on_broker_message(ClientSession& session, const RobotMessage& incoming, TimePoint now);
-  /// Withdraws and reports commands whose time is over, then sends what may be sent now.
+  /// Withdraws and reports commands whose time is over. Call before an answer of the client is
+  /// handled: the timer may be late, and a late PUBREC gets no PUBREL.
+  void expire_commands(ClientSession& session, TimePoint now);
+  /// Expires commands, then sends what may be sent now.
   void pump(ClientSession& session, TimePoint now);
 
   void on_regack(ClientSession& session, const Regack& regack, TimePoint now);
@@ -94,7 +97,6 @@ class Downlink : Conversation {
 
  private:
   void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
-  void expire_commands(ClientSession& session, TimePoint now);
   void time_out(ClientSession& session, const Outgoing& outgoing, std::string why, TimePoint now);
   bool may_send(const ClientSession& session) const;
   bool is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const;

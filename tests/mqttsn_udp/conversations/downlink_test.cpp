@@ -329,6 +329,20 @@ TEST(SnGateway, DoesNotCallACommandRefusedThatTheRobotMayHaveObeyed) {
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
+/// The gateway's process was stopped, and handles what came in between before it handles timers.
+TEST(SnGateway, LetsNoRobotObeyACommandWhoseTimeIsOver) {
+  ConnectedRig rig;
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 2);
+  rig.broker("ntnu-slam/server/r1/cmd", "go", 2);
+  const auto sent = std::get<Publish>(*decode(rig.datagrams.back().bytes));
+  rig.sent_to(1);
+  rig.now += limits::command_patience;
+  rig.send(1, Pubrec{sent.msg_id});
+  EXPECT_TRUE(rig.is_silent(1)) << "a PUBREL would let it begin";
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+}
+
 /// It is lost after 15 s, or disconnects; both keep the session.
 TEST(SnGateway, TimesOutTheCommandsOfAClientThatHasGone) {
   for (const bool is_lost : {true, false}) {
