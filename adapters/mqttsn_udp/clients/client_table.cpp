@@ -154,6 +154,7 @@ bool ClientTable::has_room(const Peer& peer, TimePoint now) const {
 void ClientTable::set_answered(ClientSession& session) {
   if (session.has_answered) return;
   set_in_crowd(session, false);
+  if (session.is_connected()) set_needed(session);
   session.has_answered = true;
   ++answered_;
 }

@@ -125,6 +125,20 @@ TEST(Crowd, GivesWayAfterARestartToo) {
   EXPECT_EQ(answer_to_new(after, 1), "CONNACK code=0");
 }
 
+/// The key counts as an answer, also where the first message is out of place.
+TEST(Crowd, KeepsThePlaceOfARobotThatComesWithItsKey) {
+  Settings settings;
+  settings.max_clients = 1;
+  SnRig rig(settings);
+  rig.use_keys({"r1"});
+  rig.connect(1, "r1", false, 60000);
+  rig.proven[2] = "r1";
+  rig.send(2, WillMsg{});
+  rig.pass(limits::crowd_patience);
+  rig.send(3, connect("x", 60));
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
+}
+
 TEST(Crowd, OfAForgottenRobotLeavesNothing) {
   SnRig rig(small());
   rig.connect(1, "r1", false);
