@@ -32,7 +32,7 @@ struct Command {
 
 class CommandLedger {
  public:
-  /// As many commands as the meshes take together.
+  /// Limit of commands without an outcome, of all robots together.
   static constexpr std::size_t default_max_open = 65536;
   /// The meshes give up after 29 s at most; half a second is left for the way to the broker.
   static constexpr std::chrono::milliseconds patience{29500};
