@@ -300,6 +300,13 @@ void FleetMember::give_up(const std::string& robot) {
   gateway_driver_->presence().on_given_up(robot);
 }
 
+/// A command came for a robot of this gateway whose session is not held here. A robot that may be
+/// at another gateway is left to that one for a while, which may not have shown it yet.
+void FleetMember::perform(WantSession& action) {
+  if (!lost_.contains(action.robot)) return attach(action.robot);
+  keep(action.robot, {}, sessions::RobotSessions::unheard_delay);
+}
+
 void FleetMember::perform(RobotForgotten& action) {
   lost_.erase(action.robot);
   held_before_.erase(action.robot);

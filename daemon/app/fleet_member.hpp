@@ -43,7 +43,7 @@ class FleetMember {
   /// gateways.
   bool takes(const BrokerMessage& message);
   void perform(RobotForgotten& action);
-  void perform(WantSession& action) { attach(action.robot); }
+  void perform(WantSession& action);
   /// The answer to `slam-gatewayctl fleet`; this gateway is the first row.
   nlohmann::ordered_json status() const;
   Counters counters() const { return host_.sessions().counters(); }

@@ -83,7 +83,7 @@ void RobotSessions::keep(const std::string& robot, std::optional<TimePoint> unhe
   RobotSession* session = find_or_make(robot, now);
   if (!session || session->is_held()) return;
   if (unheld_since) session->set_unheld_since(unheld_since);
-  session->set_keeps_at(now.mono + after);
+  session->set_keeps_at(earlier(session->keeps_at(), now.mono + after));
   settle(robot, *session, now);
 }
 

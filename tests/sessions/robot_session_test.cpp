@@ -320,6 +320,17 @@ TEST_F(RobotSessionRulesUp, ARefusedRobotIsRefusedUntilTheSessionIsHeldOrTheBrok
   }
 }
 
+/// As a command does for a robot that may be at another gateway: many may come.
+TEST_F(RobotSessionRulesUp, ARobotThatIsKeptAgainIsNotPutOff) {
+  sessions.keep("r1", {}, std::chrono::seconds(5), now);
+  pass(std::chrono::seconds(3));
+  sessions.keep("r1", {}, std::chrono::seconds(5), now);
+  pass(std::chrono::seconds(1));
+  EXPECT_TRUE(drain<OpenSession>().empty());
+  pass(std::chrono::seconds(1));
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+}
+
 class ForgottenRobots : public RobotSessionRules {
  protected:
   void expect_a_clean_open_and_close() {
