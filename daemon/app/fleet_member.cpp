@@ -300,8 +300,8 @@ void FleetMember::give_up(const std::string& robot) {
   gateway_driver_->presence().on_given_up(robot);
 }
 
-/// A command came for a robot of this gateway whose session is not held here. A robot that may be
-/// at another gateway is left to that one for a while, which may not have shown it yet.
+/// A command came for a robot of this gateway whose session is not held here. Another gateway may
+/// serve a lost robot without having shown it yet, so the robot is left to it for a while.
 void FleetMember::perform(WantSession& action) {
   if (!lost_.contains(action.robot)) return attach(action.robot);
   keep(action.robot, {}, sessions::RobotSessions::unheard_delay);

@@ -155,7 +155,7 @@ void ControlSession::arm_idle_timer() {
   }
   idle_timer_.expires_after(limits_.idle);
   idle_timer_.async_wait([self = shared_from_this()](error_code error) {
-    // Setting the timer anew is too late for a handler that already waits for its turn.
+    // The time may have been set anew after this handler was queued.
     const bool is_due = self->idle_timer_.expiry() <= Clock::now();
     if (!error && is_due && !self->is_closed_ && !self->watch_) self->end();
   });
