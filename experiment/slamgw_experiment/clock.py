@@ -6,6 +6,7 @@ The sources run on this host, so the wall clock that they read is the one that i
 import time
 
 STEP_US = 20_000  # NTP slews slower than this between two looks; a larger change is a step
+MOMENT_US = 1_000  # two clocks that are read within it are read together
 
 
 class Axis:
@@ -14,8 +15,7 @@ class Axis:
     def __init__(self, wall_us=lambda: time.time_ns() // 1000, monotonic_us=lambda: time.monotonic_ns() // 1000):
         self._wall_us = wall_us
         self._monotonic_us = monotonic_us
-        self.begin_wall_us = wall_us()
-        self._begin_us = monotonic_us()
+        self.begin_wall_us, self._begin_us = self._both_us()
         self._offset_us = self.begin_wall_us  # of the wall clock, against the axis
         self._previous_offset_us = None
         self.steps = []
@@ -23,10 +23,21 @@ class Axis:
     def now_us(self):
         return self._monotonic_us() - self._begin_us
 
+    def _both_us(self):
+        """Both clocks at one moment: a pause of this program between the two would look like a step of the clock."""
+        readings = []
+        while len(readings) < 10:
+            before_us, wall_us = self._monotonic_us(), self._wall_us()
+            readings.append((self._monotonic_us() - before_us, wall_us, before_us))
+            if readings[-1][0] < MOMENT_US:
+                break
+        return min(readings)[1:]
+
     def look(self):
         """Notices a step of the wall clock: (when, by how much in microseconds), or None."""
-        now_us = self.now_us()
-        offset_us = self._wall_us() - now_us
+        wall_us, monotonic_us = self._both_us()
+        now_us = monotonic_us - self._begin_us
+        offset_us = wall_us - now_us
         by_us = offset_us - self._offset_us
         if abs(by_us) < STEP_US:
             if by_us:

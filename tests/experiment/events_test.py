@@ -90,6 +90,22 @@ class Clock(unittest.TestCase):
             self.assertEqual(axis.place(clock.wall - 1000, axis.now_us()), 1_209_000)
             self.assertEqual([one["by_us"] for one in axis.steps], [step])
 
+    def test_a_pause_between_the_two_clocks_is_no_step(self):
+        clock = SteppedClock()
+        paused = [True]
+
+        def late_wall():
+            if paused[0]:
+                clock.pass_us(50_000)
+                paused[0] = False
+            return clock.wall
+
+        axis = Axis(late_wall, lambda: clock.monotonic)
+        self.assertIsNone(axis.look())
+        paused[0] = True
+        self.assertIsNone(axis.look())
+        self.assertEqual(axis.place(clock.wall, axis.now_us()), axis.now_us())
+
     def test_a_clock_that_is_slewed_is_no_step(self):
         clock = SteppedClock()
         axis = clock.axis()
