@@ -12,7 +12,7 @@ namespace slamgw::mqttsn {
 std::uint16_t topic_id_of(std::string_view name) {
   std::uint32_t hash = 2166136261U;
   for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619U;
-  return static_cast<std::uint16_t>(hash % highest_topic_id + lowest_topic_id);
+  return static_cast<std::uint16_t>(hash % highest_new_topic_id + lowest_topic_id);
 }
 
 std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
@@ -34,9 +34,9 @@ std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
 
 /// Always finds an id: a table holds far fewer topics than there are ids.
 std::uint16_t TopicTable::free_id(std::string_view name) const {
-  static_assert(limits::max_topics_per_client < highest_topic_id);
+  static_assert(limits::max_topics_per_client < highest_new_topic_id);
   std::uint16_t id = wanted_id_(name);
-  while (find(id)) id = id == highest_topic_id ? lowest_topic_id : id + 1;
+  while (find(id)) id = id >= highest_new_topic_id ? lowest_topic_id : id + 1;
   return id;
 }
 

@@ -52,11 +52,14 @@ class NameBudget {
 /// Returns the new name of a topic; nothing when it keeps its name.
 using NewName = std::function<std::optional<std::string>(const std::string& topic)>;
 
-/// Returns the id that a topic gets if it is free, from lowest_topic_id to highest_topic_id.
+/// Returns the id that a topic gets if it is free, from lowest_topic_id to highest_new_topic_id.
 using TopicIdOf = std::uint16_t (*)(std::string_view name);
 inline constexpr std::uint16_t lowest_topic_id = 1;
-inline constexpr std::uint16_t highest_topic_id = 0xfffe;  // section 5.3.11
-/// A hash. Of 10 topics of a robot, two want the same id once in 1500 times. Only then do the ids
+/// Some clients keep topic ids in signed 16-bit numbers and fail on negative ones.
+inline constexpr std::uint16_t highest_new_topic_id = 0x7fff;
+/// Sessions that version 0.1.0 has kept may have any valid id (section 5.3.11).
+inline constexpr std::uint16_t highest_topic_id = 0xfffe;
+/// A hash. Of 10 topics of a robot, two want the same id once in 730 times. Only then do the ids
 /// depend on which topic came first.
 std::uint16_t topic_id_of(std::string_view name);
 

@@ -18,8 +18,8 @@ TEST(SnGateway, R57_AnswersRegisterWithAnIdAndTheSameMsgId) {
 
 TEST(SnGateway, R58_NeverGivesOutReservedIds) {
   TopicTable table;
-  table.number_by([](std::string_view) { return highest_topic_id; });
-  EXPECT_EQ(table.assign("first"), 0xfffe);
+  table.number_by([](std::string_view) { return highest_new_topic_id; });
+  EXPECT_EQ(table.assign("first"), 0x7fff);
   EXPECT_EQ(table.assign("second"), 1);
   EXPECT_EQ(table.name_of(0), nullptr);
   EXPECT_EQ(table.name_of(0xffff), nullptr);
@@ -27,6 +27,17 @@ TEST(SnGateway, R58_NeverGivesOutReservedIds) {
     const std::uint16_t id = topic_id_of("t" + std::to_string(i));
     ASSERT_TRUE(id != 0 && id != 0xffff) << i;
   }
+}
+
+/// The Java and Python clients of marcoratto (mqttsn12) read the ids of REGACK and SUBACK as signed
+/// numbers. They neither publish with a negative one nor know it again in a PUBLISH.
+TEST(SnGateway, R58_GivesOutIdsThatArePositiveAsSignedNumbers) {
+  TopicTable table;
+  for (const std::string topic : {"a/t0", "a/t1", "mqttsn/test/pub_qos1_retained"})
+    EXPECT_LE(table.assign(topic).value(), 0x7fff) << topic;
+  EXPECT_EQ(topic_id_of("a/t9x"), 0x370f) << "low ids are those of version 0.1.0";
+  table.restore({"kept", 0xfffe});
+  EXPECT_EQ(table.id_of("kept"), 0xfffe) << "what a client was told stays";
 }
 
 TEST(SnGateway, R58_HasIdsForSoManyTopicsOnly) {
