@@ -291,11 +291,11 @@ void UdpSocket::set_options() {
     set_flag(descriptor, IPPROTO_IPV6, IPV6_RECVPKTINFO, 1);
     set_flag(descriptor, IPPROTO_IPV6, IPV6_MULTICAST_HOPS, multicast_hops);
     set_flag(descriptor, IPPROTO_IPV6, IPV6_MULTICAST_LOOP, 1);
-  } else {
-    set_flag(descriptor, IPPROTO_IP, IP_PKTINFO, 1);
   }
-  if (!is_ipv6_ || takes_ipv4_too_)
-    set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
+  if (is_ipv6_ && !takes_ipv4_too_) return;
+  // Of a datagram to a network's broadcast address, IPV6_PKTINFO does not name our own address.
+  set_flag(descriptor, IPPROTO_IP, IP_PKTINFO, 1);
+  set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
 }
 
 void UdpSocket::bind_to(const std::string& interface) {

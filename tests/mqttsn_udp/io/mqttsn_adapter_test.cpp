@@ -112,6 +112,21 @@ TEST(MqttsnAdapter, R19_HearsSearchesByMulticastOnItsInterface) {
   adapter.stop();
 }
 
+/// Robots on Wi-Fi search by the broadcast address of their network.
+TEST(MqttsnAdapter, R19_HearsSearchesByBroadcastToANetwork) {
+  for (const std::string listen : {"0.0.0.0:0", "[::]:0"}) {
+    UdpRig rig({listen});
+    udp::socket client(rig.io, {boost::asio::ip::address_v4::loopback(), 0});
+    client.set_option(boost::asio::socket_base::broadcast(true));
+    client.non_blocking(true);
+    const auto network = boost::asio::ip::make_address("127.255.255.255");
+    client.send_to(boost::asio::buffer(encode(SearchGw{1})), {network, rig.core.port()});
+    udp::endpoint from;
+    EXPECT_EQ(receive(rig.io, client, &from), "GWINFO gw=1 address=") << listen;
+    EXPECT_EQ(from.address(), boost::asio::ip::address_v4::loopback()) << listen;
+  }
+}
+
 TEST(MqttsnAdapter, R19_WaitsForAnInterfaceThatIsNotThereYet) {
   boost::asio::io_context io;
   FakeCore core;
