@@ -370,8 +370,8 @@ class ProvisioningReplay {
                      std::optional<Key> static_oob)
       : transcript_(test::read_transcript("provisioning.txt", name, release)),
         session(device(static_oob), key_pair(), 0,
-                release == "2.2.0" ? SerialVersion::sdk_2_2 : SerialVersion::sdk_3_1, actions_,
-                now_) {}
+                {.version = release == "2.2.0" ? SerialVersion::sdk_2_2 : SerialVersion::sdk_3_1},
+                actions_, now_) {}
 
   void run() {
     while (const auto command = session.command()) {

@@ -142,6 +142,7 @@ void BoardLink::begin_resync(TimePoint now) {
   if (in_flight_ && in_flight_->issuer == Issuer::radio) actions_.push(AnswerLost{});
   in_flight_.reset();
   busy_until_.reset();
+  dropped_events_.reset();  // the board drops answers to the zeros, too
   decoder_.reset();
   ++counters_.resyncs;
   actions_.push(WriteSerial{resync_.start(now)});
@@ -391,7 +392,7 @@ void BoardLink::on_address_lost(TimePoint now) {
 
 void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
   const std::uint32_t before = std::exchange(dropped_events_, total).value_or(total);
-  if (total <= before) return;  // the first reading, no change, or the board restarted unseen
+  if (total <= before) return;  // the first since a resync, no change, or an unseen restart
   counters_.board_drops += total - before;
   if (drop_throttle_.on_event(now))
     warn(

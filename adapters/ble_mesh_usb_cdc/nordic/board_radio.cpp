@@ -266,7 +266,7 @@ bool BoardRadio::begin_session(TimePoint now) {
     return false;
   }
   context_ = context_ == 0 ? 1 : 0;
-  session_.emplace(*device_, *pair, context_, traffic_.board().version, actions_, now);
+  session_.emplace(*device_, *pair, context_, traffic_.board(), actions_, now);
   return true;
 }
 

@@ -6,6 +6,7 @@
 #include <openssl/ec.h>
 #include <openssl/obj_mac.h>
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <utility>
@@ -113,17 +114,18 @@ std::string_view error_text(std::uint8_t error) {
 }  // namespace
 
 ProvisioningSession::ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair,
-                                         std::uint8_t context, SerialVersion version,
+                                         std::uint8_t context, const StartedBoard& board,
                                          ActionQueue<RadioAction>& actions, TimePoint now)
     : key_pair_(key_pair),
       actions_(actions),
       context_(context),
+      dropped_before_(board.dropped_events.value_or(0)),
       static_oob_(device.static_oob),
       due_(now + wait_limit) {
   commands_.push_back(
       encode_command(CommandOpcode::keypair_set, key_pair.private_key, key_pair.public_key));
   commands_.push_back(encode_capabilities_set());
-  commands_.push_back(encode_provision(context, device, version));
+  commands_.push_back(encode_provision(context, device, board.version));
 }
 
 std::optional<Bytes> ProvisioningSession::command() const {
@@ -139,7 +141,8 @@ void ProvisioningSession::on_response(const CommandResponse& response, bool is_r
     const std::uint32_t dropped = data.read_u32_le();
     if (data.ok())
       end_.remark =
-          fmt::format("; the serial board has dropped {} event(s) since its start", dropped);
+          fmt::format("; the serial board has dropped {} event(s) since it was started up",
+                      dropped - std::min(dropped, dropped_before_));
     return fail(key_was_lost);
   }
   // The board obeyed the first copy, but its answer was lost.

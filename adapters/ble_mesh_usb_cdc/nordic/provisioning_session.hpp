@@ -11,6 +11,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
@@ -38,10 +39,10 @@ class ProvisioningSession {
   /// Time limit for the end of the link once all else is done.
   static constexpr Duration close_limit = std::chrono::seconds{3};
 
-  /// `context` is the board's provisioning link for this session; `version` is the board's.
-  /// `actions` takes DeviceAnswered and DeviceJoined, and must outlive this object.
+  /// `context` is the board's provisioning link for this session. `actions` takes DeviceAnswered
+  /// and DeviceJoined, and must outlive this object.
   ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair, std::uint8_t context,
-                      SerialVersion version, ActionQueue<RadioAction>& actions, TimePoint now);
+                      const StartedBoard& board, ActionQueue<RadioAction>& actions, TimePoint now);
 
   /// Returns the command that the board should get now, the same one until on_response().
   std::optional<Bytes> command() const;
@@ -89,6 +90,7 @@ class ProvisioningSession {
   KeyPair key_pair_;
   ActionQueue<RadioAction>& actions_;
   std::uint8_t context_;
+  std::uint32_t dropped_before_;  ///< events, up to the board's start-up
   std::optional<Key> static_oob_;
   State state_ = State::running;
   Stage stage_ = Stage::opening;

@@ -90,6 +90,23 @@ TEST(KeyRefresh, GivesAllRobotsNewKeys) {
   EXPECT_TRUE(rig.has_notice("are refreshed: 4 robots have the new ones"));
 }
 
+/// A stock board has no room for all of its answers to 255 zeros, with which it is brought into
+/// step.
+TEST(KeyRefresh, DoesNotBlameTheSerialLineForAnswersToItsOwnZeros) {
+  RefreshRig rig(1);
+  rig.spoil = [&](Bytes& written) {
+    if (written == Bytes(255, 0)) rig.board.dropped += 120;
+  };
+  rig.refresh();
+  ASSERT_TRUE(rig.reaches("none"));
+  rig.pass(60s);
+  EXPECT_EQ(rig.count_notices("too slow for this mesh"), 0);
+  EXPECT_EQ(rig.counter("board_drops"), 0u);
+  rig.board.dropped += 3;
+  rig.pass(30s);
+  EXPECT_EQ(rig.count_notices("dropped 3 event(s)"), 1);
+}
+
 TEST(KeyRefresh, SaysNothingBeforeItIsOnDisk) {
   RefreshRig rig(1);
   rig.answers_stores = false;

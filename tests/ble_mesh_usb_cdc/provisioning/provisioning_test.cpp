@@ -136,10 +136,11 @@ TEST(Provisioning, SaysHowManyEventsTheBoardHasDroppedWhenAKeyWasLost) {
   ProvisioningRig rig;
   rig.add(1);
   rig.board.devices.lost_events = {0xc5};
+  rig.board.dropped = 100;
   rig.start();
-  rig.board.dropped = 12;
+  rig.board.dropped += 12;
   rig.pass(5s);
-  EXPECT_TRUE(rig.has_notice("the serial board has dropped 12 event(s) since its start"));
+  EXPECT_TRUE(rig.has_notice("the serial board has dropped 12 event(s) since it was started up"));
   ProvisioningRig old;
   old.add(1);
   old.board.devices.lost_events = {0xc5};
