@@ -18,6 +18,8 @@ using OrderedJson = nlohmann::ordered_json;
 using Kind = OpenOrder::Kind;
 
 constexpr Duration short_order_time_limit = std::chrono::seconds{20};
+/// An order that ends when the disk has answered, however late.
+constexpr TimePoint when_stored = TimePoint::max();
 constexpr std::uint64_t no_events = ~std::uint64_t{0};
 constexpr const char* is_refreshing =
     "the mesh's keys are being refreshed; see `ble refresh-keys --status`";
@@ -261,7 +263,7 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
 
 // --- The mesh ------------------------------------------------------------------------------------
 
-void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
+void OperatorOrders::take(const ImportOrder& wanted, TimePoint) {
   if (refresh_.is_ordered()) return order_.refuse(is_refreshing);
   auto imported = decode_imported_mesh(wanted.text);
   if (!imported.has_value())
@@ -274,13 +276,13 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   if (!nodes_.is_saved() || !admission_.is_idle())
     return order_.refuse("the mesh is being changed right now; try again");
   if (nodes_.awaits_keys()) return order_.refuse("the mesh's keys are being made; try again");
-  order_.set(Kind::import_mesh, now + Admission::order_time_limit);
+  order_.set(Kind::import_mesh, when_stored);
   order_->before = std::move(own);
   nodes_.replace(std::move(*merged));
 }
 
 /// The address is on disk before the other gateway gets it, so that it is not given away again.
-void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
+void OperatorOrders::take(const ExportOrder& wanted, TimePoint) {
   if (is_refused(problem_with_mesh())) return;
   if (refresh_.is_ordered()) return order_.refuse(is_refreshing);
   const NodeDatabase& database = *nodes_.database();
@@ -292,7 +294,7 @@ void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   }
   const auto address = nodes_.address_for_gateway();
   if (!address) return order_.refuse("no unicast address below 0x0100 is left for another gateway");
-  order_.set(Kind::export_mesh, now + short_order_time_limit);
+  order_.set(Kind::export_mesh, when_stored);
   order_->address = *address;
   nodes_.change().gateways.push_back(*address);
 }
@@ -429,18 +431,27 @@ void OperatorOrders::on_refresh_stored(const std::string& problem) {
 
 // --- Orders that end by themselves ---------------------------------------------------------------
 
+/// Returns true for new settings that the robot does not have yet: they are on disk or on their
+/// way.
+bool OperatorOrders::has_new_settings() const {
+  const Node* node = order_.is(Kind::config) ? nodes_.find(order_->uuid) : nullptr;
+  return node != nullptr && node->applied && node->applied->is_changing;
+}
+
 void OperatorOrders::on_link_down() {
   if (!order_ || order_->kind > Kind::config || !order_->removed.empty()) return;
-  const Node* node = nodes_.find(order_->uuid);
-  const bool is_kept =
-      order_.is(Kind::config) && node && node->applied && node->applied->is_changing;
   order_.refuse("the BLE link went down: " + link_.down_reason +
-                (is_kept ? "; the new settings are kept and tried again" : ""));
+                (has_new_settings() ? "; the new settings are kept and tried again" : ""));
 }
 
 void OperatorOrders::on_deadline(TimePoint now) {
   if (!order_ || now < order_->due) return;
   if (order_.is(Kind::scan)) return order_.answer(scan_json(now));
+  const std::string was_busy =
+      "the gateway was busy with its robots or with the disk; try again later";
+  if (order_.is(Kind::remove) && order_->removed.empty())
+    return order_.refuse("the robot is still in the mesh: " + was_busy);
+  if (order_.is(Kind::config) && !has_new_settings()) return order_.refuse(was_busy);
   if (order_.is(Kind::ping))
     return order_.refuse(
         "the gateway is configuring this robot, which does not answer; try again later");

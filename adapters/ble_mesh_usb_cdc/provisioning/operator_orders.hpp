@@ -77,6 +77,7 @@ class OperatorOrders : private ProvisionerPart {
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   std::string link_is_down() const { return "the BLE link is down: " + link_.down_reason; }
   std::string scan_json(TimePoint now) const;
+  bool has_new_settings() const;
 
   Admission& admission_;
   NodeConversations& conversations_;

@@ -465,6 +465,60 @@ TEST(Orders, RemoveTellsThatTheDiskDoesNotTakeIt) {
   EXPECT_NE(text_of(rig.answer()).find("the disk is full"), std::string::npos) << rig.answer();
 }
 
+/// Nothing is said to a robot while a change of the mesh waits for the disk.
+TEST(Orders, RemoveThatCannotBeginSaysSoAndDoesNotGoOn) {
+  for (const bool is_forced : {false, true}) {
+    JoinedRig rig;
+    rig.answers_stores = false;
+    rig.say(hex("05 d3 07 00 00 00"));  // the IV index
+    rig.order(RemoveOrder{"ble-0100", is_forced});
+    rig.pass(155s);
+    EXPECT_NE(text_of(rig.answer()).find("still in the mesh"), std::string::npos) << rig.answer();
+    EXPECT_EQ(text_of(rig.answer()).find("continues"), std::string::npos) << rig.answer();
+    rig.answers_stores = true;
+    rig.mesh.on_stored({}, rig.now);
+    rig.pass(30s);
+    EXPECT_EQ(rig.on_disk().nodes.size(), 1u);
+  }
+}
+
+TEST(Orders, AQuestionThatCannotBeginSaysSo) {
+  JoinedRig rig;
+  rig.answers_stores = false;
+  rig.say(hex("05 d3 07 00 00 00"));  // the IV index
+  rig.order(NodeConfigOrder{"ble-0100"});
+  rig.pass(155s);
+  EXPECT_NE(text_of(rig.answer()).find("try again"), std::string::npos) << rig.answer();
+}
+
+/// One was sent, others wait: each ends once, by the removal or by the robot's way into the mesh
+/// again.
+TEST(Orders, EachCommandToARobotThatLeavesHasOneOutcome) {
+  for (const bool is_removed : {true, false}) {
+    JoinedRig rig;
+    rig.hear(first_robot, "cb 59 00 01 00 02 00");
+    for (const char* type : {"a", "b", "cmd", "cmd"})
+      rig.command("ble-0100/" + std::string(type), hex("01 00 02 00"));
+    rig.run_for(10ms);
+    if (is_removed) {
+      rig.order(RemoveOrder{"ble-0100"});
+    } else {
+      rig.device().address = 0;
+    }
+    rig.pass(20s);
+    ASSERT_EQ(rig.device().address, is_removed ? 0 : 0x0101);
+    const std::size_t sent = rig.sent_to(first_robot).size();
+    rig.hear(first_robot, "c8 59 00 00");
+    rig.pass(40s);
+    EXPECT_EQ(rig.sent_to(first_robot).size(), sent) << "nothing more is said to it";
+    std::vector<std::uint64_t> ended;
+    for (const CommandOutcome& outcome : rig.all<CommandOutcome>())
+      ended.push_back(static_cast<std::uint64_t>(outcome.id));
+    std::ranges::sort(ended);
+    EXPECT_EQ(ended, (std::vector<std::uint64_t>{1, 2, 3, 4})) << is_removed;
+  }
+}
+
 /// What is removed may have been stolen: it knows the keys that the others go on with.
 TEST(Orders, RemoveChangesNoKey) {
   JoinedRig rig;
@@ -523,6 +577,27 @@ TEST(Orders, ImportBringsAMeshInAndStartsTheBoardWithItsKeys) {
   EXPECT_EQ(rig.configured(), 2u);
   rig.hear(0x0010, "cb 59 00 01 00 02 00");
   EXPECT_EQ(rig.all<Report>().back().robot, "old");
+}
+
+TEST(Orders, ImportAndExportEndWhenASlowDiskHasTheMesh) {
+  ProvisioningRig rig({}, std::nullopt);
+  rig.answers_stores = false;
+  rig.order(ImportOrder{encode_node_database(test_database())});
+  rig.pass(200s);
+  EXPECT_EQ(rig.answer(), nullptr) << rig.answer();
+  rig.answers_stores = true;
+  rig.mesh.on_stored({}, rig.now);
+  rig.start();
+  EXPECT_EQ(rig.answer()["nodes"], 0) << rig.answer();
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.key_requests, 0);
+  rig.answers_stores = false;
+  rig.order(ExportOrder{});
+  rig.pass(200s);
+  EXPECT_EQ(rig.answer(), nullptr) << rig.answer();
+  rig.mesh.on_stored({}, rig.now);
+  rig.run_for(1ms);
+  EXPECT_EQ(rig.answer()["address"], "0x0021") << rig.answer();
 }
 
 TEST(Orders, ImportWaitsForTheFirstKeys) {
