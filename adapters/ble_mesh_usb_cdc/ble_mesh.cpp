@@ -7,6 +7,11 @@
 #include <iterator>
 
 namespace slamgw::ble {
+namespace {
+
+bool is_unicast(std::uint16_t address) { return address != 0 && address <= last_unicast_address; }
+
+}  // namespace
 
 BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
                  std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio)
@@ -63,7 +68,8 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
           [&](SendRefused& refused) { on_send_refused(refused, now); },
           [&](MessageReceived& message) { on_message(message, now); },
           [&](Heartbeat& heartbeat) {
-            if (!is_banned(heartbeat.source)) hear(heartbeat.source, nullptr, now);
+            if (is_unicast(heartbeat.source) && !is_banned(heartbeat.source))
+              hear(heartbeat.source, nullptr, now);
           },
           [&](IvUpdate& update) {
             emit(Notice{
@@ -108,7 +114,7 @@ bool BleMesh::is_banned(std::uint16_t source) const {
 }
 
 void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
-  if (message.source == 0 || message.source > last_unicast_address)
+  if (!is_unicast(message.source))
     return uplink_.reject(message.source, "its source is not a unicast address", now);
   if (is_banned(message.source)) {
     provisioner_.on_message(message, now);  // an operator may still remove the robot

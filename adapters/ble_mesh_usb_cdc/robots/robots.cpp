@@ -41,7 +41,7 @@ Robot* Robots::at(std::uint16_t source, TimePoint now) {
   const Node* node = nodes_.find_joined(source);
   const std::uint16_t address = node != nullptr ? node->address : source;
   if (Robot* const known = find(address)) return known;
-  if (robots_.size() >= max_robots) {
+  if (!make_room(now)) {
     if (const auto count = full_throttle_.on_event(now))
       emit(Notice{Severity::warning,
                   fmt::format("{} message(s) from robots beyond the {} that the BLE mesh has room "
@@ -51,6 +51,26 @@ Robot* Robots::at(std::uint16_t source, TimePoint now) {
     return nullptr;
   }
   return &add(address, nodes_.id_of(address)).first->second;
+}
+
+/// Forgets the address that was silent for longest if all places are taken. Nodes and robots of the
+/// configuration stay. Octets that are lost on a serial line can make up addresses. Returns false
+/// if there is no room.
+bool Robots::make_room(TimePoint now) {
+  if (robots_.size() < max_robots) return true;
+  auto oldest = robots_.end();
+  for (auto each = robots_.begin(); each != robots_.end(); ++each) {
+    const Robot& robot = each->second;
+    const bool stays =
+        robot.is_node || robot.is_expected() || nodes_.configured_name(robot.address) != nullptr;
+    if (stays || (oldest != robots_.end() && robot.last_heard >= oldest->second.last_heard))
+      continue;
+    oldest = each;
+  }
+  if (oldest == robots_.end()) return false;
+  leave_name(oldest->second, "the robot has been silent, and others need its place", now);
+  robots_.erase(oldest);
+  return true;
 }
 
 Robot* Robots::find(std::uint16_t address) {
@@ -92,8 +112,8 @@ void Robots::on_nodes_changed(TimePoint now) {
   }
   if (nodes_.database() == nullptr) return;
   for (const Node& node : nodes_.database()->nodes) {
-    const bool has_room = robots_.contains(node.address) || robots_.size() < max_robots;
-    if (node.state == NodeState::reserved || !has_room) continue;
+    if (node.state == NodeState::reserved) continue;
+    if (!robots_.contains(node.address) && !make_room(now)) continue;
     const auto [entry, is_new] = add(node.address, nodes_.id_of(node.address));
     Robot& robot = entry->second;
     robot.is_node = true;

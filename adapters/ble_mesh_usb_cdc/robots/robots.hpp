@@ -75,6 +75,7 @@ class Robots : private MeshPart {
   auto add(std::uint16_t address, const std::string& id) {
     return robots_.try_emplace(address, address, id, settings_.ttl);
   }
+  bool make_room(TimePoint now);
   void add_configured();
   void apply_ban(Robot& robot, TimePoint now);
   void leave_name(Robot& robot, const std::string& why, TimePoint now);

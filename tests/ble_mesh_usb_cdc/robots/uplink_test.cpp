@@ -338,6 +338,30 @@ TEST_F(Uplink, AHeartbeatCountsAsLife) {
   EXPECT_EQ(rig.all<PresenceChange>().size(), 1u);
 }
 
+TEST_F(Uplink, AHeartbeatFromNoRobotsAddressIsIgnored) {
+  for (const char* heartbeat : {"07 d8 08 02 03 00 00 00", "07 d8 08 02 03 00 03 c0"})
+    rig.say(hex(heartbeat));
+  EXPECT_TRUE(rig.all<PresenceChange>().empty());
+}
+
+/// Octets that are lost on the serial line can make up addresses.
+TEST_F(Uplink, AddressesThatHaveGoneSilentMakeRoom) {
+  const auto last = static_cast<std::uint16_t>(first_robot + 300);
+  for (std::uint16_t address = first_robot; address < last; ++address) {
+    rig.hear(address, "cb 59 00 01 00");
+    if (address % 100 == 0) rig.run_for(1s);
+  }
+  EXPECT_EQ(rig.counter("robots_online"), 256u);
+  rig.run_for(60s);
+  EXPECT_EQ(rig.counter("robots_online"), 0u);
+  const std::size_t reports = rig.all<Report>().size();
+  rig.hear(last, "cb 59 00 01 00");
+  EXPECT_EQ(rig.all<Report>().size(), reports + 1);
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u);
+  rig.hear(first_robot, "cb 59 00 01 00");
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u) << "a robot with a name keeps its place";
+}
+
 TEST_F(Uplink, SubscribesForConfiguredRobotsAtStartAndForAllWhenTheyComeOnline) {
   const auto filters = [&] {
     std::vector<std::string> found;
