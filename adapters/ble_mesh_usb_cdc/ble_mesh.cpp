@@ -9,6 +9,9 @@
 namespace slamgw::ble {
 namespace {
 
+/// Mesh Profile 1.0 section 3.10.6: a node recovers no larger jump of the IV index.
+constexpr std::uint32_t max_iv_index_jump = 42;
+
 bool is_unicast(std::uint16_t address) { return address != 0 && address <= last_unicast_address; }
 
 }  // namespace
@@ -57,29 +60,24 @@ void BleMesh::settle(TimePoint now) {
 }
 
 void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
-  std::visit(
-      overloaded{
-          [&](GenerateKeys& generate) {
-            provisioner_.on_keys_wanted();
-            actions_.push(generate);
-          },
-          [&](LinkIsUp& up) { on_link_up(up, now); },
-          [&](LinkIsDown& down) { on_link_down(down, now); },
-          [&](SendRefused& refused) { on_send_refused(refused, now); },
-          [&](MessageReceived& message) { on_message(message, now); },
-          [&](Heartbeat& heartbeat) {
-            if (is_unicast(heartbeat.source) && !is_banned(heartbeat.source))
-              hear(heartbeat.source, nullptr, now);
-          },
-          [&](IvUpdate& update) {
-            emit(Notice{
-                Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
-            provisioner_.on_iv_index(update.iv_index, now);
-          },
-          [&](ProvisionerEvent& which) { provisioner_.on_event(which, now); },
-          [&](Notice& notice) { emit(std::move(notice)); },
-      },
-      event);
+  std::visit(overloaded{
+                 [&](GenerateKeys& generate) {
+                   provisioner_.on_keys_wanted();
+                   actions_.push(generate);
+                 },
+                 [&](LinkIsUp& up) { on_link_up(up, now); },
+                 [&](LinkIsDown& down) { on_link_down(down, now); },
+                 [&](SendRefused& refused) { on_send_refused(refused, now); },
+                 [&](MessageReceived& message) { on_message(message, now); },
+                 [&](Heartbeat& heartbeat) {
+                   if (is_unicast(heartbeat.source) && !is_banned(heartbeat.source))
+                     hear(heartbeat.source, nullptr, now);
+                 },
+                 [&](IvUpdate& update) { on_iv_update(update, now); },
+                 [&](ProvisionerEvent& which) { provisioner_.on_event(which, now); },
+                 [&](Notice& notice) { emit(std::move(notice)); },
+             },
+             event);
 }
 
 void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
@@ -105,6 +103,20 @@ void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
   if (Robot* robot = robots_.find(refused.destination))
     robot->commands.on_send_refused(refused.why);
   provisioner_.on_send_refused(refused.destination, refused.why, now);
+}
+
+/// A serial line that has lost octets can report any index. A robot that joined with it would hear
+/// nobody.
+void BleMesh::on_iv_update(const IvUpdate& update, TimePoint now) {
+  const NodeDatabase* database = provisioner_.nodes().database();
+  if (database && update.iv_index > std::uint64_t{database->iv_index} + max_iv_index_jump)
+    return emit(Notice{Severity::warning,
+                       fmt::format("the radio reports the IV index {}, but no node can follow that "
+                                   "far from {}: it is ignored",
+                                   update.iv_index, database->iv_index),
+                       {}});
+  emit(Notice{Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
+  provisioner_.on_iv_index(update.iv_index, now);
 }
 
 bool BleMesh::is_banned(std::uint16_t source) const {

@@ -88,6 +88,7 @@ class BleMesh {
   void on_link_up(const LinkIsUp& up, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
   void on_send_refused(const SendRefused& refused, TimePoint now);
+  void on_iv_update(const IvUpdate& update, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);
   bool is_banned(std::uint16_t source) const;
   /// Marks the robot at `source` as online and returns it. Returns null if there is no room for it,

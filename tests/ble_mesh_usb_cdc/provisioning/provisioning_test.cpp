@@ -575,6 +575,8 @@ TEST(Provisioning, GivesNewRobotsTheIvIndexOfTheMesh) {
   rig.start();
   rig.say(hex("05 d3 07 00 00 00"));
   EXPECT_EQ(rig.on_disk().iv_index, 7u);
+  rig.say(hex("05 d3 02 07 87 99"));  // as a serial line that lost octets has reported
+  EXPECT_EQ(rig.on_disk().iv_index, 7u);
   rig.add(1);
   EXPECT_TRUE(rig.all_configured(10s));
   EXPECT_EQ(rig.board.devices.last_iv_index, 7u);
