@@ -122,7 +122,9 @@ void Outbox::on_link_down(TimePoint now) {
 }
 
 void Outbox::proceed(TimePoint now) {
-  if (is_up_ && refused_.is_wake_due(now)) release_set_aside(now);
+  const auto answered = std::erase_if(
+      in_handshake_, [&](const std::string& topic) { return !window_.has_exactly_once(topic); });
+  if (answered > 0 || (is_up_ && refused_.is_wake_due(now))) release_set_aside(now);
   while (publish_next(now)) {
   }
   if (auto write = backlog_.next_write(queue_, now)) actions_.push(std::move(*write));
@@ -146,6 +148,11 @@ bool Outbox::publish_next(TimePoint now) {
     store_if_needed(*next, now);
     return true;
   }
+  if (would_overtake(*next)) {
+    in_handshake_.insert(next->message.topic);
+    queue_.set_aside(*next);
+    return true;
+  }
   if (!window_.has_room_for(*next)) return false;
   refuse_with_its_flow(*next, now);
   const Turn turn = turn_of(*next, now);
@@ -167,8 +174,17 @@ bool Outbox::publish_next(TimePoint now) {
 /// Queues messages set aside that no longer wait for an earlier message, or for their topic.
 void Outbox::release_set_aside(TimePoint now) {
   queue_.for_each_aside([&](Item& item) {
-    if (!backlog_.is_ahead_of(item) && turn_of(item, now) != Turn::rest) queue_.enqueue(item);
+    const bool waits = in_handshake_.contains(item.message.topic) || backlog_.is_ahead_of(item) ||
+                       turn_of(item, now) == Turn::rest;
+    if (!waits) queue_.enqueue(item);
   });
+}
+
+/// Returns true for a message of QoS 0 or 1 on a topic with a message of QoS 2 under way, and for
+/// every message after it. Brokers keep the order of each QoS only (MQTT 5, section 4.6).
+bool Outbox::would_overtake(const Item& item) const {
+  return in_handshake_.contains(item.message.topic) ||
+         (item.message.qos != Qos::exactly_once && window_.has_exactly_once(item.message.topic));
 }
 
 /// Counts the topic of `next` as refused, if a try is likely to cost all robots the connection.

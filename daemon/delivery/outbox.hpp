@@ -15,6 +15,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 #include <variant>
 
@@ -154,6 +155,7 @@ class Outbox {
   void save_all(TimePoint now);
   const Item* oldest_unsaved() const;
   void release_set_aside(TimePoint now);
+  bool would_overtake(const Item& item) const;
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
@@ -198,6 +200,8 @@ class Outbox {
   };
   std::optional<Trial> trial_;
   std::optional<TimePoint> trial_waits_until_;  // for the answers to messages under way before it
+  /// Topics whose messages were set aside until a message of QoS 2 is answered.
+  std::set<std::string, std::less<>> in_handshake_;
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
   std::optional<TimePoint> overdue_check_;  // while an unsaved message waits or is under way

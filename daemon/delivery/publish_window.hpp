@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <deque>
+#include <string_view>
 #include <utility>
 
 #include "daemon/delivery/fair_queue.hpp"
@@ -46,6 +47,7 @@ class PublishWindow {
     } else if (acknowledged_++ == 0) {
       progress_ = now;
     }
+    if (item.message.qos == Qos::exactly_once) ++exactly_once_;
     items_.push_back(&item);
   }
   /// Returns null for a message that was handed over before a reconnect, as take() does.
@@ -59,6 +61,7 @@ class PublishWindow {
     Item* const item = *found;
     items_.erase(found);
     item->sequence = 0;
+    if (item->message.qos == Qos::exactly_once) --exactly_once_;
     if (item->is_unacknowledged()) {
       if (--unacknowledged_ <= max_unacknowledged / 2) is_unacknowledged_paused_ = false;
     } else {
@@ -68,7 +71,7 @@ class PublishWindow {
     return item;
   }
   Items take_all() {
-    acknowledged_ = unacknowledged_ = 0;
+    acknowledged_ = unacknowledged_ = exactly_once_ = 0;
     is_unacknowledged_paused_ = false;
     for (Item* const item : items_) item->sequence = 0;
     return std::exchange(items_, {});
@@ -76,6 +79,13 @@ class PublishWindow {
   /// The messages, by rising sequence.
   const Items& items() const { return items_; }
   bool empty() const { return items_.empty(); }
+  /// Returns true while a message of QoS 2 on `topic` is under way: the broker takes it only when
+  /// PUBREL comes, but a later message of QoS 0 or 1 at once.
+  bool has_exactly_once(std::string_view topic) const {
+    return exactly_once_ > 0 && std::ranges::any_of(items_, [&](const Item* item) {
+             return item->message.qos == Qos::exactly_once && item->message.topic == topic;
+           });
+  }
   /// Returns true when the broker owes an acknowledgement and has sent none for `patience`.
   bool is_stalled(Duration patience, TimePoint now) const {
     return acknowledged_ > 0 && now - progress_ >= patience;
@@ -94,6 +104,7 @@ class PublishWindow {
   Items items_;
   std::size_t acknowledged_ = 0;           // QoS 1 and 2
   std::size_t unacknowledged_ = 0;         // QoS 0
+  std::size_t exactly_once_ = 0;           // QoS 2
   bool is_unacknowledged_paused_ = false;  // until half of it is written
   bool is_silent_ = false;
   TimePoint progress_{};  // the last acknowledgement, or when the first message came to wait

@@ -72,6 +72,29 @@ TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
   EXPECT_EQ(outbox->statistics().published, 40u);
 }
 
+/// The broker takes a message of QoS 2 only when PUBREL comes.
+TEST_F(OutboxTest, KeepsTheOrderOfATopicAcrossQos) {
+  link_up();
+  submit("t", 1, Qos::exactly_once);
+  submit("t", 2, Qos::exactly_once);
+  submit("t", 3);
+  submit("t", 4, Qos::exactly_once);
+  submit("t", 0, Qos::at_most_once);
+  submit("other", 5);
+  EXPECT_EQ(published_topics, (std::vector<std::string>{"t", "t", "other"}));
+  acknowledge_quickest();
+  acknowledge_first();
+  EXPECT_EQ(under_way.size(), 1u);
+  acknowledge_first();
+  EXPECT_EQ(under_way.size(), 2u) << "3 and 4, but not the one after 4";
+  link_down();
+  link_up();
+  serve_store();
+  while (!under_way.empty()) acknowledge_quickest();
+  EXPECT_EQ(received_of("t"), (std::vector<std::string>{"1", "2", "3", "4", "0"}));
+  EXPECT_EQ(depth(), 0u);
+}
+
 TEST_F(OutboxTest, RespectsTheBrokersReceiveMaximum) {
   link_up(5);
   for (std::uint64_t i = 1; i <= 10; ++i) submit("t", i);

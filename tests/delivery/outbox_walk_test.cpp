@@ -107,8 +107,11 @@ class Walk : public test::OutboxRig {
       const bool is_refused =
           may_be_refused && (below(100) < refusing_ || refused_topic_ == first_topic());
       const bool is_permanent = first_topic() != state_topic && below(10) == 0;
-      is_refused ? refuse_first(is_permanent ? topic_name_invalid : quota_exceeded)
-                 : acknowledge_first();
+      if (is_refused) {
+        refuse_first(is_permanent ? topic_name_invalid : quota_exceeded);
+      } else {
+        below(3) == 0 ? acknowledge_quickest() : acknowledge_first();
+      }
     }
     if (refusing_ > 0 && below(50) == 0) refused_topic_ = below(2) ? topic(below(3)) : "";
   }
