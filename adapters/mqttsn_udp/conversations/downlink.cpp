@@ -473,6 +473,7 @@ std::vector<WaitingMessage> Downlink::take_unsent(ClientSession& session, TimePo
   DeliveryQueue& queue = session.delivery.queue;
   while (queue.size() > 0) {
     const Outgoing next = queue.take(0);
+    if (next.command && next.command->is_reported) continue;  // sent at QoS 0, see register_again()
     const bool is_from_before = next.command && next.command->id == CommandId::none;
     if (next.msg_id != 0 || is_from_before) {  // an earlier process may have sent it
       commands_.end(next.command, CommandResult::timeout, "the robot moved to another gateway",

@@ -292,6 +292,20 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
   EXPECT_FALSE(rig.gateway.snapshot("r1", rig.now));
 }
 
+/// Its robot has forgotten the topic id, so the command waits for another REGISTER.
+TEST(Roaming, ARobotThatIsGivenUpHandsOnNoCommandThatWasReportedAsSent) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, cmd, 0);
+  rig.broker(cmd, "go", 0);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent);
+  rig.send(1, Puback{1, 0, ReturnCode::invalid_topic_id});
+  ASSERT_EQ(rig.gateway.queued_for("r1"), 1U);
+  EXPECT_TRUE(rig.give_up("r1").empty());
+  EXPECT_EQ(rig.outcomes.size(), 1U);
+}
+
 TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
   Next rig;
   rig.robot_comes();
