@@ -192,11 +192,15 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   supervision_.advance(*session, arrival.now);
 }
 
-/// Returns the connected client at this address. A lost one comes back with its message (R113).
+/// Returns the connected client at this address.
 ClientSession* SnGateway::session_of(const Arrival& arrival) {
   ClientSession* session = clients_.find(arrival.peer);
-  if (!session) return nullptr;
-  return session->is_connected() || lifecycle_.revive(*session, arrival.now) ? session : nullptr;
+  return session && is_back(*session, arrival.now) ? session : nullptr;
+}
+
+/// Returns true for a connected client. A lost one comes back with its message (R113).
+bool SnGateway::is_back(ClientSession& session, TimePoint now) {
+  return session.is_connected() || lifecycle_.revive(session, now);
 }
 
 void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
@@ -223,17 +227,13 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
 
 void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) {
   ClientSession* session = pinging_session(arrival, pingreq);
-  if (!session) return on_stranger(arrival, true);
+  if (!session || !is_back(*session, arrival.now)) return on_stranger(arrival, true);
   lifecycle_.on_heard(*session, arrival.now);
   if (!pingreq.client_id.empty()) Downlink::on_named_ping(*session);
-  lifecycle_.revive(*session, arrival.now);
-  switch (session->state()) {
-    case ClientState::active: output_.send(*session, Pingresp{}); break;
-    case ClientState::asleep:
-    case ClientState::awake: supervision_.wake(*session, arrival.now); break;
-    case ClientState::disconnected:
-    case ClientState::lost: return on_stranger(arrival, true);
-  }
+  if (session->state() == ClientState::active)
+    output_.send(*session, Pingresp{});
+  else
+    supervision_.wake(*session, arrival.now);
   supervision_.advance(*session, arrival.now);
 }
 

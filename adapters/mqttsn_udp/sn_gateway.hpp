@@ -121,6 +121,7 @@ class SnGateway {
   void follow_identity(const Arrival& arrival, const Packet& packet);
   void renew_local(const Arrival& arrival);
   ClientSession* session_of(const Arrival& arrival);
+  bool is_back(ClientSession& session, TimePoint now);
   ClientSession* pinging_session(const Arrival& arrival, const Pingreq& pingreq);
   void handle(ClientSession& session, Packet& packet, TimePoint now);
   void on_stranger(const Arrival& arrival, bool is_answered);

@@ -108,6 +108,18 @@ TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
   EXPECT_EQ(rig.signs_of_life, 6U);
 }
 
+TEST(SnGateway, TakesNoPingOfADisconnectedClientForASignOfLife) {
+  ConnectedRig rig(false);
+  rig.send(1, Disconnect{});
+  rig.pass_s(2);
+  rig.signs_of_life = 0;
+  for (const char* client_id : {"", "r1"}) {
+    rig.send(1, Pingreq{client_id});
+    EXPECT_EQ(rig.last_to(1), "DISCONNECT plain");
+  }
+  EXPECT_EQ(rig.signs_of_life, 0U);
+}
+
 TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
   for (const std::uint16_t duration_s :
        {std::uint16_t{10}, std::uint16_t{60}, std::uint16_t{600}}) {
