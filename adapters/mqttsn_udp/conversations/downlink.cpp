@@ -555,7 +555,8 @@ void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
 
 bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, TimePoint now) {
   const bool fits = output_.fits(session, publish_octets(outgoing)) &&
-                    output_.fits(session, 6 + outgoing.message->topic.size());
+                    (!TopicRegistration::is_needed(session, outgoing) ||
+                     output_.fits(session, 6 + outgoing.message->topic.size()));
   if (fits) return false;
   output_.count(Count::too_large_down);
   refuse(session, outgoing, "larger than the network carries", now);

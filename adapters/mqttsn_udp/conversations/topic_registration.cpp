@@ -34,14 +34,19 @@ Duration pause_after(unsigned failures) {
 
 }  // namespace
 
+bool TopicRegistration::is_needed(const ClientSession& session, const Outgoing& outgoing) {
+  if (outgoing.topic_id_type != TopicIdType::normal) return false;
+  const auto id = session.topics.id_of(outgoing.message->topic);
+  return !id || !session.topics.find(*id)->is_known;
+}
+
 TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
                                                         const Outgoing& outgoing, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (is_set_aside(delivery, outgoing.message->topic)) return Readiness::waits;
-  if (outgoing.topic_id_type != TopicIdType::normal) return Readiness::ready;
+  if (!is_needed(session, outgoing)) return Readiness::ready;
   const std::string& topic = outgoing.message->topic;
   const auto known = session.topics.id_of(topic);
-  if (known && session.topics.find(*known)->is_known) return Readiness::ready;
   const auto open = std::ranges::find_if(
       delivery.registering, [&](const Registering& other) { return other.topic_id == known; });
   if (open != delivery.registering.end())

@@ -21,6 +21,8 @@ class TopicRegistration : Conversation {
     is_held,        ///< the address must show that it receives first
     impossible,     ///< the client has no topic id left
   };
+  /// Whether the client must learn the topic id of `outgoing` before it is published.
+  static bool is_needed(const ClientSession& session, const Outgoing& outgoing);
   /// Whether `outgoing` can be published now. Sends the REGISTER that it needs.
   Readiness prepare(ClientSession& session, const Outgoing& outgoing, TimePoint now);
   /// Registers a short topic, only to learn whether the client receives.

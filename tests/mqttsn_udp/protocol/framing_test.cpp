@@ -121,6 +121,25 @@ TEST(SnGateway, R8_AbandonsWhatTheNetworkCannotCarry) {
   EXPECT_NE(rig.last_to(1), "nothing") << "nothing stalls behind it";
 }
 
+TEST(SnGateway, R8_CountsNoRegisterThatTheClientDoesNotNeed) {
+  const std::string longest(1225, 'x');  // of a SUBSCRIBE; a REGISTER has one octet more
+  Settings settings;
+  settings.predefined_topics = {{7, "a/" + longest, {}}};
+  SnRig rig(settings, {}, {}, {"#"});
+  rig.connect(1, "r1");
+  rig.subscribe(1, longest, 0);
+  rig.broker(longest);
+  EXPECT_EQ(rig.counter("delivered_down"), 1U) << "the SUBACK has the topic id";
+  rig.send(1, Subscribe{false, WireQos::zero, TopicIdType::predefined, 9, {}, 7});
+  rig.broker("a/" + longest);
+  EXPECT_EQ(rig.counter("delivered_down"), 2U);
+  rig.connect(2, "r2");
+  rig.subscribe(2, "#", 0);
+  rig.broker(longest);
+  EXPECT_EQ(rig.counter("delivered_down"), 3U);
+  EXPECT_EQ(rig.counter("too_large_down"), 1U) << "the second client needs a REGISTER";
+}
+
 TEST(SnGateway, R9_DropsOverlongDatagrams) {
   ConnectedRig rig;
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
