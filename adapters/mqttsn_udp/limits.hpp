@@ -77,7 +77,7 @@ constexpr std::chrono::seconds crowd_patience{10};
 constexpr std::size_t crowd_step = 64;
 /// T_WAIT, "more than 5 minutes": how long a client that said "congestion" is left alone.
 constexpr std::chrono::seconds t_wait{310};
-/// Changed sessions that were not written yet.
+/// Ended sessions that were not written yet, beside one session for each of `mqttsn.max_clients`.
 constexpr std::size_t max_changed = 65536;
 /// Most sessions that are saved together for waiting answers, and most datagrams that wait: what a
 /// fleet sends in a second. If more datagrams would wait, all of them are sent at once.

@@ -72,6 +72,9 @@ using Action = std::variant<SendDatagram, SendMulticast, PingEnded, MeshEvent>;
 
 class Output {
  public:
+  /// `max_clients`: of the ClientTable.
+  explicit Output(std::size_t max_clients) : changed_(max_clients), noteworthy_(max_clients) {}
+
   AddressValidation validation;
   bool is_traced = false;  ///< report every MeshStep; else only repeats
 

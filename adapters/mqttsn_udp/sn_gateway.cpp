@@ -44,6 +44,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics),
              settings_.require_identity},
       clients_(settings_.max_clients, topic_ids),
+      output_(settings_.max_clients),
       refusals_(clients_, output_),
       common_(settings_, rules_, clients_, output_, refusals_),
       answers_(common_),

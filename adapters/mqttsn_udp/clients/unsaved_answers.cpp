@@ -9,7 +9,8 @@
 namespace slamgw::mqttsn {
 
 void ChangedSessions::mark(const ClientSession& session) {
-  if (client_ids_.size() < limits::max_changed) client_ids_.insert(session.client_id);
+  if (client_ids_.size() < max_clients_ + limits::max_changed)
+    client_ids_.insert(session.client_id);
 }
 
 std::vector<std::string> ChangedSessions::take(std::size_t max) {

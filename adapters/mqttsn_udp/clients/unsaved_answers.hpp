@@ -19,6 +19,8 @@ namespace slamgw::mqttsn {
 /// The clients whose sessions have changed or ended since they were last written to disk.
 class ChangedSessions {
  public:
+  explicit ChangedSessions(std::size_t max_clients) : max_clients_(max_clients) {}
+
   /// Call when something has changed that must survive a restart.
   void mark(const ClientSession& session);
   void unmark(const std::string& client_id) { client_ids_.erase(client_id); }
@@ -28,7 +30,8 @@ class ChangedSessions {
   std::vector<std::string> take(std::size_t max);
 
  private:
-  std::set<std::string> client_ids_;  // at most max_changed
+  std::size_t max_clients_;
+  std::set<std::string> client_ids_;  // at most max_clients_ and limits::max_changed more
 };
 
 class UnsavedAnswers {

@@ -206,5 +206,17 @@ TEST_F(UnsavedAnswers, AreSavedInBoundedNumbers) {
   }
 }
 
+/// `mqttsn.max_clients` may be far above the number of ended sessions that wait for the disk.
+TEST(ChangedSessions, HaveRoomForAllClients) {
+  constexpr std::size_t clients = limits::max_changed;
+  ChangedSessions changed(clients);
+  ClientSession session;
+  for (std::size_t i = 0; i < 2 * clients + 10; ++i) {
+    session.client_id = std::to_string(i);
+    changed.mark(session);
+  }
+  EXPECT_EQ(changed.take(3 * clients).size(), 2 * clients);
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn
