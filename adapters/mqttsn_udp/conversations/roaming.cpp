@@ -101,8 +101,8 @@ void Notes::update(ClientSession& session, TimePoint now) {
   std::uint64_t hash = 0;
   if (!session.is_clean) {
     note = encode_session(to_note(to_snapshot(session, now)));
-    if (note.size() > limits::max_note_octets) return;
-    hash = fingerprint(note);
+    if (note.size() > limits::max_note_octets) note.clear();  // none is better than an old one
+    if (!note.empty()) hash = fingerprint(note);
   }
   if (std::exchange(session.note_hash, hash) == hash) return;
   output_.emit(NoteChanged{Mesh::thread, session.robot, std::move(note)});

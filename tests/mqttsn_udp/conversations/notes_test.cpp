@@ -143,6 +143,19 @@ TEST(Notes, AreBounded) {
   EXPECT_TRUE(rig.notes.empty());
 }
 
+/// The robot's next gateway must not take old subscriptions for its present ones.
+TEST(Notes, AreWithdrawnWhenTheSessionOutgrowsTheBound) {
+  ConnectedRig rig(false, 6000);
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 1U);
+  std::string topic = "a/" + std::string(1000, 'x');
+  for (std::size_t i = 0; i < limits::max_note_octets / 1000 + 1; ++i)
+    rig.register_topic(1, topic + std::to_string(i));
+  rig.pass_s(5);
+  ASSERT_EQ(rig.notes.size(), 2U);
+  EXPECT_TRUE(rig.notes[1].note.empty());
+}
+
 TEST(Notes, OfManyRobotsAreWrittenInTurns) {
   SnRig rig;
   for (unsigned n = 0; n < 200; ++n) rig.connect(n, "r" + std::to_string(n), false);
