@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <boost/asio/post.hpp>
 #include <iterator>
+#include <thread>
 
+#include "adapters/mqttsn_udp/io/session_keeper.hpp"
 #include "tests/mqttsn_udp/io/udp_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -79,6 +82,27 @@ TEST_F(SavedAnswers, LeaveAtOnceWhenTheStoreFails) {
   EXPECT_EQ(client.receive(), "CONNACK code=0");
   client.send(Register{0, 1, "ntnu-slam/robot/r1/adv"});
   EXPECT_TRUE(client.receive().starts_with("REGACK"));
+}
+
+/// The loop stands still until the first write has taken too long. That write ends, and the next
+/// one begins, before the handler of the first one's timer runs.
+TEST_F(SavedAnswers, WaitAsLongForTheNextWriteWhenTheTimerOfTheLastOneIsLate) {
+  client.send(Connect{false, true, 1, 60, "r1"});
+  ASSERT_TRUE(is_being_written(1));
+  UdpClient second(rig, "127.0.0.1");
+  second.send(Connect{false, true, 1, 60, "r2"});
+  ASSERT_TRUE(test::eventually(rig.io, [&] { return rig.adapter.presence_of("r2").has_value(); }));
+  TimePoint begun{};
+  boost::asio::post(rig.io, [&] {
+    std::this_thread::sleep_for(SessionKeeper::write_patience);
+    boost::asio::post(rig.io, [&] {
+      begun = std::chrono::steady_clock::now();
+      store.finish(true);
+    });
+  });
+  ASSERT_TRUE(test::eventually(rig.io, [&] { return second.has_answer(); }));
+  EXPECT_GE(std::chrono::steady_clock::now() - begun, SessionKeeper::write_patience);
+  EXPECT_EQ(client.receive(), "CONNACK code=0");
 }
 
 }  // namespace
