@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -82,6 +83,17 @@ std::string identity_of(const Installation& installation, const std::string& rob
   return robot;
 }
 
+/// Returns the identity of the robot's key. Without one, `robot` may also be the client id of a key
+/// that stayed behind: no robot of `robots` has this client id any more.
+std::string identity_of_key(const Installation& installation, const std::string& robot,
+                            const RobotKeys& keys) {
+  std::string identity = identity_of(installation, robot);
+  const bool is_in_use =
+      std::ranges::any_of(installation.parsed().config.robots,
+                          [&](const RobotName& name) { return name.mqttsn_client_id == robot; });
+  return keys.contains(identity) || is_in_use ? identity : robot;
+}
+
 }  // namespace
 
 nlohmann::ordered_json list_keys(const Installation& installation) {
@@ -96,7 +108,8 @@ nlohmann::ordered_json change_keys(const Installation& installation, const std::
   const fs::path path = keys_file(installation);
   const DirectoryLock lock(path.parent_path());
   RobotKeys keys = read_keys(path);
-  const std::string identity = identity_of(installation, robot);
+  const std::string identity =
+      is_added ? identity_of(installation, robot) : identity_of_key(installation, robot, keys);
   nlohmann::ordered_json answer{{"file", path.string()}, {"robot", robot}, {"identity", identity}};
   if (is_added) {
     if (!is_valid_level(identity))

@@ -86,6 +86,22 @@ TEST_F(RobotKeysFile, KeepsAKeyUntilItIsRemoved) {
   EXPECT_THROW(add("no/level"), Failure);
 }
 
+TEST_F(RobotKeysFile, RemovesAKeyWhoseClientIdHasBecomeTheNameOfAnotherRobot) {
+  add("r1");
+  add("tank");
+  write_file(directory_ / "gateway.json",
+             R"({"mqttsn": {"dtls": {"keys_file": "keys.json"}},
+                 "robots": [{"id": "r1", "mqttsn_client_id": "r1-client"},
+                            {"id": "tank-client", "mqttsn_client_id": "boat-client"},
+                            {"id": "tank", "mqttsn_client_id": "tank-client"}]})");
+  add("r1");
+  EXPECT_EQ(remove("r1")["identity"], "r1-client") << "the robot's own key comes first";
+  EXPECT_EQ(remove("r1")["identity"], "r1");
+  EXPECT_THROW(remove("r1"), Failure);
+  EXPECT_THROW(remove("tank-client"), Failure) << "it is the key of another robot";
+  EXPECT_EQ(text_of_keys(list()), "tank-client\n");
+}
+
 TEST_F(RobotKeysFile, LosesNoKeyThatIsAddedAtTheSameTime) {
   std::vector<std::thread> writers;
   for (int i = 0; i < 8; ++i) writers.emplace_back([&, i] { add("r" + std::to_string(i)); });
