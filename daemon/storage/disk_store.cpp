@@ -37,7 +37,10 @@ json to_json(const ListedDeadLetter& letter, bool with_payload) {
     out["mesh"] = to_string(message.provenance->mesh);
     out["received_at"] = to_iso8601_ms(message.provenance->received_at);
   }
-  if (with_payload) out["payload_hex"] = to_hex(message.payload);
+  if (letter.is_unreadable)
+    out["stored_at"] = out["set_aside_at"] = nullptr;
+  else if (with_payload)
+    out["payload_hex"] = to_hex(message.payload);
   return out;
 }
 
@@ -122,8 +125,8 @@ void DiskStore::perform(const LoadFromStore& load) {
 void DiskStore::perform(const RetryDeadLetters& retry) {
   try {
     while (true) {
-      const auto ids = log_->retried(retry.topic, retry.max_letters);
-      if (revive(ids, retry.topic) > 0) return;
+      const auto ids = log_->retried(retry.topic, retry.max_letters + max_unreadable);
+      if (revive(ids, retry.max_letters, retry.topic) > 0) return;
       if (ids.empty()) return post(DeadLettersRevived{{}, retry.topic});
     }
   } catch (const LogError& error) {
@@ -131,10 +134,11 @@ void DiskStore::perform(const RetryDeadLetters& retry) {
   }
 }
 
-/// Returns the number of letters that are messages again. The others are damaged.
-std::size_t DiskStore::revive(std::span<const std::uint64_t> ids, const std::string& topic) {
+/// Returns the number of letters that are messages again.
+std::size_t DiskStore::revive(std::span<const std::uint64_t> ids, std::size_t most,
+                              const std::string& topic) {
   restore_files();
-  MessageLog::Revival revival = log_->revive(ids);
+  MessageLog::Revival revival = log_->revive(ids, most);
   const std::size_t count = revival.messages.size();
   report_damaged(revival.damaged.size());
   if (count > 0) post(DeadLettersRevived{std::move(revival.messages), topic});
@@ -169,13 +173,13 @@ OrderAnswer DiskStore::answer(const ResendOrder& order) {
   try {
     while (!left.empty()) {
       const auto page = left.first(std::min(left.size(), revived_at_once));
-      resent += revive(page, {});
+      resent += revive(page, page.size(), {});
       left = left.subspan(page.size());
     }
   } catch (const LogError&) {
     // The disk fails: the other dead letters stay.
   }
-  return in_json({{"resent", resent}, {"left", left.size()}});
+  return in_json({{"resent", resent}, {"left", log_->ids(order.choice).size()}});
 }
 
 /// Returns true when the disk has failed for `patience_.unreadable`: unreadable records are lost.

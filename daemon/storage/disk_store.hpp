@@ -31,6 +31,8 @@ class DiskStore {
   static constexpr std::size_t page_bytes = 256u << 10;
   /// Limit of dead letters that become messages again in one commit.
   static constexpr std::size_t revived_at_once = 64;
+  /// Dead letters that a retry passes over because the disk cannot read them.
+  static constexpr std::size_t max_unreadable = 16;
 
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
   DiskStore(boost::asio::io_context& io, StoreSettings settings,
@@ -60,7 +62,8 @@ class DiskStore {
   OrderAnswer answer(const ListDeadLetters& order) const;
   OrderAnswer answer(const DiscardOrder& order);
   OrderAnswer answer(const ResendOrder& order);
-  std::size_t revive(std::span<const std::uint64_t> ids, const std::string& topic);
+  std::size_t revive(std::span<const std::uint64_t> ids, std::size_t most,
+                     const std::string& topic);
   void open();
   void on_opened();
   void report_losses();

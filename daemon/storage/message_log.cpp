@@ -142,6 +142,21 @@ std::optional<ListedDeadLetter> MessageLog::find_letter(std::uint64_t id) const 
                           std::move(*record->dead)};
 }
 
+/// Returns a dead letter that the disk cannot read with its topic alone: an operator may discard
+/// it.
+std::optional<ListedDeadLetter> MessageLog::show_letter(std::uint64_t id) const {
+  try {
+    return find_letter(id);
+  } catch (const LogError& error) {
+    ListedDeadLetter unreadable;
+    unreadable.id = id;
+    unreadable.message.topic = letters_.at(id).topic->first;
+    unreadable.facts.reason = error.what();
+    unreadable.is_unreadable = true;
+    return unreadable;
+  }
+}
+
 /// Counts a dead letter; `record` is already in the log.
 void MessageLog::add_letter(std::uint64_t id, const MessageRecord& record) {
   const DeadLetterFacts& facts = *record.dead;
@@ -219,7 +234,7 @@ std::vector<ListedDeadLetter> MessageLog::list(const std::string& topic, std::ui
   for (auto at = letters_.upper_bound(after); at != letters_.end(); ++at) {
     if (page.size() >= max_count || bytes >= max_bytes) break;
     if (!topic.empty() && at->second.topic->first != topic) continue;
-    auto listed = find_letter(at->first);
+    auto listed = show_letter(at->first);
     if (!listed) continue;
     bytes += listed->message.topic.size() + listed->message.payload.size();
     page.push_back(std::move(*listed));
@@ -247,17 +262,28 @@ std::vector<std::uint64_t> MessageLog::retried(const std::string& topic, std::si
   return page;
 }
 
-MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids) {
+MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::size_t most) {
   std::map<std::uint64_t, MessageRecord> intact;
-  for (const std::uint64_t id : ids)
-    if (auto listed = find_letter(id)) intact[id] = {listed->stored_at, std::move(listed->message)};
+  std::vector<std::uint64_t> read;
+  std::optional<LogError> unreadable;
   for (const std::uint64_t id : ids) {
+    if (intact.size() == most) break;
+    try {
+      if (auto listed = find_letter(id))
+        intact[id] = {listed->stored_at, std::move(listed->message)};
+      read.push_back(id);
+    } catch (const LogError& error) {
+      unreadable = error;
+    }
+  }
+  if (read.empty() && unreadable) throw *unreadable;
+  for (const std::uint64_t id : read) {
     const auto found = intact.find(id);
     found == intact.end() ? log_.erase(id) : put(id, found->second);
   }
   log_.commit(true);
   Revival revival;
-  for (const std::uint64_t id : ids) {
+  for (const std::uint64_t id : read) {
     auto& list = intact.contains(id) ? revival.messages : revival.damaged;
     list.push_back(drop_letter(id));
   }

@@ -48,6 +48,7 @@ struct ListedDeadLetter {
   WallTime stored_at{};
   BrokerMessage message;
   DeadLetterFacts facts;
+  bool is_unreadable = false;  ///< the disk cannot read it: `facts.reason` says why
 };
 
 class MessageLog {
@@ -84,8 +85,9 @@ class MessageLog {
     std::vector<FormerLetter> messages;
     std::vector<FormerLetter> damaged;  ///< they are lost
   };
-  /// Turns dead letters into messages again, in their rows.
-  Revival revive(std::span<const std::uint64_t> ids);
+  /// Turns dead letters into messages again, in their rows: the first ones, at most `most`. Letters
+  /// that the disk cannot read stay. Throws LogError if it can read none.
+  Revival revive(std::span<const std::uint64_t> ids, std::size_t most);
   std::vector<FormerLetter> discard(const std::vector<std::uint64_t>& ids);
 
   RecordLog& log() { return log_; }
@@ -107,6 +109,7 @@ class MessageLog {
   void read_all(bool skips_unreadable);
   std::optional<MessageRecord> find(std::uint64_t row, bool skips_unreadable = false) const;
   std::optional<ListedDeadLetter> find_letter(std::uint64_t id) const;
+  std::optional<ListedDeadLetter> show_letter(std::uint64_t id) const;
   void put(std::uint64_t row, const MessageRecord& record) {
     log_.put(row, encode_message(record));
   }

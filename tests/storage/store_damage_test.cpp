@@ -358,6 +358,35 @@ TEST_F(StoreDamage, ADamagedDeadLetterHidesNoOtherOfItsTopic) {
   EXPECT_NE(user.notices().find(told(1)), std::string::npos) << user.notices();
 }
 
+TEST_F(StoreDamage, ADeadLetterThatTheDiskDoesNotReadHidesNoOther) {
+  const std::string topic = "ntnu-slam/robot/r1/update";
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 9, 100));
+  WriteToStore write;
+  for (const std::uint64_t row : {1U, 4U, 7U})
+    write.dead_letters.push_back({row, "refused", 0x87, 1});
+  user.store().ask(std::move(write));
+  ASSERT_TRUE(user.await<StoreWritten>());
+  const std::string file = read_file(segment());
+  const auto last = file.rfind(std::string(as_text(StoreUser::message(1, 100).payload)));
+  ASSERT_NE(last, std::string::npos);
+  FaultyDisk::make_unreadable(segment(), last + 50, last + 51);
+
+  const OrderAnswer listed = user.perform(ListDeadLetters{0, "", true});
+  EXPECT_EQ(listed.error, "");
+  for (const char* part : {"\"id\":1,", "\"id\":4,", "\"id\":7,", "Input/output error"})
+    EXPECT_NE(listed.json.find(part), std::string::npos) << listed.json;
+  user.store().ask(RetryDeadLetters{topic, 1});
+  const auto revived = user.await<DeadLettersRevived>();
+  ASSERT_EQ(revived->messages.size(), 1u) << revived->why_failed;
+  EXPECT_EQ(revived->messages[0].row, 4u);
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":1,"resent":1})");
+  ASSERT_TRUE(user.await<DeadLettersRevived>());
+  user.store().ask(RetryDeadLetters{topic, 1});
+  EXPECT_FALSE(user.await<DeadLettersRevived>()->why_failed.empty());
+  EXPECT_EQ(user.perform(DiscardOrder{{{1}, "", false}}).json, R"({"discarded":1})");
+}
+
 TEST_F(StoreDamage, AMessageThatIsLostInsteadOfADeadLetterIsNotCountedAsOne) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
