@@ -143,12 +143,14 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
     orders_.erase(waiting);
     done(std::move(ended.answer));
   }
-  /// Reports the outcome of commands that an earlier daemon had under way.
+  /// Reports the outcome of commands that an earlier daemon had under way. The listener may call an
+  /// input of the machine, which then replaces `kept_commands_`.
   void end_interrupted_commands() {
     const Now now = read_clocks();
     for (const auto& [robot, content] : sessions_.load()) {
-      kept_commands_[robot] = decode_open_commands(content, now);
-      for (const OpenCommand& command : kept_commands_[robot])
+      const OpenCommands commands = decode_open_commands(content, now);
+      kept_commands_[robot] = commands;
+      for (const OpenCommand& command : commands)
         this->listener().on_mesh_event(outcome_after_restart(robot, command, now.mono));
     }
   }

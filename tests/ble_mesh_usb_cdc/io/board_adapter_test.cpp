@@ -77,7 +77,12 @@ class PluggedBoard {
 
 class Listener : public MeshListener, public EventLog {
  public:
-  void on_mesh_event(MeshEvent event) override { events.push_back(std::move(event)); }
+  void on_mesh_event(MeshEvent event) override {
+    const bool is_outcome = std::holds_alternative<CommandOutcome>(event);
+    events.push_back(std::move(event));
+    if (is_outcome && on_outcome) on_outcome();
+  }
+  std::function<void()> on_outcome;
 };
 
 class BoardAdapterTest : public ::testing::Test {
@@ -312,6 +317,20 @@ TEST_F(BoardAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   make_adapter();
   adapter->start();
   EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u) << "once";
+}
+
+/// As the core's answer to an outcome may do.
+TEST_F(BoardAdapterTest, TellsTheOutcomesOfInterruptedCommandsToAListenerThatCallsBack) {
+  const Now now = read_clocks();
+  sessions.sessions["nr1"] =
+      encode_open_commands({{"run", now.mono - 2s, true}, {"cmd", now.mono - 1s, true}}, now);
+  sessions.sessions["nr2"] = encode_open_commands({{"x", now.mono - 1s, false}}, now);
+  listener.on_outcome = [&] { adapter->trace(false); };
+  adapter->start();
+  const auto outcomes = listener.all<CommandOutcome>();
+  ASSERT_EQ(outcomes.size(), 3u);
+  EXPECT_EQ(outcomes[1].type, "cmd");
+  EXPECT_TRUE(sessions.sessions.empty());
 }
 
 TEST_F(BoardAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
