@@ -42,7 +42,6 @@ void PresencePublisher::on_broker_link(const Now& now) {
   announce_at_.reset();
   if (!broker_.is_up) return;
   up_since_ = now.mono;
-  connected_ = now.wall;
   if (!waiting_wills_.empty()) wills_due_ = now.mono + will_patience;
   if (leftovers_ && !leftovers_due_) leftovers_due_ = now.mono + leftover_grace;
   publish_state();
@@ -161,7 +160,7 @@ void PresencePublisher::publish_state() {
   Json state{{"state", "online"},
              {"version", settings_.version},
              {"since", to_iso8601(settings_.started)},
-             {"connected", to_iso8601(connected_)}};
+             {"connected", to_iso8601(broker_.since)}};
   if (is_store_full_) state["store"] = "full";
   publish_retained(scheme_.state_topic(), state.dump());
 }

@@ -108,7 +108,6 @@ class PresencePublisher {
   std::optional<std::map<std::string, std::string>> leftovers_{std::in_place};
   std::optional<TimePoint> leftovers_due_;
   std::optional<TimePoint> up_since_;     ///< when the broker came online
-  WallTime connected_{};                  ///< "connected" in `state`: the same, also for others
   std::optional<TimePoint> announce_at_;  ///< when to announce robots whose sessions are not held
   std::map<std::string, Report> waiting_wills_;  ///< by robot
   std::optional<TimePoint> wills_due_;

@@ -36,6 +36,7 @@ class GatewayRig : public testing::Test {
   void say(MeshEvent event) { gateway.on_mesh_event(std::move(event), now); }
   void broker_is(bool up) {
     broker.is_up = up;
+    broker.since = now.wall;
     gateway.on_broker_link(now);
   }
   void broker_comes() {
