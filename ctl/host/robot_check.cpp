@@ -223,11 +223,13 @@ class Judge {
   std::vector<double> update_times_;
 };
 
-/// Returns the daemon's answer; null when the daemon refuses, because it does not have the robot.
-json asked(Connection& daemon, const json& request,
+/// Returns the daemon's answer; null when the daemon refuses, because it does not have the robot,
+/// or is silent. Each question has its own connection: a late answer cannot be taken for the next
+/// one.
+json asked(const std::string& socket, const json& request,
            std::chrono::seconds patience = answer_patience) {
   try {
-    return daemon.ask(request, patience);
+    return Connection(socket).ask(request, patience);
   } catch (const NotRunning&) {
     throw;
   } catch (const Failure&) {
@@ -251,13 +253,11 @@ WatchedRobot watch_robot(const std::string& robot, std::chrono::seconds time,
       watched.events.push_back(std::move(*event));
   }
   watched.watched = std::chrono::round<std::chrono::seconds>(Clock::now() - start);
-  Connection questions(socket);  // opened late: the daemon closes a client that idles for a minute
-  const json clients = asked(questions, {{"command", "mqttsn clients"}, {"robot", robot}});
+  const json clients = asked(socket, {{"command", "mqttsn clients"}, {"robot", robot}});
   if (clients.is_array() && !clients.empty()) watched.client = clients.front();
   constexpr std::chrono::seconds config_patience{60};
   if (watched.client.is_null())
-    watched.config =
-        asked(questions, {{"command", "ble config"}, {"robot", robot}}, config_patience);
+    watched.config = asked(socket, {{"command", "ble config"}, {"robot", robot}}, config_patience);
   return watched;
 }
 
