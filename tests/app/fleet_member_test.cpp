@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+// One gateway among others, without a mesh: which robots' sessions it opens and when, and which
+// robots it leaves to another gateway.
+#include "daemon/app/fleet_member.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tests/support/eventually.hpp"
+#include "tests/support/fake_broker.hpp"
+#include "tests/support/memory_session_store.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw {
+namespace {
+
+using test::FakeBroker;
+
+/// The gateway's own connection: it is up at once, carries nothing, and answers each SUBSCRIBE.
+class OwnLink final : public MqttLink {
+ public:
+  OwnLink(boost::asio::io_context& io, MqttLinkListener& listener)
+      : io_(io), listener_(&listener) {}
+  void connect() override {
+    boost::asio::post(io_, [this] {
+      if (listener_) listener_->on_connected({});
+    });
+  }
+  void publish(std::uint64_t, const BrokerMessage&) override {}
+  void subscribe(std::string filter) override {
+    boost::asio::post(io_, [this, filter] {
+      if (listener_) listener_->on_subscribe_result(filter, true);
+    });
+  }
+  void unsubscribe(std::string) override {}
+  void abandon(bool) override { listener_ = nullptr; }
+
+ private:
+  boost::asio::io_context& io_;
+  MqttLinkListener* listener_;
+};
+
+class FleetMemberTest : public testing::Test, public UpstreamListener, public MeshListener {
+ protected:
+  FleetMemberTest() {
+    broker.misbehave([this](FakeBroker::Connection&, const FakeBroker::Packet& packet) {
+      const std::lock_guard lock(mutex_);
+      if (packet.type() == FakeBroker::connect) opened_ = std::chrono::steady_clock::now();
+      return false;
+    });
+  }
+  ~FleetMemberTest() override {
+    fleet.stop();
+    gateway_driver.stop();
+    upstream.stop();
+  }
+
+  Config make_config() const {
+    Config made;
+    made.gateway_id = "gw1";
+    made.broker.host = "127.0.0.1";
+    made.broker.port = broker.port();
+    made.store.directory = directory.path();
+    made.mqttsn.enabled = made.ble_mesh.enabled = false;
+    return made;
+  }
+  bool comes_up() {
+    upstream.start();
+    return test::eventually(io, [&] { return link.is_up; });
+  }
+  void comes(const std::string& robot) {
+    fleet.on_mesh_event(PresenceChange{Mesh::thread, robot, Presence::online, "fd00::1"});
+  }
+  void want(const std::string& robot) {
+    WantSession wanted{robot};
+    fleet.perform(wanted);
+  }
+  /// Another gateway shows itself, and a robot as online.
+  void other_says(const std::string& state, const std::string& robot) {
+    EXPECT_TRUE(fleet.takes({"ntnu-slam/gateway/gw2/state", to_bytes(state)}));
+    EXPECT_TRUE(fleet.takes({scheme.presence_topic_at("gw2", robot),
+                             to_bytes(R"({"state":"online","since":"2026-11-28T10:00:00Z"})")}));
+  }
+  /// When the broker got the last CONNECT of a robot's session.
+  std::optional<TimePoint> opened() {
+    const std::lock_guard lock(mutex_);
+    return opened_;
+  }
+  nlohmann::json row_of(const std::string& robot) const {
+    const auto rows = fleet.status().at("robots");
+    for (const auto& row : rows)
+      if (row.at("robot") == robot) return row;
+    return {};
+  }
+
+  void on_link_up(const BrokerLimits&) override { set_up(true); }
+  void on_link_down(const std::string&) override { set_up(false); }
+  void on_silence(bool) override {}
+  void on_published(std::uint64_t) override {}
+  void on_publish_refused(std::uint64_t, const Refusal&) override {}
+  void on_subscribe_result(const std::string&, bool) override {}
+  void on_message(BrokerMessage, const UserProperties&) override {}
+  void on_mesh_event(MeshEvent) override {}
+  void set_up(bool is_up) {
+    link.is_up = is_up;
+    gateway_driver->on_broker_link(read_clocks());
+    fleet.on_broker_link(is_up);
+  }
+
+ private:
+  std::mutex mutex_;
+  std::optional<TimePoint> opened_;
+
+ protected:
+  FakeBroker broker;
+  test::TempDir directory;
+  boost::asio::io_context io{1};
+  const TopicScheme scheme{"ntnu-slam", "gw1"};
+  const Config config = make_config();
+  BrokerLink link;
+  Gateway gateway{scheme, {"1", UpdateMode::positions, {}}, link, [](Mesh, const std::string&) {
+                    return std::nullopt;
+                  }};
+  std::vector<std::string> uploads;  ///< their topics
+  MachineDriver<Gateway> gateway_driver{io, gateway, [this](GatewayAction& action) {
+                                          if (const auto* up = std::get_if<Upload>(&action))
+                                            uploads.push_back(up->message.topic);
+                                        }};
+  test::MemorySessionStore store;
+  DescriptorStore descriptors;
+  Meshes meshes{io, config, scheme, store, descriptors, *this};
+  Upstream upstream{io,
+                    config.broker,
+                    {[](boost::asio::io_context& loop, boost::asio::thread_pool&, LinkOptions,
+                        MqttLinkListener& listener) -> std::shared_ptr<MqttLink> {
+                      return std::make_shared<OwnLink>(loop, listener);
+                    }},
+                    *this};
+  std::vector<BrokerMessage> submitted;
+  FleetMember fleet{
+      io, config, scheme, gateway, gateway_driver, meshes, upstream, [this](BrokerMessage message) {
+        submitted.push_back(std::move(message));
+      }};
+};
+
+/// The robot has come while the broker was offline, so another gateway may have it already.
+TEST_F(FleetMemberTest, LeavesARobotThatMayBeAtAnotherGatewayToItForAWhile) {
+  comes("r1");
+  ASSERT_TRUE(comes_up());
+  const TimePoint wanted = read_clocks().mono;
+  want("r1");
+  ASSERT_TRUE(test::eventually(io, [&] { return opened().has_value(); }));
+  EXPECT_GE(*opened() - wanted, sessions::RobotSessions::unheard_delay);
+}
+
+TEST_F(FleetMemberTest, GivesALostRobotUpToTheGatewayThatShowsIt) {
+  comes("r1");
+  ASSERT_TRUE(comes_up());
+  want("r1");
+  other_says(R"({"state":"online"})", "r1");
+  EXPECT_EQ(row_of("r1").at("gateway"), "gw2");
+  EXPECT_EQ(row_of("r1").at("served"), true);
+  EXPECT_EQ(std::ranges::count(uploads, scheme.presence_topic("r1")), 1) << "withdrawn";
+}
+
+TEST_F(FleetMemberTest, ShowsTheRobotsOfAGatewayThatHasDiedAsOffline) {
+  ASSERT_TRUE(comes_up());
+  other_says(R"({"state":"offline"})", "r1");
+  EXPECT_EQ(row_of("r1").at("served"), false);
+  want("r1");
+  ASSERT_TRUE(test::eventually(io, [&] { return row_of("r1").at("gateway") == "gw1"; }));
+  EXPECT_EQ(row_of("r1").at("served"), true);
+  ASSERT_EQ(submitted.size(), 1U);
+  EXPECT_EQ(submitted[0].topic, scheme.presence_topic("r1"));
+  EXPECT_TRUE(submitted[0].retain);
+  EXPECT_EQ(nlohmann::json::parse(submitted[0].payload).at("state"), "offline");
+}
+
+TEST_F(FleetMemberTest, TakesWhatOtherGatewaysSayAndLeavesItsOwnToTheCore) {
+  EXPECT_TRUE(fleet.takes({"ntnu-slam/gateway/gw2/state", to_bytes(R"({"state":"online"})")}));
+  EXPECT_FALSE(fleet.takes({scheme.state_topic(), to_bytes(R"({"state":"online"})")}));
+  EXPECT_FALSE(fleet.takes({scheme.presence_topic("r1"), {}}));
+  EXPECT_FALSE(fleet.takes({"ntnu-slam/server/r1/cmd", {}}));
+}
+
+}  // namespace
+}  // namespace slamgw
