@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run forgives, all of it: eight bounds, each a function (or two) that asks whether it holds for the one message or command at
+"""What a run forgives, all of it: nine bounds, each a function (or two) that asks whether it holds for the one message or command at
 hand, with its reason. Pure: times in (one monotonic clock), answers out. Used by judge, commands and ble_mesh."""
 import dataclasses
 
@@ -31,24 +31,26 @@ class Connection:
 
 
 class Bounds:
-    def __init__(self, absences, connections, subscribed_s, settle_s=SETTLE_S, change_s=1.0, loses_all=False):
+    def __init__(self, absences, connections, subscribed_s, settle_s=SETTLE_S, change_s=1.0, loses_all=False, hears_all=True):
         """`connections`: for each gateway, (begin, end) of each. `subscribed_s`: what the engine needs to answer SUBSCRIBE. `change_s`: what
-        it needs from a robot's CONNECT until its session is at its new gateway. `loses_all`: a broker that dies forgets everything."""
+        it needs from a robot's CONNECT until its session is at its new gateway. `loses_all`: a broker that dies forgets everything. `hears_all`: a
+        gateway hears commands to which its robot has not subscribed."""
         self.absences, self.subscribed_s, self.settle_s = absences, subscribed_s, settle_s
-        self.change_s, self.loses_all = change_s, loses_all
+        self.change_s, self.loses_all, self.hears_all = change_s, loses_all, hears_all
         self.connections = [[self.connection(gateway, *times) for times in each] for gateway, each in enumerate(connections)]
 
     # 1. A command that comes within one round trip before its robot's session changes hands, or breaks, may have no outcome. Client
     # libraries acknowledge a command when it arrives; only the next answer of the broker shows that the session was still held then.
     # Without that answer it is not known whether another gateway has the command, so nothing is done and nothing is said.
 
-    def may_have_no_outcome(self, at, places):
+    def may_have_no_outcome(self, at, places, breaks=()):
         """`at`: of the command. `places`: (since when, gateway) of its robot. It has come at once; or, when it waited for a gateway that was
-        away, at a later change of hands, and then another change followed too soon."""
-        changes = self.changes(places)
+        away, at a later change of hands, and then another change followed too soon. `breaks`: when the broker broke the robot's session."""
+        changes = sorted(self.changes(places) + [(when, when) for when in breaks])
         if any(begin - ROUND_TRIP_S <= at <= end for begin, end in changes):
             return True
-        came = [change for change in changes if change[0] > at and self.was_disturbed(gateway_at(places, at), at, change[0])]
+        is_away = self.was_disturbed(gateway_at(places, at), at, at + ROUND_TRIP_S)
+        came = [change for change in changes if change[0] > at and is_away]
         return any(begin < other <= end + ROUND_TRIP_S for begin, end in came for other, _ in changes)
 
     def changes(self, places):
@@ -119,6 +121,13 @@ class Bounds:
         """`shown`: when a gateway began to show the robot that another one had shown. A gateway that stood still does so before it
         reads."""
         return sorted(list(shown) + self.returns(gateways))
+
+    # 9. On MQTT 3.1.1 a command to which the robot has not subscribed has no outcome. A robot that begins a clean session has subscribed
+    # to nothing until its SUBACK. What waited in its former session is refused before the broker forgets that.
+
+    def may_be_unheard(self, at, bare):
+        """`bare`: (from, to) of each time in which the robot had no subscription."""
+        return not self.hears_all and any(since <= at <= until for since, until in bare)
 
     # --- What happened ---
 

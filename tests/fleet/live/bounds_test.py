@@ -136,6 +136,12 @@ class Commands(unittest.TestCase):
     def test_one_that_waited_for_a_gateway_comes_when_that_is_there(self):
         self.assertFalse(bounds(self.killed).may_have_no_outcome(18.5, self.moved))
         self.assertTrue(bounds(self.killed).may_have_no_outcome(18.5, [*self.moved, (20.8, 0)]), "it has moved on at once")
+        self.assertFalse(bounds(self.killed).may_have_no_outcome(9, [*self.moved, (20.8, 0)]), "its gateway was there")
+
+    def test_nor_one_that_comes_as_the_broker_breaks_the_session(self):
+        self.assertTrue(bounds().may_have_no_outcome(9.9, [(0.0, 0)], breaks=[10]))
+        self.assertFalse(bounds().may_have_no_outcome(9, [(0.0, 0)], breaks=[10]))
+        self.assertFalse(bounds().may_have_no_outcome(10.1, [(0.0, 0)], breaks=[10]), "it waits at the broker")
 
     def test_a_broker_without_a_disk_forgets_everything_when_it_dies(self):
         dies = Absence("node killed", 0, 10, 12)

@@ -106,11 +106,11 @@ class Commands:
 
     # --- What became of them ---
 
-    def judge(self, robots, places_of_ble, told, bounds, findings, again_s):
+    def judge(self, robots, places_of_ble, told, bounds, findings, again_s, breaks=None):
         """`robots`: of the Thread mesh, by name; BLE robots do not say which command they obey. A command that no broker has confirmed may
-        be lost; it is not obeyed twice either, and has no two outcomes."""
+        be lost; it is not obeyed twice either, and has no two outcomes. `breaks`: by robot, when the broker broke its session."""
         self.places_of_ble = places_of_ble
-        self.bounds, self.findings, self.again_s = bounds, findings, again_s
+        self.bounds, self.findings, self.again_s, self.breaks = bounds, findings, again_s, breaks or {}
         self.confirmed = self.observers.confirmed()
         self.results, self.whys, self.waits = Counter(), Counter(), []
         for key, command in self.distinct.items():
@@ -124,7 +124,7 @@ class Commands:
                 "outcomes": dict(self.results), "obeyed_by_thread_robots": obeyed,
                 "undelivered": sum(count for what, count in self.results.items() if what not in ("delivered", "sent")),
                 "undelivered_why": dict(self.whys.most_common(8)),
-                "without_outcome": sum(self.findings.counts[kind] for kind in ("outcomes_missing", "cut_short", "forgotten")),
+                "without_outcome": sum(self.findings.counts[kind] for kind in ("outcomes_missing", "cut_short", "forgotten", "unheard")),
                 "delivered_p50_s": self.waits[len(self.waits) // 2] if self.waits else None,
                 "delivered_p99_s": self.waits[len(self.waits) * 99 // 100] if self.waits else None}
 
@@ -183,7 +183,9 @@ class Commands:
         places = robot.places if robot else self.places_of_ble[command.robot]
         if self.bounds.may_be_forgotten(command.at):
             return "forgotten"
-        return "cut_short" if self.bounds.may_have_no_outcome(command.at, places) else None
+        if robot and self.bounds.may_be_unheard(command.at, robot.bare):
+            return "unheard"
+        return "cut_short" if self.bounds.may_have_no_outcome(command.at, places, self.breaks.get(command.robot, ())) else None
 
     def add_missing(self, command, robot, what):
         places = f", places {[place for place in robot.places if place[0] > command.at - 10][:4]}" if robot else ""

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The brokers that the gateways of a run use, from Debian's packages: one Mosquitto or ejabberd, or a cluster of three nodes of
 RabbitMQ or NATS. Used by run."""
+import datetime
 import os
+import re
 import shutil
 import signal
 import socket
@@ -20,7 +22,7 @@ class Engine:
 
     package = program_of_package = None
     count = 1
-    takes_qos2 = True
+    takes_qos2 = takes_mqtt5 = True
     rate, most_equal = 100, 10  # messages a second of all robots, and robots that get equal commands, that it bears on a busy machine
     user = None  # (name of a client -> user name); None: clients need none
     subscribed_s = 1  # what it needs for the subscriptions of a gateway that connects
@@ -48,6 +50,10 @@ class Engine:
 
     def programs(self):
         return self.nodes
+
+    def broken_connections(self):
+        """(when, client id) of those that a node broke for a fault of its own."""
+        return []
 
     def is_well(self, i):
         """Whether the node serves clients, and the cluster can do without another one."""
@@ -82,6 +88,7 @@ class Nats(Engine):
 
     package = program_of_package = "nats-server"
     count = NODES
+    takes_mqtt5 = False
     takes_qos2 = False  # it closes the connection
     rate, most_equal = 30, 2  # some 100 messages a second with QoS 1 in all
     subscribed_s = 10  # 6 s were seen
@@ -152,6 +159,7 @@ class RabbitMq(Erlang):
 
     package, program_of_package = "rabbitmq-server", "rabbitmq-server"
     count = NODES
+    takes_mqtt5 = False
     rate, most_equal = 60, 6
     change_s = 2.0
     sends_retained_to_wildcards = False
@@ -175,6 +183,20 @@ class RabbitMq(Erlang):
 
     def has_started(self, i):
         return "Starting broker... completed" in self.nodes[i].log.read_text()
+
+    def broken_connections(self):
+        """While a robot's queue is deleted, for a clean session, a message to it or beside it costs its publisher the connection: the plug-in
+        does not expect basic.nack."""
+        found, to_monotonic = [], time.monotonic() - time.time()
+        for i in range(NODES):
+            clients = {}
+            for line in (self.directory / f"r{i}@localhost.log").read_text(errors="replace").splitlines():
+                if accepted := re.search(r"accepting MQTT connection (<[\d.]+>) .*client id: (.*)\)", line):
+                    clients[accepted[1]] = accepted[2]
+                elif (ended := re.search(r"Generic server (<[\d.]+>) terminating", line)) and ended[1] in clients:
+                    when = datetime.datetime.fromisoformat(" ".join(line.split()[:2])).timestamp()
+                    found.append((when + to_monotonic, clients[ended[1]]))
+        return found
 
 
 class Ejabberd(Erlang):

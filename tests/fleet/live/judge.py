@@ -170,13 +170,16 @@ def judge_presence(fleet, bounds, findings):
 def bounds_of(fleet):
     engine = fleet.engine
     return Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], engine.subscribed_s, engine.settle_s,
-                  engine.change_s, loses_all=len(engine.nodes) == 1)
+                  engine.change_s, loses_all=len(engine.nodes) == 1, hears_all=engine.takes_mqtt5 and fleet.options.mqtt == 5)
 
 
 def judge_commands(fleet, messages, bounds, findings):
     told = outcomes_of(messages, fleet.commands.times())
     robots = {robot.name: robot for robot in fleet.robots}
-    return told, fleet.commands.judge(robots, fleet.places_of_ble(), told, bounds, findings, fleet.engine.again_s)
+    breaks = defaultdict(list)
+    for at, client in fleet.engine.broken_connections():
+        breaks[client.removeprefix(f"{fleet.prefix}-robot-")].append(at)
+    return told, fleet.commands.judge(robots, fleet.places_of_ble(), told, bounds, findings, fleet.engine.again_s, breaks)
 
 
 def are_outcomes_missing(fleet):

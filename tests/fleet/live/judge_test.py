@@ -61,7 +61,7 @@ class Repetitions(unittest.TestCase):
 class Obedience(unittest.TestCase):
     """Of a robot that was at gateway 0 all the time, when nothing was taken away."""
 
-    def kinds(self, sent, messages, obeyed, places=((0.0, 0),), is_clean=False):
+    def kinds(self, sent, messages, obeyed, places=((0.0, 0),), is_clean=False, bare=(), hears_all=True):
         """`sent`: (type, when) of commands that the broker has confirmed. `obeyed`: (when, payload)."""
         commands, findings = Commands("p", SimpleNamespace(confirmed=lambda: set(range(100))), None), Findings()
         for number, (kind, at) in enumerate(sent):
@@ -71,9 +71,9 @@ class Obedience(unittest.TestCase):
             else:
                 commands.distinct["r1", kind] = command
         commands.count = 100
-        robot = SimpleNamespace(name="r1", places=list(places), is_clean=is_clean, commands=[(at, 0, payload) for at, payload in obeyed],
+        robot = SimpleNamespace(name="r1", places=list(places), bare=list(bare), is_clean=is_clean, commands=[(at, 0, payload) for at, payload in obeyed],
                                 obeyed=lambda payload: sum(1 for _, each in obeyed if each == payload))
-        bounds = Bounds([], [WHOLE, WHOLE], subscribed_s=1)
+        bounds = Bounds([], [WHOLE, WHOLE], subscribed_s=1, hears_all=hears_all)
         self.verdict = commands.judge({"r1": robot}, {}, outcomes_of(messages, commands.times()), bounds, findings, again_s=0)
         return dict(findings.counts)
 
@@ -94,6 +94,12 @@ class Obedience(unittest.TestCase):
     def test_or_when_its_robot_went_just_then(self):
         self.assertEqual(self.kinds([("c1", 10)], [], [], places=[(0.0, 0), (10.1, 1)]), {"cut_short": 1})
         self.assertEqual(self.verdict["without_outcome"], 1)
+
+    def test_or_when_its_robot_had_not_subscribed_and_the_broker_knows_mqtt_3_only(self):
+        bare = {"places": [(0.0, 0), (9.9, 1)], "bare": [(9.9, 10.4)]}
+        self.assertEqual(self.kinds([("c1", 10)], [], [], hears_all=False, **bare), {"unheard": 1})
+        self.assertEqual(self.kinds([("c1", 10)], [], [], **bare), {"cut_short": 1})
+        self.assertEqual(self.kinds([("c1", 10.5)], [], [], hears_all=False, **bare), {"cut_short": 1})
 
     def test_told_too_late(self):
         self.assertEqual(self.kinds([("c1", 10)], [outcome(42, 0)], [(10, "c1")]), {})

@@ -40,6 +40,7 @@ class Robot:
         self.topic_id = 0
         self.ended = float("inf")
         self.has_session = False  # its topic ids and subscriptions are believed to stand at the gateway
+        self.bare = []  # [from, to] of each time without a subscription: from its CONNECT to its SUBACK
         self.move_to(self.place)
 
     def fileno(self):
@@ -89,6 +90,8 @@ class Robot:
         self.is_interrupted = True
         if self.is_clean:
             self.has_session = False
+        if not self.bare or self.is_clean and self.bare[-1][1] != float("inf"):
+            self.bare.append([time.monotonic(), float("inf")])
         flags = WILL | (CLEAN if self.is_clean else 0)
         self.ask("connect", packet(CONNECT, bytes([flags, 1]) + KEEP_ALIVE_S.to_bytes(2, "big") + self.name.encode()))
 
@@ -171,6 +174,7 @@ class Robot:
         elif kind == WILLMSGREQ:
             self.send(packet(WILLMSG, b"will"))
         elif kind == SUBACK and self.step == "subscribe" and body[-1] == 0:
+            self.bare[-1][1] = min(now, self.bare[-1][1])
             self.next_step()
         elif kind == REGACK and self.step == "register" and body[-1] == 0:
             self.topic_id = int.from_bytes(body[:2], "big")
