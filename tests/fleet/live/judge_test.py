@@ -8,6 +8,7 @@ import unittest
 from types import SimpleNamespace
 
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
+from acts import is_told_again  # noqa: E402
 from ble_mesh import BleMesh  # noqa: E402
 from bounds import Absence, Bounds  # noqa: E402
 from commands import Command, Commands, outcomes_of  # noqa: E402
@@ -146,6 +147,23 @@ class Obedience(unittest.TestCase):
     def test_what_is_cut_short_is_little(self):
         sent = [(f"c{number}", 10) for number in range(3)]
         self.assertEqual(self.kinds(sent, [], [], places=[(0.0, 0), (10.1, 1)]), {"cut_short": 3, "too_many_cut_short": 1})
+
+
+class Cuts(unittest.TestCase):
+    """Outcomes of one command, as (payload, cuts before it came)."""
+
+    def test_a_copy_word_for_word_for_each_cut_is_no_second_outcome(self):
+        self.assertFalse(is_told_again([], 3))
+        self.assertFalse(is_told_again([(b"a", 3)], 3))
+        self.assertFalse(is_told_again([(b"a", 3), (b"a", 4)], 3))
+        self.assertFalse(is_told_again([(b"a", 4), (b"a", 4)], 3), "the first copy passed the cut on its way")
+
+    def test_one_more_is(self):
+        self.assertTrue(is_told_again([(b"a", 3), (b"a", 3)], 3))
+        self.assertTrue(is_told_again([(b"a", 3), (b"a", 4), (b"a", 4)], 3))
+
+    def test_other_words_are(self):
+        self.assertTrue(is_told_again([(b"a", 3), (b"b", 4)], 3))
 
 
 class LateOutcomes(unittest.TestCase):
