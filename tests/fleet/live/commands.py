@@ -56,10 +56,18 @@ def described(said):
 
 
 def unanswered(commands, said):
-    """Of equal commands, those that no outcome seems to be about: each is about the newest one that was there when its gateway got it."""
-    left = list(commands)
-    for came in sorted(each.at - json.loads(each.payload)["after_ms"] / 1000 for each in said):
-        if index := bisect.bisect(left, came + SAME_S, key=lambda each: each.at):
+    """Of equal commands, those that no outcome seems to be about: each is about the newest one that was there when its gateway got it. Those
+    that waited at the broker came in their order: each is about the oldest one that is newer than any with another outcome."""
+    left, answered = list(commands), []
+    outcomes = [json.loads(each.payload) | {"came": each.at - json.loads(each.payload)["after_ms"] / 1000} for each in said]
+    for each in sorted(outcomes, key=lambda each: (each["why"].startswith("waited at the broker"), each["came"])):
+        index = bisect.bisect(left, each["came"] + SAME_S, key=lambda command: command.at)
+        if each["why"].startswith("waited at the broker"):
+            since = max((at for at in answered if at <= each["came"]), default=0.0)
+            index = min(index, bisect.bisect(left, since, key=lambda command: command.at) + 1)
+        else:
+            answered += [left[index - 1].at] if index else []
+        if index:
             left.pop(index - 1)
     return left
 

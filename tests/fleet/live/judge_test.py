@@ -134,6 +134,14 @@ class Obedience(unittest.TestCase):
         told = [outcome(10.1, 0, kind="run"), outcome(20.4, 1, kind="run")]
         self.assertEqual(self.kinds(sent, told, [(10, "1"), (20.3, "1")], moved), {"outcomes_missing": 1})
 
+    def test_equal_ones_that_waited_came_in_their_order(self):
+        moved = {"places": [(0.0, 0), (12.9, 1)], "bare": [(12.9, 14.2)], "hears_all": False}
+        sent = [("run", 10), ("run", 11), ("run", 12), ("run", 13), ("run", 14), ("run", 15)]
+        waited = [outcome(13.5 + i / 10, 1, "refused", kind="run", why="waited at the broker until ...") for i in range(3)]
+        told = [outcome(10.1, 0, kind="run"), *waited, outcome(15.1, 1, kind="run")]
+        self.assertEqual(self.kinds(sent, told, [(10, "1"), (15, "1")], **moved), {"unheard": 1})
+        self.assertEqual(self.kinds(sent, told[:1] + told[2:], [(10, "1"), (15, "1")], **moved), {"unheard": 2})
+
     def test_an_equal_one_that_was_refused_is_not_obeyed(self):
         sent, told = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, "refused", kind="run")]
         self.assertEqual(self.kinds(sent, told, [(10.05, "1")]), {})
