@@ -272,12 +272,13 @@ void FleetMember::on_heard_by_board(const std::string& robot,
   if (is_held(robot) || should_attach(robot)) attach(robot);
 }
 
-/// True when this gateway's board should serve a robot whose session it does not hold.
+/// True when this gateway's board should serve a robot whose session it does not hold. All boards
+/// hear the robot, so one that another gateway has just taken need not be shown yet.
 bool FleetMember::should_attach(const std::string& robot) {
   if (!is_settled()) return false;
-  if (!neighbours_.is_served_elsewhere(robot)) return true;
-  return board_choice_.should_take(robot, neighbours_.robots().at(robot).gateway,
-                                   read_clocks().mono);
+  const TimePoint now = read_clocks().mono;
+  if (!neighbours_.is_served_elsewhere(robot)) return !host_.sessions().was_just_taken(robot, now);
+  return board_choice_.should_take(robot, neighbours_.robots().at(robot).gateway, now);
 }
 
 /// Keeps the robot's session at this gateway, unless another one hears the robot within `after`.

@@ -321,6 +321,11 @@ bool RobotSessions::is_held(const std::string& robot) const {
   return session && session->is_held();
 }
 
+bool RobotSessions::was_just_taken(const std::string& robot, TimePoint now) const {
+  const RobotSession* session = find(robot);
+  return session && session->lost_at() && now - *session->lost_at() < showing;
+}
+
 bool RobotSessions::is_contested(const std::string& robot) const {
   const RobotSession* session = find(robot);
   return session && session->is_contested();

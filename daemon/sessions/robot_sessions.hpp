@@ -30,6 +30,8 @@ class RobotSessions {
   /// After the broker is back, robots that were not heard are attached this much later, so that a
   /// gateway that hears them comes first.
   static constexpr std::chrono::seconds unheard_delay{5};
+  /// A gateway that has taken a session shows the robot to the others within this time.
+  static constexpr std::chrono::seconds showing{2};
   /// Between two calls of on_tick(): after a longer pause, sessions may have been lost long ago,
   /// and another gateway may serve the robots. Most losses are noticed within `waking`, and all
   /// within `catching_up`.
@@ -101,6 +103,9 @@ class RobotSessions {
   void on_deadline(const Now& now);
 
   bool is_held(const std::string& robot) const;
+  /// Returns true while the client that has taken the session from here may be a gateway that has
+  /// not shown the robot yet.
+  bool was_just_taken(const std::string& robot, TimePoint now) const;
   bool is_contested(const std::string& robot) const;
   bool is_refused(const std::string& robot) const;
   std::size_t held() const { return counts_.held; }

@@ -331,6 +331,20 @@ TEST_F(RobotSessionRulesUp, ARobotThatIsKeptAgainIsNotPutOff) {
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
+/// Boards that share a mesh all hear the robot, so hearing it says nothing about who serves it.
+TEST_F(RobotSessionRulesUp, ASessionThatWasJustTakenIsKnownUntilTheTakerHadTimeToShowTheRobot) {
+  EXPECT_FALSE(sessions.was_just_taken("r1", now.mono));
+  attach();
+  EXPECT_FALSE(sessions.was_just_taken("r1", now.mono));
+  sessions.on_detached("r1", now);
+  EXPECT_TRUE(sessions.was_just_taken("r1", now.mono));
+  pass(RobotSessions::showing);
+  EXPECT_FALSE(sessions.was_just_taken("r1", now.mono));
+  attach();
+  sessions.on_broker_down(now);
+  EXPECT_FALSE(sessions.was_just_taken("r1", now.mono)) << "nobody has taken it";
+}
+
 class ForgottenRobots : public RobotSessionRules {
  protected:
   void expect_a_clean_open_and_close() {
