@@ -84,7 +84,7 @@ void FleetMember::on_broker_link(bool is_up) {
     return host_.on_broker_down();
   }
   up_since_ = read_clocks().mono;
-  const std::string uri = upstream_.broker().addresses().front().uri();
+  const std::string uri = upstream_.common_uri();
   const bool is_other = std::exchange(broker_uri_, uri) != uri;
   neighbours_.on_broker_up(is_other);
   if (is_other) {

@@ -116,6 +116,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
        v.one_of(c.broker.client,
                 {{"paho", MqttClient::paho}, {"mosquitto", MqttClient::mosquitto}});
      }},
+    {"broker.cluster", [](Value v, Config& c) { v.boolean(c.broker.is_cluster); }},
     {"broker.return_to_first", [](Value v, Config& c) { v.boolean(c.broker.returns_to_first); }},
     {"broker.client_id", [](Value v, Config& c) { v.text(c.broker.client_id, client_id); }},
     {"broker.credentials_file", [](Value v, Config& c) { v.file_path(c.broker.credentials_file); }},

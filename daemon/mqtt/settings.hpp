@@ -40,6 +40,7 @@ struct BrokerSettings {
   std::uint16_t port = 1883;
   bool tls = false;                   ///< `mqtts://`
   std::vector<BrokerAddress> others;  ///< tried after this broker, in this order
+  bool is_cluster = false;            ///< all are nodes of one cluster, which share sessions
   bool returns_to_first = false;      ///< leaves another broker when the first is back
   std::string gateway_id;             ///< for the user property `gateway`
   /// `slam-gateway-<gateway.id>` unless set; %n: the broker's place in the list, from 1.

@@ -94,6 +94,10 @@ BrokerSettings Upstream::broker() const {
   return broker;
 }
 
+std::string Upstream::common_uri() const {
+  return (settings_.is_cluster ? settings_ : broker()).addresses().front().uri();
+}
+
 void Upstream::stop() {
   reconnect_timer_.cancel();
   stall_timer_.cancel();

@@ -72,6 +72,8 @@ class Upstream final : private MqttLinkListener {
   MqttVersion version() const { return place().version.version(); }
   /// The settings of the broker that is connected, or tried now.
   BrokerSettings broker() const;
+  /// Returns the address of that broker; the nodes of a cluster have one in common.
+  std::string common_uri() const;
   /// The addresses and TLS files of the broker that is connected, or tried now.
   const WayToBroker& way() const { return way_; }
   /// Number of the broker's messages for which there was no room on the way to the loop.

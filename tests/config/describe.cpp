@@ -95,10 +95,10 @@ std::string describe_mqttsn(const mqttsn::Settings& settings) {
 }
 
 std::string describe_broker(const BrokerSettings& settings) {
-  const auto& [client, host, port, tls, others, returns_to_first, gateway_id, client_id,
+  const auto& [client, host, port, tls, others, is_cluster, returns_to_first, gateway_id, client_id,
                credentials_file, credentials, ca_file, certificate_file, key_file, keep_alive,
                max_inflight] = settings;
-  return all(client, host, port, tls, others, returns_to_first, gateway_id, client_id,
+  return all(client, host, port, tls, others, is_cluster, returns_to_first, gateway_id, client_id,
              credentials_file, credentials, ca_file, certificate_file, key_file, keep_alive,
              max_inflight);
 }

@@ -97,7 +97,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"broker": {"password": "hush"}})",
              "g.json:1: broker.password: ", "into credentials.json (mode 0600)"},
         Case{R"({"broker": {"pasword_file": "hush"}})", "g.json:1: broker.pasword_file: ",
-             "Known in broker: client, client_id, credentials_file, keep_alive_s, max_inflight, "
+             "Known in broker: client, client_id, cluster, credentials_file, keep_alive_s, "
+             "max_inflight, "
              "return_to_first, tls, uri"},
         Case{R"({"mqttsn": {"listen": 5}})", "g.json:1: mqttsn.listen: ", "a list [...] of"},
         Case{R"({"uri": "x"})", "g.json:1: uri: ", "did you mean broker.uri?"},

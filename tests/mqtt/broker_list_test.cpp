@@ -63,6 +63,18 @@ TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
   EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 1; }));
 }
 
+TEST_P(BrokerList, TheNodesOfAClusterCountAsOneBroker) {
+  for (const bool is_cluster : {true, false}) {
+    TwoBrokers brokers;
+    BrokerSettings settings = brokers.settings(/*returns_to_first=*/false);
+    settings.is_cluster = is_cluster;
+    brokers.link.upstream->reconfigure(settings);
+    ASSERT_TRUE(brokers.moves_on());
+    const std::uint16_t port = (is_cluster ? brokers.first : brokers.second).port();
+    EXPECT_EQ(brokers.link.upstream->common_uri(), "mqtt://127.0.0.1:" + std::to_string(port));
+  }
+}
+
 TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
   TwoBrokers brokers;
   auto& first = brokers.first;
