@@ -44,6 +44,8 @@ constexpr std::array rows = {
     Row{"unexpected '}'", "object key", "a comma before }; remove the comma"},
     Row{"unexpected ']'", "while parsing value",
         "a ] where a value should stand; remove the comma before it"},
+    Row{"unexpected '}'", "expected end of input",
+        "a } after the end of the configuration; remove it"},
     Row{"unexpected '}'", "while parsing value",
         "a } where a value should stand; write a value after the colon"},
     Row{"unexpected ','", "while parsing value", "a comma where a value should stand; remove one"},

@@ -44,11 +44,13 @@ std::set<std::string_view> known_paths() {
   return paths;
 }
 
-/// The edit distance, but 1 when `name` is the end of `known`: `client_id`, `mqttsn_client_id`.
+/// The edit distance, but 1 when `name` is the end of `known`, as `client_id` of
+/// `mqttsn_client_id`, or its beginning, as `retry` of `retry_count`.
 std::size_t distance(const std::string& name, const std::string& known) {
   constexpr std::size_t least_telling = 4;
-  const bool is_end = name.size() >= least_telling && known.ends_with(name) && known != name;
-  return is_end ? 1 : edit_distance(name, known);
+  const bool is_part = name.size() >= least_telling && known != name &&
+                       (known.ends_with(name) || known.starts_with(name));
+  return is_part ? 1 : edit_distance(name, known);
 }
 
 std::string shown(std::string_view path) {
