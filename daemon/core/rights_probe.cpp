@@ -68,6 +68,18 @@ bool RightsProbe::take(const BrokerMessage& message) {
   return true;
 }
 
+bool RightsProbe::is_of_any_gateway(const BrokerMessage& message) {
+  if (message.qos != Qos::at_most_once || message.retain || !message.topic.ends_with("/probe"))
+    return false;
+  const std::string_view nonce = as_text(message.payload);
+  const std::size_t dash = nonce.find('-');
+  const auto is_number = [](std::string_view text) {
+    return !text.empty() && text.find_first_not_of("0123456789") == text.npos;
+  };
+  return dash != nonce.npos && is_number(nonce.substr(0, dash)) &&
+         is_number(nonce.substr(dash + 1));
+}
+
 /// Probes again from the subscription on, because a broker may have refused it.
 void RightsProbe::on_deadline(const Now& now) {
   if (!broker_.is_up) return;

@@ -27,7 +27,7 @@ struct MissingRight {
 
 class RightsProbe {
  public:
-  /// The last level of the probe's topics; not a command for a robot.
+  /// The last level of the probe's topics. Robots may have commands of this type, too.
   static constexpr std::string_view level = "probe";
   /// A broker answers within milliseconds; a message that is not back after this time was blocked.
   static constexpr std::chrono::seconds patience{10};
@@ -43,6 +43,8 @@ class RightsProbe {
   bool on_subscribe_result(const std::string& filter, bool is_granted, const Now& now);
   /// Returns true for a message of the probe, which the caller drops.
   bool take(const BrokerMessage& message);
+  /// Returns true for a message that the probe of any gateway has sent: it is not a command.
+  static bool is_of_any_gateway(const BrokerMessage& message);
   std::optional<TimePoint> deadline() const;
   void on_deadline(const Now& now);
 

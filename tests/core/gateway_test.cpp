@@ -402,9 +402,12 @@ TEST_F(CommandsTest, SayToTheMeshThatTheRobotHasNotAskedForThem) {
 
 TEST_F(CommandsTest, AreNotWhatGatewaysTryTheirRightsWith) {
   reach[{Mesh::thread, "a"}] = Presence::online;
-  gateway.commands().on_robot_message({"a", {"ntnu-slam/server/a/probe", {}, Qos::at_most_once}},
-                                      now);
+  const std::string topic = "ntnu-slam/server/a/probe";
+  gateway.commands().on_robot_message({"a", {topic, to_bytes("17-1"), Qos::at_most_once}}, now);
   EXPECT_FALSE(gateway.next_action());
+  gateway.commands().on_robot_message({"a", {topic, to_bytes("17-1"), Qos::at_least_once}}, now);
+  gateway.commands().on_robot_message({"a", {topic, to_bytes("hello"), Qos::at_most_once}}, now);
+  EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "commands whose type is probe";
 }
 
 TEST_F(CommandsTest, ToARobotThatNoMeshKnowsAreRefusedAtOnce) {
