@@ -9,6 +9,8 @@
 #include <string_view>
 #include <utility>
 
+#include "daemon/config/rules.hpp"
+
 namespace slamgw {
 namespace {
 
@@ -63,6 +65,8 @@ std::vector<std::string> replaced_names(const std::vector<RobotName>& now,
 Reload reload_of(const Config& now, Config wanted) {
   Reload reload{now, {}, keys_for_restart(now, wanted), replaced_names(now.robots, wanted.robots)};
   wanted.broker.gateway_id = now.broker.gateway_id;
+  if (wanted.broker.client_id == default_client_id(wanted.gateway_id))
+    wanted.broker.client_id = default_client_id(now.gateway_id);
   wanted.broker.max_inflight = now.broker.max_inflight;
   Config& config = reload.config;
   std::string& keys = reload.in_force;

@@ -108,7 +108,7 @@ void fill_defaults(Config& config, const Environment& environment) {
   if (config.gateway_id.empty()) config.gateway_id = gateway_id_of_host(environment.host_name);
   config.broker.gateway_id = config.gateway_id;
   if (config.broker.client_id.empty())
-    config.broker.client_id = "slam-gateway-" + config.gateway_id;
+    config.broker.client_id = default_client_id(config.gateway_id);
 }
 
 /// Sorts by file in the order of reading, and by line. Files that the configuration names are last.

@@ -150,6 +150,10 @@ std::string gateway_id_of_host(std::string_view host_name) {
   return id.empty() ? "gateway" : id;
 }
 
+std::string default_client_id(const std::string& gateway_id) {
+  return "slam-gateway-" + gateway_id;
+}
+
 std::optional<BrokerAddress> parse_broker_uri(std::string_view uri) {
   constexpr std::string_view plain = "mqtt://";
   constexpr std::string_view secure = "mqtts://";

@@ -30,6 +30,9 @@ bool is_multicast_group(std::string_view text);  ///< an IPv4 or IPv6 multicast 
 /// Makes a gateway id of a host name: other characters become `-`, an empty name `gateway`.
 std::string gateway_id_of_host(std::string_view host_name);
 
+/// Returns what `broker.client_id` is unless it is set.
+std::string default_client_id(const std::string& gateway_id);
+
 /// Parses `mqtt://host[:port]` or `mqtts://host[:port]`; nothing for any other text.
 std::optional<BrokerAddress> parse_broker_uri(std::string_view uri);
 

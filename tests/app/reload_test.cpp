@@ -28,6 +28,21 @@ TEST(Reload, TakesWhatCanChangeWhileTheDaemonRuns) {
   EXPECT_EQ(reload_of(wanted, wanted).in_force, "");
 }
 
+TEST(Reload, LeavesTheDefaultClientIdToo_AnotherGatewayMayBeConnectedWithTheNewOne) {
+  Config now;
+  now.gateway_id = now.broker.gateway_id = "here";
+  now.broker.client_id = "slam-gateway-here";
+  Config wanted = now;
+  wanted.gateway_id = wanted.broker.gateway_id = "other";
+  wanted.broker.client_id = "slam-gateway-other";
+  const Reload reload = reload_of(now, wanted);
+  EXPECT_EQ(reload.config.broker.client_id, "slam-gateway-here");
+  EXPECT_EQ(reload.in_force, "");
+  EXPECT_EQ(reload.needs_restart, "gateway.id");
+  wanted.broker.client_id = "mine";
+  EXPECT_EQ(reload_of(now, wanted).config.broker.client_id, "mine");
+}
+
 TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
   Config now;
   now.broker.max_inflight = 16;
