@@ -80,6 +80,7 @@ json to_json(const Status::MeshLink& mesh) {
            {"detail", mesh.detail},
            {"counters", to_json(mesh.counters)}};
   if (mesh.is_enabled) out["latency"] = to_json(mesh.latency);
+  if (mesh.is_enabled) out["messages"] = {{"up", mesh.up}, {"down", mesh.down}};
   if (mesh.places) out["places"] = to_json(*mesh.places);
   if (!mesh.role.empty()) out["role"] = mesh.role;
   return out;

@@ -35,6 +35,8 @@ struct Status {
     Counters counters;
     std::optional<MeshPlaces> places{};
     LatencyHistogram latency{};  ///< of acknowledged messages
+    std::uint64_t up = 0;        ///< messages from its robots
+    std::uint64_t down = 0;      ///< messages to its robots
     std::string role{};          ///< of this host in the mesh, if BorderRouterWatch knows it
   };
   struct Store {

@@ -86,7 +86,9 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
                    link.detail,
                    adapter ? adapter->counters() : Counters{},
                    adapter ? adapter->places() : std::nullopt,
-                   gateway.latencies(mesh)};
+                   gateway.latencies(mesh),
+                   gateway.traffic().up_on[mesh],
+                   gateway.commands().counts().down_on[mesh]};
   }
   return links;
 }

@@ -23,6 +23,8 @@ void Commands::on_robot_message(RobotMessage message, const Now& now) {
     return;
   }
   ++counts_.down;
+  if (const Robot* known = directory_.registry.find(message.robot))
+    ++counts_.down_on[known->mesh()];
   actions_.push(DeliverToMesh{std::nullopt, std::move(message)});
 }
 
@@ -144,6 +146,7 @@ CommandId Commands::deliver(RobotMessage message, const Now& now) {
   Command command{
       ledger_.next_id(), message.robot, type,       directory_.carrier_for(message.robot, now.mono),
       what.retain,       what.waited,   what.sender};
+  if (command.carrier) ++counts_.down_on[*command.carrier];
   if (Robot* known = directory_.registry.find(message.robot)) {
     known->numbers.on_down(what.payload.size());
     if (command.carrier) ++known->on_mesh[*command.carrier].down;

@@ -18,8 +18,9 @@ namespace slamgw {
 class Commands {
  public:
   struct Counts {
-    std::uint64_t down = 0;           ///< broker messages that were given to a mesh or refused
-    std::uint64_t late_outcomes = 0;  ///< outcomes of commands that had already ended
+    std::uint64_t down = 0;            ///< broker messages that were given to a mesh or refused
+    PerMesh<std::uint64_t> down_on{};  ///< those of a robot that a mesh reaches, by mesh
+    std::uint64_t late_outcomes = 0;   ///< outcomes of commands that had already ended
   };
 
   /// The three references must outlive this object.

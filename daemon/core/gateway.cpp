@@ -95,6 +95,7 @@ void Gateway::pass_up(Report report, const Now& now) {
   TrafficEvent event = event_of(std::move(report), std::move(type), std::move(normalized), now);
   if (event.is_rejected) return reject(std::move(event), retain, robot, now);
   ++traffic_.up;
+  if (event.mesh) ++traffic_.up_on[*event.mesh];
   actions_.push(PassUp{std::move(event), retain});
 }
 

@@ -31,6 +31,7 @@ class Gateway {
   using Settings = GatewaySettings;
   struct Traffic {
     std::uint64_t up = 0;            ///< robots' messages that went to the outbox
+    PerMesh<std::uint64_t> up_on{};  ///< the same, by mesh
     std::uint64_t rejected = 0;      ///< payloads that `payload.update` could not read
     std::uint64_t not_retained = 0;  ///< messages published without the retain flag that they had
   };

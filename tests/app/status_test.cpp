@@ -51,7 +51,8 @@ TEST(StatusJson, SaysOfEachLinkHowItIs) {
   json thread = out["meshes"]["thread"];
   thread.erase("latency");
   EXPECT_EQ(thread, json::parse(R"({"enabled": true, "state": "up",
-                                "detail": "UDP [::]:47193", "counters": {"received": 7}})"));
+                                "detail": "UDP [::]:47193", "counters": {"received": 7},
+                                "messages": {"up": 0, "down": 0}})"));
   status.meshes[Mesh::thread].role = "leader";
   EXPECT_EQ(to_json(status)["meshes"]["thread"]["role"], "leader");
 }
@@ -64,6 +65,9 @@ TEST(StatusJson, CountsLatenciesByBound) {
   const json latency = to_json(status)["meshes"]["ble"]["latency"];
   EXPECT_EQ(latency["count"], 1);
   EXPECT_EQ(latency["sum_us"], 700);
+  status.meshes[Mesh::ble].up = 2;
+  status.meshes[Mesh::ble].down = 1;
+  EXPECT_EQ(to_json(status)["meshes"]["ble"]["messages"], (json{{"up", 2}, {"down", 1}}));
   ASSERT_EQ(latency["buckets"].size(), LatencyHistogram::bounds_us.size());
   EXPECT_EQ(latency["buckets"][0], (json{{"le_us", 500}, {"count", 0}}));
   EXPECT_EQ(latency["buckets"][1], (json{{"le_us", 1000}, {"count", 1}}));

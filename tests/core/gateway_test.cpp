@@ -388,6 +388,7 @@ TEST_F(CommandsTest, GoToTheirCarrierAloneWhileOtherMessagesGoToEachMesh) {
   }
   EXPECT_EQ(gateway.commands().open(), 1u);
   EXPECT_EQ(gateway.commands().counts().down, 4u);
+  EXPECT_EQ(gateway.commands().counts().down_on[Mesh::thread], 1u) << "the command";
 }
 
 TEST_F(CommandsTest, SayToTheMeshThatTheRobotHasNotAskedForThem) {

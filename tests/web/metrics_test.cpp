@@ -37,6 +37,20 @@ class WebMetrics : public testing::Test {
   }
 };
 
+TEST_F(WebMetrics, CountTheMessagesOfEachMesh) {
+  hear("g/state", R"({"state":"online"})");
+  hear("g/stats", R"({"messages":{"up":7,"down":5},
+                      "meshes":{"ble":{"state":"up","messages":{"up":3,"down":1}},
+                                "thread":{"state":"up","messages":{"up":4,"down":2}}}})");
+  EXPECT_TRUE(has(R"(slamgw_gateway_messages_total{gateway="g",mesh="ble",direction="up"} 3)"))
+      << text();
+  EXPECT_TRUE(has(R"(slamgw_gateway_messages_total{gateway="g",mesh="thread",direction="up"} 4)"));
+  EXPECT_EQ(text().find(R"(messages_total{gateway="g",direction="up"})"), std::string::npos);
+  EXPECT_TRUE(has(R"(slamgw_gateway_messages_total{gateway="g",mesh="ble",direction="down"} 1)"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_messages_total{gateway="g",direction="down"} 2)"))
+      << "no mesh carried them";
+}
+
 TEST_F(WebMetrics, TellTheGatewaysStats) {
   hear("g/state", R"({"state":"online"})");
   hear("g/stats",

@@ -88,6 +88,30 @@ std::optional<Histogram> histogram_of(const json& latency) {
   return histogram;
 }
 
+/// Adds the messages of each mesh, and without a mesh those that none carried, such as commands to
+/// unknown robots. A gateway of release 0.1.0 counts no meshes.
+void add_messages(Exposition& out, const std::string& gateway, const json& stats,
+                  const char* direction) {
+  const auto add = [&](const std::string& mesh, double value) {
+    Labels labels{{"gateway", gateway}, {"direction", direction}};
+    if (!mesh.empty()) labels.insert(labels.begin() + 1, {"mesh", mesh});
+    out.add("slamgw_gateway_messages_total", "Messages from robots (up) and to them (down).",
+            labels, value);
+  };
+  const json* meshes = find(stats, {"meshes"});
+  double counted = 0;
+  bool has_meshes = false;
+  if (meshes != nullptr && meshes->is_object())
+    for (const auto& [mesh, values] : meshes->items())
+      if (const auto value = number(values, {"messages", direction})) {
+        add(mesh, *value);
+        counted += *value;
+        has_meshes = true;
+      }
+  const auto all = number(stats, {"messages", direction});
+  if (all && (!has_meshes || *all > counted)) add("", *all - counted);
+}
+
 void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
   const Labels labels{{"gateway", gateway}};
   add_rows(
@@ -135,11 +159,7 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
           {{"memory_rss_bytes"}, "slamgw_gateway_resident_memory_bytes", "Memory of the daemon."},
       },
       labels);
-  for (const char* direction : {"up", "down"}) {
-    if (const auto value = number(stats, {"messages", direction}))
-      out.add("slamgw_gateway_messages_total", "Messages from robots (up) and to them (down).",
-              {{"gateway", gateway}, {"direction", direction}}, *value);
-  }
+  for (const char* direction : {"up", "down"}) add_messages(out, gateway, stats, direction);
   for (const char* state : {"online", "asleep", "offline"}) {
     if (const auto value = number(stats, {"robots", state}))
       out.add("slamgw_gateway_robots", "Robots by state.", {{"gateway", gateway}, {"state", state}},
