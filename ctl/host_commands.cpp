@@ -26,7 +26,13 @@ namespace {
 
 /// Writes the result of a task on this host in words.
 int print_words(const Order& order, const std::string& words) {
-  std::cout << (order.json ? control::to_line({{"file", order.file}, {"text", words}}) : words);
+  if (!order.json) {
+    std::cout << words;
+    return 0;
+  }
+  nlohmann::ordered_json answer{{"text", words}};
+  if (!order.file.empty()) answer["file"] = order.file;
+  std::cout << control::to_line(answer);
   return 0;
 }
 
