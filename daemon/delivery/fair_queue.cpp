@@ -60,23 +60,25 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
   item.flow = &flow;
 }
 
-void FairQueue::set_aside(Item& item) {
+void FairQueue::set_aside(Item& item, Item::Wait why) {
   withdraw(item);
   aside_.insert(&item);
   aside_bytes_[key_of(item.message.topic)] += item.cost();
-  item.wait = Item::Wait::aside;
+  if (why == Item::Wait::handshake && item.is_durable()) ++durable_queued_;
+  item.wait = why;
 }
 
 void FairQueue::withdraw(Item& item) {
   const Item::Wait wait = std::exchange(item.wait, Item::Wait::none);
-  if (wait == Item::Wait::aside) {
+  if (wait == Item::Wait::none) return;
+  if (item.is_durable() && wait != Item::Wait::aside) --durable_queued_;
+  if (wait != Item::Wait::queued) {
     aside_.erase(&item);
     const auto bytes = aside_bytes_.find(key_of(item.message.topic));
     if ((bytes->second -= item.cost()) == 0) aside_bytes_.erase(bytes);
+    return;
   }
-  if (wait != Item::Wait::queued) return;
   --queued_;
-  if (item.is_durable()) --durable_queued_;
   Flow& flow = *std::exchange(item.flow, nullptr);
   flow.items.erase(item.place);
   flow.bytes -= item.cost();

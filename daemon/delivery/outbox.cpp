@@ -150,7 +150,7 @@ bool Outbox::publish_next(TimePoint now) {
   }
   if (would_overtake(*next)) {
     in_handshake_.insert(next->message.topic);
-    queue_.set_aside(*next);
+    queue_.set_aside(*next, Item::Wait::handshake);
     return true;
   }
   if (!window_.has_room_for(*next)) return false;
@@ -171,11 +171,13 @@ bool Outbox::publish_next(TimePoint now) {
   return true;
 }
 
-/// Queues messages set aside that no longer wait for an earlier message, or for their topic.
+/// Queues messages set aside that no longer wait for an earlier message, or for their topic. Those
+/// that waited for a handshake are queued even if their topic rests: they become dead letters.
 void Outbox::release_set_aside(TimePoint now) {
   queue_.for_each_aside([&](Item& item) {
-    const bool waits = in_handshake_.contains(item.message.topic) || backlog_.is_ahead_of(item) ||
-                       turn_of(item, now) == Turn::rest;
+    const bool waits = item.wait == Item::Wait::handshake
+                           ? in_handshake_.contains(item.message.topic)
+                           : backlog_.is_ahead_of(item) || turn_of(item, now) == Turn::rest;
     if (!waits) queue_.enqueue(item);
   });
 }

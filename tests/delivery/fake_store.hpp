@@ -88,6 +88,7 @@ class FakeStore {
   std::size_t fail_countdown = 0;  ///< the n-th write from now fails; 0: none
   std::size_t commits = 0;
   std::size_t largest_page = 0;
+  std::size_t loads = 0;
 
  private:
   StoreEvent serve(WriteToStore& write, TimePoint now) {
@@ -105,6 +106,7 @@ class FakeStore {
     return StoreWritten{};
   }
   StoreEvent serve(const LoadFromStore& load, TimePoint now) {
+    ++loads;
     StoreLoaded loaded;
     for (auto row = rows.upper_bound(load.after);
          row != rows.end() && loaded.messages.size() < load.max_messages;) {

@@ -95,6 +95,47 @@ TEST_F(OutboxTest, KeepsTheOrderOfATopicAcrossQos) {
   EXPECT_EQ(depth(), 0u);
 }
 
+/// What waits for a message of QoS 2 may be long, if the broker does not answer.
+TEST_F(OutboxTest, ReadsNoMoreThanAPageForATopicThatWaits) {
+  submit("t", 1, Qos::exactly_once);
+  for (std::uint64_t i = 2; i <= 2000; ++i) submit("t", i);
+  while (serve_store()) {
+  }
+  link_up();
+  while (serve_store()) {
+  }
+  EXPECT_EQ(under_way.size(), 1u);
+  EXPECT_LE(store.loads, 3u);
+  settle();
+  EXPECT_EQ(depth(), 0u);
+  EXPECT_EQ(received_of("t").size(), 2000u);
+}
+
+/// A message that waits for another of its topic is refused with it.
+TEST_F(OutboxTest, RefusesWhatWaitedForARefusedMessage) {
+  outbox = std::make_unique<Outbox>(window, max_bytes);
+  outbox->on_store_event(StoreAbsent{"no disk"}, now);
+  drain();
+  link_up();
+  submit("t", 1, Qos::exactly_once);
+  submit("t", 2);
+  refuse_first();
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused));
+  EXPECT_TRUE(has_fired(2, ReceiptOutcome::refused));
+}
+
+/// A message that waits for another of its topic becomes a dead letter with it.
+TEST_F(OutboxTest, BuriesWhatWaitedForARefusedMessage) {
+  submit("t", 1, Qos::exactly_once);
+  submit("t", 2);
+  is_store_quick = true;
+  drain();
+  link_up();
+  ASSERT_EQ(under_way.size(), 1u);
+  refuse_first();
+  EXPECT_EQ(store.dead_letters.size(), 2u);
+}
+
 TEST_F(OutboxTest, RespectsTheBrokersReceiveMaximum) {
   link_up(5);
   for (std::uint64_t i = 1; i <= 10; ++i) submit("t", i);
