@@ -17,7 +17,7 @@ Commands::Commands(const TopicScheme& scheme, RobotDirectory& directory, Gateway
 
 void Commands::on_robot_message(RobotMessage message, const Now& now) {
   const auto target = scheme_.parse_command_topic(message.message.topic);
-  if (RightsProbe::is_of_any_gateway(message.message)) return;
+  if (target && RightsProbe::is_of_any_gateway(target->type, message.message)) return;
   if (target && target->robot == message.robot) {
     deliver(std::move(message), now);
     return;

@@ -223,7 +223,7 @@ void Gateway::on_subscribe_result(const std::string& filter, bool is_granted, co
 void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
   if (presence_.take(message, now) || rights_.take(message)) return;
   const auto target = scheme_.parse_command_topic(message.topic);
-  if (!target || message.retain || RightsProbe::is_of_any_gateway(message)) return;
+  if (!target || message.retain || RightsProbe::is_of_any_gateway(target->type, message)) return;
   commands_.on_stray_command(std::move(message), now);
 }
 

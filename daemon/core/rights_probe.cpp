@@ -68,9 +68,8 @@ bool RightsProbe::take(const BrokerMessage& message) {
   return true;
 }
 
-bool RightsProbe::is_of_any_gateway(const BrokerMessage& message) {
-  if (message.qos != Qos::at_most_once || message.retain || !message.topic.ends_with("/probe"))
-    return false;
+bool RightsProbe::is_of_any_gateway(std::string_view type, const BrokerMessage& message) {
+  if (type != level || message.qos != Qos::at_most_once || message.retain) return false;
   const std::string_view nonce = as_text(message.payload);
   const std::size_t dash = nonce.find('-');
   const auto is_number = [](std::string_view text) {

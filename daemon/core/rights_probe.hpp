@@ -43,8 +43,9 @@ class RightsProbe {
   bool on_subscribe_result(const std::string& filter, bool is_granted, const Now& now);
   /// Returns true for a message of the probe, which the caller drops.
   bool take(const BrokerMessage& message);
-  /// Returns true for a message that the probe of any gateway has sent: it is not a command.
-  static bool is_of_any_gateway(const BrokerMessage& message);
+  /// Returns true for a message on a command topic, with this type, that the probe of any gateway
+  /// has sent: it is not a command.
+  static bool is_of_any_gateway(std::string_view type, const BrokerMessage& message);
   std::optional<TimePoint> deadline() const;
   void on_deadline(const Now& now);
 

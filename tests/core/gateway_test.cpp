@@ -411,6 +411,15 @@ TEST_F(CommandsTest, AreNotWhatGatewaysTryTheirRightsWith) {
   EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "commands whose type is probe";
 }
 
+/// A robot may be subscribed to topics of others, whose payloads can be anything.
+TEST_F(CommandsTest, NoMessageOnATopicOfOthersIsTakenForATestOfRights) {
+  reach[{Mesh::thread, "a"}] = Presence::online;
+  for (const char* topic :
+       {"ntnu-slam/robot/b/probe", "lab/pool/probe", "ntnu-slam/server/a/b/probe"})
+    gateway.commands().on_robot_message({"a", {topic, to_bytes("20-25"), Qos::at_most_once}}, now);
+  EXPECT_EQ(drain<DeliverToMesh>().size(), 3u);
+}
+
 TEST_F(CommandsTest, ToARobotThatNoMeshKnowsAreRefusedAtOnce) {
   EXPECT_FALSE(server_sends());
   ASSERT_EQ(outcomes.size(), 1u);
