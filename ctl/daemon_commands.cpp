@@ -38,7 +38,7 @@ using nlohmann::json;
 constexpr std::chrono::seconds outcome_patience{45};
 /// A robot on BLE may first have to finish another conversation.
 constexpr std::chrono::seconds ping_patience{30};
-/// The daemon ends orders about the mesh within 180 s.
+/// The daemon ends orders about the mesh within 180 s, but for those that wait for its disk.
 constexpr std::chrono::seconds order_patience{200};
 
 constexpr std::chrono::milliseconds joining_interval{500};
