@@ -447,11 +447,12 @@ void OperatorOrders::on_link_down() {
 void OperatorOrders::on_deadline(TimePoint now) {
   if (!order_ || now < order_->due) return;
   if (order_.is(Kind::scan)) return order_.answer(scan_json(now));
-  const std::string was_busy =
-      "the gateway was busy with its robots or with the disk; try again later";
-  if (order_.is(Kind::remove) && order_->removed.empty())
-    return order_.refuse("the robot is still in the mesh: " + was_busy);
-  if (order_.is(Kind::config) && !has_new_settings()) return order_.refuse(was_busy);
+  const std::string was_busy = "the gateway was busy with its robots or with the disk; ";
+  if (order_.is(Kind::remove) && order_->removed.empty())  // its reset may just have begun
+    return order_.refuse("the robot is still in the mesh: " + was_busy +
+                         "see `ble nodes` before you try again");
+  if (order_.is(Kind::config) && !has_new_settings())
+    return order_.refuse(was_busy + "try again later");
   if (order_.is(Kind::ping))
     return order_.refuse(
         "the gateway is configuring this robot, which does not answer; try again later");
