@@ -105,8 +105,8 @@ void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
   provisioner_.on_send_refused(refused.destination, refused.why, now);
 }
 
-/// A serial line that has lost octets can report any index. A robot that joined with it would hear
-/// nobody.
+/// A serial line that has lost octets can report any index. A robot that joined with it would not
+/// hear the others.
 void BleMesh::on_iv_update(const IvUpdate& update, TimePoint now) {
   const NodeDatabase* database = provisioner_.nodes().database();
   if (database && update.iv_index > std::uint64_t{database->iv_index} + max_iv_index_jump)

@@ -155,7 +155,7 @@ void ControlSession::arm_idle_timer() {
   }
   idle_timer_.expires_after(limits_.idle);
   idle_timer_.async_wait([self = shared_from_this()](error_code error) {
-    // The time may have been set anew after this handler was queued.
+    // A handler that is queued already runs although the timer has a later time now.
     const bool is_due = self->idle_timer_.expiry() <= Clock::now();
     if (!error && is_due && !self->is_closed_ && !self->watch_) self->end();
   });

@@ -219,7 +219,7 @@ TEST_F(StrayCommandsTest, AreNeitherRetainedOnesNorGatewaysThatTryTheirRights) {
   server_sends("room-b", "17-1", "probe");
   wait(1min);
   EXPECT_TRUE(outcomes.empty());
-  server_sends("nobody", "x", "probe");
+  server_sends("unknown", "x", "probe");
   wait(1min);
   EXPECT_EQ(outcomes.size(), 1u) << "a command whose type is probe";
 }

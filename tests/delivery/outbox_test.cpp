@@ -95,7 +95,7 @@ TEST_F(OutboxTest, KeepsTheOrderOfATopicAcrossQos) {
   EXPECT_EQ(depth(), 0u);
 }
 
-/// What waits for a message of QoS 2 may be long, if the broker does not answer.
+/// A broker that does not answer a message of QoS 2 may have the whole store wait behind it.
 TEST_F(OutboxTest, ReadsNoMoreThanAPageForATopicThatWaits) {
   submit("t", 1, Qos::exactly_once);
   for (std::uint64_t i = 2; i <= 2000; ++i) submit("t", i);

@@ -342,7 +342,7 @@ TEST_F(RobotSessionRulesUp, ASessionThatWasJustTakenIsKnownUntilTheTakerHadTimeT
   EXPECT_FALSE(sessions.was_just_taken("r1", now.mono));
   attach();
   sessions.on_broker_down(now);
-  EXPECT_FALSE(sessions.was_just_taken("r1", now.mono)) << "nobody has taken it";
+  EXPECT_FALSE(sessions.was_just_taken("r1", now.mono)) << "no other client has taken it";
 }
 
 class ForgottenRobots : public RobotSessionRules {

@@ -73,7 +73,7 @@ void SessionKeeper::watch_disk() {
   is_watching_ = true;
   patience_timer_.expires_after(write_patience);
   patience_timer_.async_wait([this](boost::system::error_code error) {
-    // The time may have been set anew after this handler was queued.
+    // A handler that is queued already runs although the timer has a later time now.
     if (error || patience_timer_.expiry() > std::chrono::steady_clock::now()) return;
     if (std::exchange(is_watching_, false)) on_saved_(false);
   });
