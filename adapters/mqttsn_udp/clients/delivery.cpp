@@ -82,21 +82,22 @@ bool is_in_use(const Delivery& delivery, std::uint16_t id) {
 }  // namespace
 
 void restart_message_ids(Delivery& delivery, std::uint16_t random) {
-  delivery.last_msg_id = random;
-  delivery.base_msg_id = random;
+  delivery.last_msg_id = random & highest_msg_id;
+  delivery.base_msg_id = delivery.last_msg_id;
 }
 
 bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id) {
-  const auto distance = [&](std::uint16_t id) {
-    return static_cast<std::uint16_t>(id - delivery.base_msg_id);
+  const auto distance = [&](int id) {
+    return (id - delivery.base_msg_id % highest_msg_id + highest_msg_id) % highest_msg_id;
   };
-  return distance(msg_id) != 0 && distance(msg_id) <= distance(delivery.last_msg_id);
+  return msg_id <= highest_msg_id && distance(msg_id) != 0 &&
+         distance(msg_id) <= distance(delivery.last_msg_id);
 }
 
 std::uint16_t next_message_id(Delivery& delivery) {
   do {
-    ++delivery.last_msg_id;
-  } while (delivery.last_msg_id == 0 || is_in_use(delivery, delivery.last_msg_id));
+    delivery.last_msg_id = delivery.last_msg_id < highest_msg_id ? delivery.last_msg_id + 1 : 1;
+  } while (is_in_use(delivery, delivery.last_msg_id));
   return delivery.last_msg_id;
 }
 

@@ -165,7 +165,9 @@ void restart_message_ids(Delivery& delivery, std::uint16_t random);
 /// Whether this MsgId was drawn since restart_message_ids().
 bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id);
 
-/// Returns the next MsgId: never 0, never one that still awaits its answer.
+/// Some clients keep MsgIds in signed 16-bit numbers and fail on negative ones.
+inline constexpr std::uint16_t highest_msg_id = 0x7fff;
+/// Returns the next MsgId, from 1 to highest_msg_id: never one that still awaits its answer.
 std::uint16_t next_message_id(Delivery& delivery);
 
 }  // namespace slamgw::mqttsn
