@@ -20,10 +20,19 @@ void RobotSession::enter(State state) {
 
 void RobotSession::on_heard(bool is_elsewhere, TimePoint now) {
   if (is_held()) return;
+  note_heard(now);
   keeps_at_.reset();
   is_wanted_ = true;
   const unsigned disputed = is_elsewhere ? quick_losses_ : losses_;
   if (now < quiet_at_ && disputed >= contested_losses) set_contested(true);
+}
+
+void RobotSession::note_heard(TimePoint now) {
+  const bool was_silent = now - std::exchange(heard_at_, now) > silence;
+  const bool is_flapping = now < quiet_at_ && quick_losses_ > free_losses;
+  if (!was_silent || is_flapping) return;
+  opens_at_ = {};
+  retry_ = first_retry;
 }
 
 void RobotSession::set_contested(bool is_contested) {
@@ -141,11 +150,11 @@ void RobotSession::on_other_broker(TimePoint now) {
   unheld_since_ = now - 2 * stale_after;
 }
 
-void RobotSession::on_attach_failed(TimePoint now) {
+void RobotSession::on_attach_failed(bool is_elsewhere, TimePoint now) {
   drop_unfenced();        // of a session that was lost while sorting
   is_purge_due_ = false;  // new commands may wait in the session, so the next try sorts again
   enter(State::detached);
-  opens_at_ = now + retry_;
+  opens_at_ = now + (is_elsewhere && now - heard_at_ > silence ? longest_retry : retry_);
   retry_ = std::min(retry_ * 2, longest_retry);
 }
 
@@ -156,7 +165,6 @@ void RobotSession::on_detached(bool is_broker_gone, TimePoint unheld_since, Time
     retry_ = first_retry;
   }
   const bool was_held = state_ == State::attached;
-  if (!was_held && !is_broker_gone) return on_attach_failed(now);
   if (state_ == State::sorting) drop_unfenced();
   is_purge_due_ = false;
   enter(State::detached);
@@ -215,6 +223,7 @@ std::uint32_t RobotSession::make_id(const std::string& filter) const {
 }
 
 void RobotSession::subscribe(const std::string& filter, Qos qos, bool may_wait, TimePoint now) {
+  note_heard(now);
   Filter& entry = filter_of(filter, qos);
   entry.wants_retained = true;
   is_wanted_ = is_wanted_ || state_ == State::detached;
@@ -263,6 +272,7 @@ void RobotSession::unsubscribe_given_up() {
 /// Filters that another gateway or an earlier process has subscribed are not known here. A session
 /// that may have some is replaced by a new one.
 void RobotSession::begin_clean(TimePoint now) {
+  note_heard(now);
   grant_waiting();
   if (is_held() && knows_all_) {
     while (!filters_.empty()) unsubscribe(std::string(filters_.begin()->first));
@@ -332,6 +342,7 @@ void RobotSession::blame_unanswered() {
 // --- The note ------------------------------------------------------------------------------------
 
 void RobotSession::read_note(TimePoint now) {
+  note_heard(now);
   const bool is_asked = note_until_.has_value();
   note_until_ = now + longest_note_wait;
   if (is_asked) return;

@@ -35,9 +35,12 @@ class RobotSession {
   static constexpr std::chrono::seconds quiet_minute{60};
   /// A broker that shuts down closes its connections one after the other, within this time.
   static constexpr std::chrono::seconds broker_end{3};
-  /// Waits after a failed CONNECT.
+  /// Waits after a failed CONNECT. While another gateway shows the robot, and the robot has been
+  /// silent here, only the longest: a CONNECT of this gateway would end one of the other.
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{30};
+  /// A robot that is heard after such a silence may have been elsewhere, and does not wait.
+  static constexpr std::chrono::seconds silence{3};
   /// Waiting messages are refused when no gateway has held the session for longer than this. A
   /// gateway that takes the session while another one still sorts cannot know which are old.
   static constexpr std::chrono::seconds stale_after{25};
@@ -146,7 +149,8 @@ class RobotSession {
   /// Call when the gateway uses another broker, which may have an older session of the robot.
   void on_other_broker(TimePoint now);
   void on_attached(bool is_present, bool is_v5, TimePoint now);
-  void on_attach_failed(TimePoint now);
+  /// `is_elsewhere`: another living gateway shows the robot.
+  void on_attach_failed(bool is_elsewhere, TimePoint now);
   void on_refused() { is_refused_ = true; }
   /// `is_broker_gone`: the broker was lost, so no other client has taken the session. All CONNECTs
   /// fail then, so a failed one does not delay the next. `unheld_since`: when the session may have
@@ -187,6 +191,7 @@ class RobotSession {
   };
 
   void enter(State state);
+  void note_heard(TimePoint now);
   Filter& filter_of(const std::string& filter, Qos qos);
   std::uint32_t make_id(const std::string& filter) const;
   void subscribe_own(const std::string& topic, bool wants_retained);
@@ -239,6 +244,7 @@ class RobotSession {
   std::optional<TimePoint> marker_until_;
   std::optional<TimePoint> note_until_;  ///< set while a reader waits for the note
   TimePoint held_since_{};
+  TimePoint heard_at_{};  ///< while the session was not held
   TimePoint opens_at_{};
   std::chrono::seconds retry_ = first_retry;
   std::optional<TimePoint> lost_at_;

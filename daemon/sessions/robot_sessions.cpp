@@ -205,7 +205,7 @@ void RobotSessions::on_attach_failed(const std::string& robot, const Now& now, b
   if (forgetting_.contains(robot)) return end_forgetting(robot);
   RobotSession* session = find(robot);
   if (!session || !session->is_opening()) return;
-  session->on_attach_failed(now);
+  session->on_attach_failed(is_served_elsewhere_(robot), now);
   if (is_refused) session->on_refused();
   settle(robot, *session, now);
 }

@@ -67,6 +67,38 @@ TEST_F(RobotSessionRulesUp, ARefusedConnectIsTriedAgainEverLater) {
   }
 }
 
+/// Three gateways that each repeat a CONNECT for a robot that walks between them end each other's.
+TEST_F(RobotSessionRulesUp, AConnectForARobotThatMayHaveLeftIsRepeatedLater) {
+  is_served_elsewhere = true;
+  sessions.on_heard("r1", now);
+  now.mono += RobotSession::silence + milliseconds{1};
+  sessions.on_attach_failed("r1", now);
+  forget_actions();
+  pass(RobotSession::longest_retry - milliseconds{1});
+  EXPECT_TRUE(drain<OpenSession>().empty());
+  pass(milliseconds{1});
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, ARobotThatComesBackDoesNotWaitForTheNextTry) {
+  sessions.on_heard("r1", now);
+  for (int i = 0; i < 4; ++i) {
+    sessions.on_attach_failed("r1", now);
+    for (int passed = 0; passed < 1 << i; ++passed) {
+      pass(seconds{1});
+      sessions.on_heard("r1", now);
+    }
+  }
+  sessions.on_attach_failed("r1", now);
+  forget_actions();
+  pass(RobotSession::silence);
+  sessions.on_heard("r1", now);
+  EXPECT_TRUE(drain<OpenSession>().empty()) << "it was here all the time";
+  now.mono += RobotSession::silence + milliseconds{1};
+  sessions.on_heard("r1", now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+}
+
 // --- Rule 5: flapping ----------------------------------------------------------------------------
 
 TEST_F(RobotSessionRulesUp, Rule5_TwoThatTakeTheSessionFromEachOtherWaitEverLonger) {
