@@ -42,7 +42,8 @@ Json availability(std::initializer_list<std::string> topics) {
   return all;
 }
 
-/// `update` as bytes begins with both coordinates, little-endian.
+/// `update` as bytes begins with both coordinates, little-endian. An empty one, which clears a
+/// retained one, has none; Home Assistant would log an error.
 Json coordinate(std::string name, std::string update_topic, UpdateMode mode) {
   const bool is_x = name == "X";
   Json sensor{{"platform", "sensor"},
@@ -51,10 +52,12 @@ Json coordinate(std::string name, std::string update_topic, UpdateMode mode) {
               {"unit_of_measurement", "cm"},
               {"state_class", "measurement"}};
   if (mode == UpdateMode::json) {
-    sensor["value_template"] = is_x ? "{{ value_json.x }}" : "{{ value_json.y }}";
+    sensor["value_template"] = is_x ? "{{ (value_json | default({})).x | default(none) }}"
+                                    : "{{ (value_json | default({})).y | default(none) }}";
   } else {
     sensor["value_template"] =
-        is_x ? "{{ value | unpack('<h', 0) }}" : "{{ value | unpack('<h', 2) }}";
+        is_x ? "{{ value | unpack('<h', 0) if value | length > 3 else none }}"
+             : "{{ value | unpack('<h', 2) if value | length > 3 else none }}";
     sensor["encoding"] = "";
   }
   return sensor;

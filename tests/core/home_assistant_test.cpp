@@ -76,10 +76,12 @@ TEST(HomeAssistant, ReadsCoordinatesAsTheyArePublished) {
   const auto x_of = [&](UpdateMode mode) {
     return json::parse(home_assistant_document(topics, "r", mode, false))["components"]["x"];
   };
-  EXPECT_EQ(x_of(UpdateMode::json)["value_template"], "{{ value_json.x }}");
+  EXPECT_EQ(x_of(UpdateMode::json)["value_template"],
+            "{{ (value_json | default({})).x | default(none) }}");
   EXPECT_FALSE(x_of(UpdateMode::json).contains("encoding")) << "text";
   for (const UpdateMode mode : {UpdateMode::positions, UpdateMode::raw}) {
-    EXPECT_EQ(x_of(mode)["value_template"], "{{ value | unpack('<h', 0) }}");
+    EXPECT_EQ(x_of(mode)["value_template"],
+              "{{ value | unpack('<h', 0) if value | length > 3 else none }}");
     EXPECT_EQ(x_of(mode)["encoding"], "") << "bytes";
   }
 }

@@ -33,10 +33,9 @@ def require(holds, why):
 
 
 def unpack(value, form, offset=0):
-    try:
-        return struct.unpack_from(form, value, offset)[0]
-    except struct.error:
-        return None
+    """Home Assistant shows `unknown` when the bytes are too few, and writes a warning each time."""
+    require(len(value) >= offset + struct.calcsize(form), f"no {form} at {offset} of {value.hex()!r}")
+    return struct.unpack_from(form, value, offset)[0]
 
 
 jinja = jinja2.Environment(undefined=jinja2.StrictUndefined)

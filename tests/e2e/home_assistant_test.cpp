@@ -96,5 +96,16 @@ TEST_P(HomeAssistantShows, RobotsOfBothMeshes) {
   EXPECT_TRUE(eventually([&] { return shown().empty(); })) << shown();
 }
 
+/// A robot, or an operator, clears a retained `update` with an empty message.
+TEST_P(HomeAssistantShows, NoPositionAfterItWasCleared) {
+  GatewayProcess gateway(configuration());
+  SimulatorProcess thread({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "1",
+                           "--messages", "1", "--linger-s", "600"});
+  ASSERT_TRUE(eventually([&] { return shows_coordinates("lego_1"); })) << shown() << gateway.log();
+  mosquitto_publish(broker, {"-q", "1", "-r", "-t", "ntnu-slam/robot/lego_1/update", "-n"});
+  EXPECT_TRUE(eventually([&] { return shows("lego_1", "X", "unknown"); })) << shown();
+  EXPECT_TRUE(shows("lego_1", "Y", "unknown"));
+}
+
 }  // namespace
 }  // namespace slamgw::test
