@@ -20,19 +20,27 @@ void RobotSession::enter(State state) {
 
 void RobotSession::on_heard(bool is_elsewhere, TimePoint now) {
   if (is_held()) return;
-  note_heard(now);
+  note_heard(is_elsewhere, now);
   keeps_at_.reset();
   is_wanted_ = true;
   const unsigned disputed = is_elsewhere ? quick_losses_ : losses_;
   if (now < quiet_at_ && disputed >= contested_losses) set_contested(true);
 }
 
-void RobotSession::note_heard(TimePoint now) {
+void RobotSession::note_heard(bool is_elsewhere, TimePoint now) {
   const bool was_silent = now - std::exchange(heard_at_, now) > silence;
-  const bool is_flapping = now < quiet_at_ && quick_losses_ > free_losses;
-  if (!was_silent || is_flapping) return;
+  if (!is_elsewhere || !was_silent || is_refused_ || is_flapping(now)) return;
   opens_at_ = {};
   retry_ = first_retry;
+}
+
+void RobotSession::keep(TimePoint now) {
+  is_wanted_ = !is_held();
+  if (!is_flapping(now)) opens_at_ = std::min(opens_at_, now + retry_);
+}
+
+bool RobotSession::is_flapping(TimePoint now) const {
+  return now < quiet_at_ && quick_losses_ > free_losses;
 }
 
 void RobotSession::set_contested(bool is_contested) {
@@ -154,7 +162,8 @@ void RobotSession::on_attach_failed(bool is_elsewhere, TimePoint now) {
   drop_unfenced();        // of a session that was lost while sorting
   is_purge_due_ = false;  // new commands may wait in the session, so the next try sorts again
   enter(State::detached);
-  opens_at_ = now + (is_elsewhere && now - heard_at_ > silence ? longest_retry : retry_);
+  const bool may_have_left = is_elsewhere && retry_ > first_retry && now - heard_at_ > silence;
+  opens_at_ = now + (may_have_left ? longest_retry : retry_);
   retry_ = std::min(retry_ * 2, longest_retry);
 }
 
@@ -223,7 +232,6 @@ std::uint32_t RobotSession::make_id(const std::string& filter) const {
 }
 
 void RobotSession::subscribe(const std::string& filter, Qos qos, bool may_wait, TimePoint now) {
-  note_heard(now);
   Filter& entry = filter_of(filter, qos);
   entry.wants_retained = true;
   is_wanted_ = is_wanted_ || state_ == State::detached;
@@ -272,7 +280,6 @@ void RobotSession::unsubscribe_given_up() {
 /// Filters that another gateway or an earlier process has subscribed are not known here. A session
 /// that may have some is replaced by a new one.
 void RobotSession::begin_clean(TimePoint now) {
-  note_heard(now);
   grant_waiting();
   if (is_held() && knows_all_) {
     while (!filters_.empty()) unsubscribe(std::string(filters_.begin()->first));
@@ -342,7 +349,6 @@ void RobotSession::blame_unanswered() {
 // --- The note ------------------------------------------------------------------------------------
 
 void RobotSession::read_note(TimePoint now) {
-  note_heard(now);
   const bool is_asked = note_until_.has_value();
   note_until_ = now + longest_note_wait;
   if (is_asked) return;

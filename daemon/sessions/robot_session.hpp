@@ -36,10 +36,11 @@ class RobotSession {
   /// A broker that shuts down closes its connections one after the other, within this time.
   static constexpr std::chrono::seconds broker_end{3};
   /// Waits after a failed CONNECT. While another gateway shows the robot, and the robot has been
-  /// silent here, only the longest: a CONNECT of this gateway would end one of the other.
+  /// silent here, the longest follows the first: a CONNECT of this gateway would end one of the
+  /// other. If the failed one did, no gateway holds the session: the wait is below `stale_after`.
   static constexpr std::chrono::seconds first_retry{1};
-  static constexpr std::chrono::seconds longest_retry{30};
-  /// A robot that is heard after such a silence may have been elsewhere, and does not wait.
+  static constexpr std::chrono::seconds longest_retry{20};
+  /// A robot that is heard after such a silence, while another gateway shows it, was elsewhere.
   static constexpr std::chrono::seconds silence{3};
   /// Waiting messages are refused when no gateway has held the session for longer than this. A
   /// gateway that takes the session while another one still sorts cannot know which are old.
@@ -114,10 +115,14 @@ class RobotSession {
 
   /// Call when the robot was heard by radio. `is_elsewhere`: another living gateway shows it.
   void on_heard(bool is_elsewhere, TimePoint now);
+  /// Call when the robot has sent a request. A robot that was elsewhere does not wait for the next
+  /// try.
+  void note_heard(bool is_elsewhere, TimePoint now);
   /// Asks for the session at this time although the robot was not heard; nothing: no longer.
   void set_keeps_at(std::optional<TimePoint> when) { keeps_at_ = when; }
   std::optional<TimePoint> keeps_at() const { return keeps_at_; }
-  void keep() { is_wanted_ = !is_held(); }
+  /// Asks for the session of a robot that no other gateway shows any more.
+  void keep(TimePoint now);
   /// `when`: no gateway has held the session since then; nothing: another living gateway holds it.
   void set_unheld_since(std::optional<TimePoint> when) { unheld_since_ = when; }
   /// When another client took the session last; nothing when that was not so, or is not known.
@@ -191,7 +196,7 @@ class RobotSession {
   };
 
   void enter(State state);
-  void note_heard(TimePoint now);
+  bool is_flapping(TimePoint now) const;
   Filter& filter_of(const std::string& filter, Qos qos);
   std::uint32_t make_id(const std::string& filter) const;
   void subscribe_own(const std::string& topic, bool wants_retained);

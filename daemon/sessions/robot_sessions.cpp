@@ -31,10 +31,12 @@ void RobotSessions::subscribe(const std::string& robot, const std::string& filte
     if (!is_standing) actions_.push(FilterAnswered{robot, filter, false});
     return;
   }
-  if (is_standing)
+  if (is_standing) {
     session->resume(filter, qos);
-  else
+  } else {
+    session->note_heard(is_served_elsewhere_(robot), now);
     session->subscribe(filter, qos, is_broker_up_ && !is_silent_, now);
+  }
   settle(robot, *session, now);
 }
 
@@ -45,6 +47,7 @@ void RobotSessions::unsubscribe(const std::string& robot, const std::string& fil
 void RobotSessions::begin_clean(const std::string& robot, const Now& now) {
   RobotSession* session = find_or_make(robot, now);
   if (!session) return;
+  session->note_heard(is_served_elsewhere_(robot), now);
   session->begin_clean(now);
   settle(robot, *session, now);
 }
@@ -60,6 +63,7 @@ void RobotSessions::read_note(const std::string& robot, const Now& now) {
     actions_.push(NoteRead{robot, {}});
     return;
   }
+  session->note_heard(is_served_elsewhere_(robot), now);
   session->read_note(now);
   settle(robot, *session, now);
 }
@@ -279,7 +283,7 @@ void RobotSessions::on_deadline(const Now& now) {
     if (is_broker_up_ && session.keeps_at() && *session.keeps_at() <= now.mono) {
       session.set_keeps_at({});
       if (!is_served_elsewhere_(robot))
-        session.keep();
+        session.keep(now.mono);
       else if (!session.is_held())
         actions_.push(SessionLost{robot, LossReason::taken});
     }

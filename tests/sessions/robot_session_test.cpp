@@ -67,13 +67,22 @@ TEST_F(RobotSessionRulesUp, ARefusedConnectIsTriedAgainEverLater) {
   }
 }
 
+/// A robot that another gateway shows was heard, two CONNECTs failed, and it has been silent.
+class RobotThatMayHaveLeft : public RobotSessionRulesUp {
+ protected:
+  RobotThatMayHaveLeft() {
+    is_served_elsewhere = true;
+    sessions.on_heard("r1", now);
+    sessions.on_attach_failed("r1", now);
+    pass(RobotSession::first_retry);
+    now.mono += RobotSession::silence;
+    sessions.on_attach_failed("r1", now);
+    forget_actions();
+  }
+};
+
 /// Three gateways that each repeat a CONNECT for a robot that walks between them end each other's.
-TEST_F(RobotSessionRulesUp, AConnectForARobotThatMayHaveLeftIsRepeatedLater) {
-  is_served_elsewhere = true;
-  sessions.on_heard("r1", now);
-  now.mono += RobotSession::silence + milliseconds{1};
-  sessions.on_attach_failed("r1", now);
-  forget_actions();
+TEST_F(RobotThatMayHaveLeft, IsTriedAgainLater) {
   pass(RobotSession::longest_retry - milliseconds{1});
   EXPECT_TRUE(drain<OpenSession>().empty());
   pass(milliseconds{1});
@@ -81,6 +90,7 @@ TEST_F(RobotSessionRulesUp, AConnectForARobotThatMayHaveLeftIsRepeatedLater) {
 }
 
 TEST_F(RobotSessionRulesUp, ARobotThatComesBackDoesNotWaitForTheNextTry) {
+  is_served_elsewhere = true;
   sessions.on_heard("r1", now);
   for (int i = 0; i < 4; ++i) {
     sessions.on_attach_failed("r1", now);
@@ -96,6 +106,40 @@ TEST_F(RobotSessionRulesUp, ARobotThatComesBackDoesNotWaitForTheNextTry) {
   EXPECT_TRUE(drain<OpenSession>().empty()) << "it was here all the time";
   now.mono += RobotSession::silence + milliseconds{1};
   sessions.on_heard("r1", now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+}
+
+/// Counts the CONNECTs for a robot that is heard each 4 s, within ten minutes.
+TEST_F(RobotSessionRulesUp, ARobotThatIsSilentBetweenItsMessagesIsNotTriedMoreOften) {
+  for (const bool is_refused : {false, true}) {
+    is_served_elsewhere = is_refused;
+    std::size_t connects = 0;
+    for (int passed = 0; passed < 600; ++passed) {
+      if (passed % 4 == 0) sessions.on_heard("r1", now);
+      if (!drain<OpenSession>().empty()) {
+        ++connects;
+        sessions.on_attach_failed("r1", now, is_refused);
+      }
+      pass(seconds{1});
+    }
+    EXPECT_LE(connects, 600 / RobotSession::longest_retry.count() + 5);
+    sessions.forget("r1");
+    sessions.on_attach_failed("r1", now);
+    forget_actions();
+  }
+}
+
+TEST_F(RobotThatMayHaveLeft, Rule7_DoesNotWaitWhenItsGatewayHasDied) {
+  is_served_elsewhere = false;
+  sessions.keep("r1", now.mono, seconds{5}, now);
+  pass(seconds{5});
+  pass(4 * RobotSession::first_retry);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+}
+
+/// The failed CONNECT may have ended the other gateway's session. What came since would be obeyed.
+TEST_F(RobotThatMayHaveLeft, Rule7_HasNoCommandThatGetsTooOldBetweenTwoTries) {
+  pass(RobotSession::stale_after);
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
