@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes events as an MCAP file (mcap.dev/spec, version 0) for Foxglove and for tools of ROS.
+"""Writes events as an MCAP file (mcap.dev/spec, version 0) for Foxglove and other readers. `ros2 bag play` plays no JSON.
 
 One channel for each robot and message type, with the decoded message, and one with all events of each source. Messages are JSON;
 each kind has its JSON schema. One chunk for each 1000 messages, with indexes, so that a reader can seek.

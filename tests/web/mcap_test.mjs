@@ -125,12 +125,12 @@ test('messages of all robots are in the order of time, and count up in each chan
 });
 
 test('topics are names that ROS 2 allows, no two alike, and the channel has the robot’s own', () => {
-  const ids = ['lego-1', 'lego_1', '1st', 'ø', 'x/y'];
+  const ids = ['lego-1', 'lego_1', '5', 'robot_5', 'ø', 'a.b'];
   const { channels } = read(ids.map((id) => robotNamed(id)));
   const poses = [...channels.values()].filter(({ topic }) => topic.endsWith('/pose'));
   assert.deepEqual(poses.map(({ metadata }) => metadata.robot), ids);
-  assert.equal(new Set(poses.map(({ topic }) => topic)).size, ids.length);
-  for (const { topic } of poses) assert.match(topic, /^\/[A-Za-z][A-Za-z0-9_]*\/pose$/);
+  const topics = ['lego_1', 'lego_1_2', 'robot_5', 'robot_5_2', 'robot__', 'a_b'].map((name) => `/${name}/pose`); // docs/web.md
+  assert.deepEqual(poses.map(({ topic }) => topic), topics);
 });
 
 test('without places there is no file', () => {
