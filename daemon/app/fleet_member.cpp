@@ -179,7 +179,10 @@ bool FleetMember::on_presence(const std::string& gateway, const std::string& rob
     return false;
   }
   neighbours_.on_presence(gateway, robot, message.payload);
-  if (neighbours_.is_heard_elsewhere(robot)) held_before_.erase(robot);
+  if (neighbours_.is_heard_elsewhere(robot)) {
+    held_before_.erase(robot);
+    if (!message.retain) host_->on_shown_elsewhere(robot, read_clocks());
+  }
   if (lost_.contains(robot) && has_moved(robot)) give_up(robot);
   return true;
 }

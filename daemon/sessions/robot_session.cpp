@@ -34,6 +34,10 @@ void RobotSession::note_heard(bool is_elsewhere, TimePoint now) {
   retry_ = first_retry;
 }
 
+void RobotSession::on_shown_elsewhere(TimePoint now) {
+  if (now - heard_at_ > silence) is_wanted_ = false;
+}
+
 void RobotSession::keep(TimePoint now) {
   is_wanted_ = !is_held();
   if (!is_flapping(now)) opens_at_ = std::min(opens_at_, now + retry_);

@@ -121,6 +121,8 @@ class RobotSession {
   /// Asks for the session at this time although the robot was not heard; nothing: no longer.
   void set_keeps_at(std::optional<TimePoint> when) { keeps_at_ = when; }
   std::optional<TimePoint> keeps_at() const { return keeps_at_; }
+  /// Call when another gateway shows the robot, which it does after it has taken the session.
+  void on_shown_elsewhere(TimePoint now);
   /// Asks for the session of a robot that no other gateway shows any more.
   void keep(TimePoint now);
   /// `when`: no gateway has held the session since then; nothing: another living gateway holds it.

@@ -52,6 +52,10 @@ void RobotSessions::begin_clean(const std::string& robot, const Now& now) {
   settle(robot, *session, now);
 }
 
+void RobotSessions::on_shown_elsewhere(const std::string& robot, const Now& now) {
+  if (RobotSession* session = find(robot)) session->on_shown_elsewhere(now);
+}
+
 void RobotSessions::on_given_up(const std::string& robot) {
   RobotSession* session = find(robot);
   if (session && !session->is_held()) session->on_given_up();

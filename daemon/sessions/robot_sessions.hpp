@@ -57,6 +57,9 @@ class RobotSessions {
                  const Now& now);
   void unsubscribe(const std::string& robot, const std::string& filter);
   void begin_clean(const std::string& robot, const Now& now);
+  /// Call when another gateway newly shows the robot: it is not tried again before it is heard
+  /// here.
+  void on_shown_elsewhere(const std::string& robot, const Now& now);
   /// Call when another gateway serves the robot. Has no effect while the session is held here.
   void on_given_up(const std::string& robot);
   /// Takes the session and reads the robot's note. Answered by NoteRead, at once when the broker is

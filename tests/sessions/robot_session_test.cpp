@@ -129,6 +129,14 @@ TEST_F(RobotSessionRulesUp, ARobotThatIsSilentBetweenItsMessagesIsNotTriedMoreOf
   }
 }
 
+TEST_F(RobotThatMayHaveLeft, IsLeftToTheGatewayThatShowsItNow) {
+  sessions.on_shown_elsewhere("r1", now);
+  pass(2 * RobotSession::longest_retry);
+  EXPECT_TRUE(drain<OpenSession>().empty());
+  sessions.on_heard("r1", now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+}
+
 TEST_F(RobotThatMayHaveLeft, Rule7_DoesNotWaitWhenItsGatewayHasDied) {
   is_served_elsewhere = false;
   sessions.keep("r1", now.mono, seconds{5}, now);
