@@ -110,25 +110,50 @@ TEST_P(BrokerSession, SuspectsAnotherClientWithItsId) {
       << link.listener.reasons[1];
 }
 
-/// A broker that accepts a CONNECT and then says DISCONNECT with a reason (MQTT 5 section 3.14).
-TEST_P(BrokerSession, SaysWhyTheBrokerEndedIt) {
-  using boost::asio::ip::tcp;
+/// A broker that accepts a CONNECT and answers nothing else.
+struct CurtBroker {
+  using tcp = boost::asio::ip::tcp;
+
+  std::uint16_t port() const { return acceptor.local_endpoint().port(); }
+  void connect(Link& link) {
+    acceptor.non_blocking(true);
+    boost::system::error_code error;
+    ASSERT_TRUE(link.sees([&] { return !acceptor.accept(connection, error); }));
+    read_packet(link);
+    boost::asio::write(connection,
+                       boost::asio::buffer(std::array<std::uint8_t, 5>{0x20, 3, 0, 0, 0}));
+    ASSERT_TRUE(link.comes_up());
+  }
+  void read_packet(Link& link) {
+    std::array<std::uint8_t, 512> packet{};
+    ASSERT_TRUE(link.sees([&] { return connection.available() > 0; }));
+    connection.read_some(boost::asio::buffer(packet));
+  }
+
   boost::asio::io_context io;
-  tcp::acceptor acceptor(io, {boost::asio::ip::address_v4::loopback(), 0});
-  Link link(settings_for(acceptor.local_endpoint().port()));
-  acceptor.non_blocking(true);
-  tcp::socket connection(io);
-  boost::system::error_code error;
-  ASSERT_TRUE(link.sees([&] { return !acceptor.accept(connection, error); }));
-  std::array<std::uint8_t, 512> connect{};
-  ASSERT_TRUE(link.sees([&] { return connection.available() > 0; }));
-  connection.read_some(boost::asio::buffer(connect));
-  boost::asio::write(connection,
-                     boost::asio::buffer(std::array<std::uint8_t, 5>{0x20, 3, 0, 0, 0}));
-  ASSERT_TRUE(link.comes_up());
-  boost::asio::write(connection,
+  tcp::acceptor acceptor{io, {boost::asio::ip::address_v4::loopback(), 0}};
+  tcp::socket connection{io};
+};
+
+TEST_P(BrokerSession, SaysThatTheConnectionIsLostWhileAMessageIsUnderWay) {
+  CurtBroker broker;
+  Link link(settings_for(broker.port()));
+  ASSERT_NO_FATAL_FAILURE(broker.connect(link));
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, false});
+  ASSERT_NO_FATAL_FAILURE(broker.read_packet(link));
+  broker.connection.close();
+  ASSERT_TRUE(link.sees([&] { return !link.listener.reasons.empty(); }));
+  EXPECT_TRUE(link.listener.reasons[0].starts_with("connection lost")) << link.listener.reasons[0];
+}
+
+/// By a DISCONNECT with a reason (MQTT 5 section 3.14).
+TEST_P(BrokerSession, SaysWhyTheBrokerEndedIt) {
+  CurtBroker broker;
+  Link link(settings_for(broker.port()));
+  ASSERT_NO_FATAL_FAILURE(broker.connect(link));
+  boost::asio::write(broker.connection,
                      boost::asio::buffer(std::array<std::uint8_t, 4>{0xe0, 2, 0x8e, 0}));
-  connection.shutdown(tcp::socket::shutdown_both);
+  broker.connection.shutdown(CurtBroker::tcp::socket::shutdown_both);
   ASSERT_TRUE(link.sees([&] { return !link.listener.reasons.empty(); }));
   EXPECT_NE(link.listener.reasons[0].find("another client connects as"), std::string::npos)
       << link.listener.reasons[0];

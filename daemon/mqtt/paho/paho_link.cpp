@@ -15,6 +15,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "daemon/mqtt/connect_failure.hpp"
@@ -85,6 +86,13 @@ int connack_code_of(const mqtt::token& token) {
   return std::max(0, token.get_return_code());
 }
 
+/// Says why a request failed that got no answer.
+std::string explain_no_answer(std::string_view request, int code) {
+  if (code == MQTTASYNC_OPERATION_INCOMPLETE || code == MQTTASYNC_DISCONNECTED)
+    return "connection lost";  // Paho says so before it calls connection_lost()
+  return fmt::format("{} failed (Paho {})", request, code);
+}
+
 /// Sequence numbers travel through Paho as the user context of a token, with 32 bits on some hosts.
 void* as_context(std::uint64_t sequence) {
   return reinterpret_cast<void*>(static_cast<std::uintptr_t>(sequence));
@@ -111,7 +119,7 @@ void PahoLink::on_failure(const mqtt::token& token) {
     case mqtt::token::CONNECT: return report_failure(connack_code_of(token));
     case mqtt::token::PUBLISH:
       if (const auto refusal = refusal_of(token)) return report_answer(token, refusal);
-      return report_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
+      return report_lost(explain_no_answer("a publish", token.get_return_code()));
     case mqtt::token::SUBSCRIBE:
       if (refusal_of(token))
         report_suback(token, false);  // else connection_lost() reports the loss
@@ -292,7 +300,7 @@ void PahoLink::publish_all() {
                        *this);
     }
   } catch (const mqtt::exception& error) {
-    report_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+    report_lost(explain_no_answer("a publish", error.get_return_code()));
   }
 }
 
@@ -319,7 +327,7 @@ void PahoLink::subscribe(std::string filter) {
     try {
       session.client_->subscribe(filter, 0, nullptr, session);
     } catch (const mqtt::exception& error) {
-      session.report_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
+      session.report_lost(explain_no_answer("a subscribe", error.get_return_code()));
     }
   });
 }
