@@ -56,9 +56,9 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.version = SLAMGW_VERSION;
   status.uptime = duration_cast<seconds>(now - started);
   status.gateway = config.gateway_id;
-  const RefusedTopics& refused = outbox.refused_topics();
-  status.broker = {broker.is_up ? broker.uri : broker_uri(config.broker), broker, refused.count(),
-                   gateway.missing_rights(), refused.list(most_refused_listed)};
+  status.broker = {broker.is_up ? broker.uri : broker_uri(config.broker), broker,
+                   outbox.refused_topics().count(), gateway.missing_rights(),
+                   outbox.list_refused(most_refused_listed)};
   status.meshes = mesh_links();
   status.robots = counts_of(gateway.registry());
   status.messages = counts_of(gateway, outbox, upstream);

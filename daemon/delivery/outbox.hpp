@@ -18,6 +18,7 @@
 #include <set>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
@@ -118,6 +119,8 @@ class Outbox {
   const Backlog& backlog() const { return backlog_; }
   /// Topics that the broker refuses at present.
   const RefusedTopics& refused_topics() const { return refused_; }
+  /// Returns the first `most` of them. Their messages that wait in memory count, too.
+  std::vector<RefusedTopic> list_refused(std::size_t most) const;
   /// Returns why the store cannot be written or read; empty while it can.
   const std::string& store_trouble() const { return store_trouble_.why(); }
   /// Number of writes and reads that failed.

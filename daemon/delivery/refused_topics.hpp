@@ -43,7 +43,7 @@ namespace slamgw {
 struct RefusedTopic {
   std::string topic;
   Refusal refusal;
-  std::size_t waiting = 0;  ///< dead letters of the topic that will be retried
+  std::size_t waiting = 0;  ///< messages of the topic that will be retried
   std::uint32_t tries = 0;  ///< consecutive failed tries
   TimePoint since{};
 };

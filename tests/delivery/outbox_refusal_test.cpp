@@ -321,6 +321,8 @@ TEST_F(OutboxRefusalTest, OfTheGatewaysOwnRetainedMessagesTheLastIsTriedAgain) {
   }
   EXPECT_TRUE(store.dead_letters.empty());
   EXPECT_EQ(depth(), 1u);
+  ASSERT_EQ(outbox->list_refused(10).size(), 1u);
+  EXPECT_EQ(outbox->list_refused(10)[0].waiting, 1u);
   settle();
   EXPECT_EQ(received_of("gateway/g/state"), std::vector<std::string>{"3"});
   EXPECT_EQ(outbox->queued_bytes(), 0u);
