@@ -106,6 +106,7 @@ class FairQueue {
     for (auto next = aside_.begin(); next != aside_.end();) visit(**next++);
   }
   const Items& items() const { return items_; }
+  const Rows& aside() const { return aside_; }
   /// Adds `shift` to each row.
   void renumber(std::uint64_t shift);
 

@@ -267,9 +267,8 @@ void Outbox::drop_older_withheld(const Item& item, TimePoint now) {
 std::vector<RefusedTopic> Outbox::list_refused(std::size_t most) const {
   std::vector<RefusedTopic> listed = refused_.list(most);
   if (listed.empty()) return listed;
-  for (const auto& [row, item] : queue_.items()) {
-    if (item.wait != Item::Wait::aside) continue;
-    const auto its = std::ranges::find(listed, item.message.topic, &RefusedTopic::topic);
+  for (const Item* item : queue_.aside()) {
+    const auto its = std::ranges::find(listed, item->message.topic, &RefusedTopic::topic);
     if (its != listed.end()) ++its->waiting;
   }
   return listed;

@@ -21,6 +21,8 @@
 namespace slamgw {
 namespace {
 
+using std::chrono::milliseconds;
+using std::chrono::seconds;
 using test::FakeBroker;
 
 /// The gateway's own connection: it is up at once, carries nothing, and answers each SUBSCRIBE.
@@ -87,6 +89,10 @@ class FleetMemberTest : public testing::Test, public UpstreamListener, public Me
     EXPECT_TRUE(fleet.takes({"ntnu-slam/gateway/gw2/state", to_bytes(state)}));
     EXPECT_TRUE(fleet.takes({scheme.presence_topic_at("gw2", robot),
                              to_bytes(R"({"state":"online","since":"2026-11-28T10:00:00Z"})")}));
+  }
+  void passes(Duration time) {
+    const TimePoint end = read_clocks().mono + time;
+    ASSERT_TRUE(test::eventually(io, [&] { return read_clocks().mono >= end; }));
   }
   /// When the broker got the last CONNECT of a robot's session.
   std::optional<TimePoint> opened() {
@@ -168,6 +174,23 @@ TEST_F(FleetMemberTest, GivesALostRobotUpToTheGatewayThatShowsIt) {
   EXPECT_EQ(row_of("r1").at("gateway"), "gw2");
   EXPECT_EQ(row_of("r1").at("served"), true);
   EXPECT_EQ(std::ranges::count(uploads, scheme.presence_topic("r1")), 1) << "withdrawn";
+}
+
+/// The next CONNECT would take the robot's session from that gateway.
+TEST_F(FleetMemberTest, LeavesARobotWhoseConnectFailsToTheGatewayThatHasTakenIt) {
+  broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet&) {
+    connection.close();
+    return true;
+  });
+  ASSERT_TRUE(comes_up());
+  fleet.on_mesh_event(SignOfLife{Mesh::thread, "r1"});
+  ASSERT_TRUE(test::eventually(io, [&] { return broker.connections() == 3; })) << "0, 1, 3 s later";
+  passes(milliseconds{500});
+  other_says(R"({"state":"online"})", "r1");
+  passes(milliseconds{500});
+  const std::size_t tries = broker.connections();
+  passes(seconds{4});  // the next one was due 4 s after the third
+  EXPECT_EQ(broker.connections(), tries);
 }
 
 TEST_F(FleetMemberTest, ShowsTheRobotsOfAGatewayThatHasDiedAsOffline) {

@@ -136,6 +136,20 @@ TEST(SnGateway, R90_NumbersItsMessagesForEachClientWithoutZeroAndNegative) {
   EXPECT_NE(rig.last_to(2).find("msg=1 "), std::string::npos) << "its own numbers";
 }
 
+/// Only the answer to an id that was drawn since the restart shows that the client receives.
+TEST(SnGateway, R90_KnowsTheMessageIdsSinceARestartOverTheEndOfTheirRange) {
+  for (const int random : {0, 1, 0x7ffd, 0x7ffe, 0x7fff, 0x8000, 0xffff}) {
+    Delivery delivery;
+    restart_message_ids(delivery, static_cast<std::uint16_t>(random));
+    const std::uint16_t first = next_message_id(delivery);
+    const std::uint16_t second = next_message_id(delivery);
+    for (const int msg_id : {first - 1, second + 1, first | 0x8000})
+      EXPECT_FALSE(is_since_restart(delivery, static_cast<std::uint16_t>(msg_id))) << msg_id;
+    for (const std::uint16_t msg_id : {first, second})
+      EXPECT_TRUE(is_since_restart(delivery, msg_id)) << random << ": " << msg_id;
+  }
+}
+
 TEST(SnGateway, R91_HasOneDeliveryInFlightAndKeepsTheOrder) {
   DownlinkRig rig;
   for (const char* payload : {"1", "2", "3"}) rig.broker("a/x", payload, 1);
