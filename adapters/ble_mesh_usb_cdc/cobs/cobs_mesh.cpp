@@ -305,7 +305,7 @@ void CobsMesh::on_frame(const Bytes& encoded, TimePoint now) {
       Peer& peer = peers_.at(only_peer);
       if (names_.bans().has(peer.id)) break;
       on_heard(peer, now);
-      report(peer, settings_.sensor_update_type, *decoded, 0);
+      report(peer, settings_.sensor_update_type, *decoded, nullptr);
       break;
     }
     case CobsContent::lien: {
@@ -325,37 +325,38 @@ void CobsMesh::on_lien_frame(const LienFrame& frame, TimePoint now) {
   on_heard(peer, now);
   if (frame.protocol == LienProtocol::simple) {
     if (const auto message = peer.connection.on_simple(frame.data))
-      on_lien_message(peer, *message, 0);
+      on_lien_message(peer, *message, nullptr);
     return;
   }
   const LienConnection::ArqOutcome outcome = peer.connection.on_arq(frame.data);
-  if (outcome.is_new_connection) peer.open_receipt = 0;
+  if (outcome.is_new_connection) peer.open = {};
   if (outcome.reply) reply(frame.source, *outcome.reply);
-  if (!outcome.message) return;
-  peer.open_receipt = ++last_receipt_;
-  on_lien_message(peer, *outcome.message, peer.open_receipt);
+  if (outcome.message) on_lien_message(peer, *outcome.message, peer.open.data());
 }
 
-void CobsMesh::on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id) {
+void CobsMesh::on_lien_message(const Peer& peer, ByteView message, Part* parts) {
   // Servers know only the position as an update. The whole message, with heading and distances,
   // follows.
   if (message.front() == lien_update_message && message.size() > lien_position_bytes)
-    report(peer, settings_.sensor_update_type, message.subspan(1, lien_position_bytes), 0);
+    report(peer, settings_.sensor_update_type, message.subspan(1, lien_position_bytes),
+           parts != nullptr ? parts + 1 : nullptr);
   // The type octet stays in the payload: old servers would read 4n octets as coordinates.
   const auto known = lien_type_name(message.front());
   report(peer, known ? std::string(*known) : fmt::format("lien_{}", message.front()), message,
-         receipt_id);
+         parts);
 }
 
 void CobsMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
-  const auto open = std::ranges::find_if(
-      peers_, [&](const auto& entry) { return entry.second.open_receipt == receipt_id; });
-  if (receipt_id == 0 || open == peers_.end()) return;
-  auto& [address, peer] = *open;
-  peer.open_receipt = 0;
-  switch (outcome) {
-    case ReceiptOutcome::safe: reply(address, peer.connection.on_safe()); break;
-    case ReceiptOutcome::refused: peer.connection.on_refused(); break;
+  if (receipt_id == 0) return;
+  for (auto& [address, peer] : peers_) {
+    const auto part = std::ranges::find(peer.open, receipt_id, &Part::receipt);
+    if (part == peer.open.end()) continue;
+    *part = {.outcome = outcome};
+    if (!std::ranges::all_of(peer.open, [](const Part& each) { return each.receipt == 0; })) return;
+    if (std::ranges::find(peer.open, ReceiptOutcome::refused, &Part::outcome) != peer.open.end())
+      return peer.connection.on_refused();
+    peer.open = {};
+    return reply(address, peer.connection.on_safe());
   }
 }
 
@@ -365,8 +366,9 @@ void CobsMesh::reply(std::uint8_t address, const Bytes& data) {
       WriteSerial{encode_lien_frame({address, lien_server_address, LienProtocol::arq, data})});
 }
 
-void CobsMesh::report(const Peer& peer, std::string_view type, ByteView payload,
-                      std::uint64_t receipt_id) {
+void CobsMesh::report(const Peer& peer, std::string_view type, ByteView payload, Part* part) {
+  if (part != nullptr && part->outcome == ReceiptOutcome::safe) return;
+  if (part != nullptr) part->receipt = ++last_receipt_;
   ++reports_;
   emit(Report{.mesh = Mesh::ble,
               .robot = peer.id,
@@ -374,7 +376,7 @@ void CobsMesh::report(const Peer& peer, std::string_view type, ByteView payload,
               .payload = {payload.begin(), payload.end()},
               .qos = Qos::at_least_once,
               .retain = false,
-              .receipt = {Mesh::ble, receipt_id}});
+              .receipt = {Mesh::ble, part != nullptr ? part->receipt : 0}});
 }
 
 void CobsMesh::reject(std::string_view why, TimePoint now) {

@@ -4,6 +4,7 @@
 // (LienFrame). No robot on such a link can be commanded. Called by CobsAdapter.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -158,6 +159,12 @@ class CobsMesh {
   Counters counters() const;
 
  private:
+  /// What goes up of a message that came by ARQ. The robot repeats a message of which a part was
+  /// refused; a part that is safe does not go up again.
+  struct Part {
+    std::uint64_t receipt = 0;  ///< 0: none is open
+    std::optional<ReceiptOutcome> outcome = {};
+  };
   /// A robot. Its key in `peers_` is its Lien address, at most 255; with positions there is only
   /// one.
   struct Peer {
@@ -167,18 +174,19 @@ class CobsMesh {
     TimePoint last_heard{};
     bool is_subscribed = true;  ///< false: the broker refused; asked again later
     LienConnection connection = {};
-    std::uint64_t open_receipt = 0;  ///< 0: none
+    std::array<Part, 2> open = {};  ///< the open message: the whole, and its `update`
   };
 
   void on_frame(const Bytes& encoded, TimePoint now);
   void on_lien_frame(const LienFrame& frame, TimePoint now);
-  void on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id);
+  /// `parts`: as in Peer::open; null for a message that is not acknowledged.
+  void on_lien_message(const Peer& peer, ByteView message, Part* parts);
   void add_configured(bool is_start);
   void rename_peers();
   Peer& lien_peer(std::uint8_t address);
   void on_heard(Peer& peer, TimePoint now);
   void reply(std::uint8_t address, const Bytes& data);
-  void report(const Peer& peer, std::string_view type, ByteView payload, std::uint64_t receipt_id);
+  void report(const Peer& peer, std::string_view type, ByteView payload, Part* part);
   void reject(std::string_view why, TimePoint now);
   /// `is_here`: the request counts as a sign that the robot is here, and not at another gateway.
   void subscribe(const Peer& peer, bool is_here);

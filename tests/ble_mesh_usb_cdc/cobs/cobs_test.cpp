@@ -337,6 +337,47 @@ TEST_F(CobsMeshTest, ARefusedArqMessageCountsAgain) {
   EXPECT_EQ(written.size(), 2u);
 }
 
+TEST_F(CobsMeshTest, TheUpdateOfARefusedArqMessageGoesUpOnce) {
+  make(CobsContent::lien);
+  const auto send = [&] {
+    events.clear();
+    hear_lien("00 02 01 00 00 0d 00 01 0a 00 ec ff 5a 00 2d 00 14 28 50 5a");
+    return all<Report>();
+  };
+  const auto id_of = [](const std::vector<Report>& reports, std::string_view type) {
+    for (const Report& each : reports)
+      if (each.topic == "ntnu-slam/robot/old2/" + std::string(type)) return each.receipt.id;
+    return std::uint64_t{0};
+  };
+  hear_lien("00 02 01 02");
+  const auto first = send();
+  ASSERT_EQ(first.size(), 2u);
+  receipt(id_of(first, "update"));
+  receipt(id_of(first, "lien_update"), ReceiptOutcome::refused);
+  const auto second = send();
+  ASSERT_EQ(second.size(), 1u) << "the update is safe";
+  EXPECT_EQ(written.size(), 1u);
+  receipt(id_of(second, "lien_update"));
+  EXPECT_EQ(written.size(), 2u);
+}
+
+TEST_F(CobsMeshTest, AnArqMessageWaitsForItsUpdateToo) {
+  make(CobsContent::lien);
+  hear_lien("00 02 01 02");
+  hear_lien("00 02 01 00 00 0d 00 01 0a 00 ec ff 5a 00 2d 00 14 28 50 5a");
+  const auto first = all<Report>();
+  ASSERT_EQ(first.size(), 2u);
+  receipt(first[1].receipt.id);
+  EXPECT_EQ(written.size(), 1u);
+  receipt(first[0].receipt.id, ReceiptOutcome::refused);
+  EXPECT_EQ(written.size(), 1u) << "the robot keeps the message";
+  hear_lien("00 02 01 00 00 0d 00 01 0a 00 ec ff 5a 00 2d 00 14 28 50 5a");
+  ASSERT_EQ(all<Report>().size(), 3u);
+  EXPECT_EQ(all<Report>().back().topic, "ntnu-slam/robot/old2/update");
+  receipt(all<Report>().back().receipt.id);
+  EXPECT_EQ(written.size(), 2u);
+}
+
 TEST_F(CobsMeshTest, ANewConnectionVoidsWhatWasOpen) {
   make(CobsContent::lien);
   hear_lien("00 02 01 02");
