@@ -72,10 +72,7 @@ void BusConnection::fail(int error) {
 void BusConnection::reopen() {
   close();
   life_ = std::make_shared<char>();
-  timer_.expires_after(reopen_after);
-  timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code failure) {
-    if (!failure && !life.expired()) open();
-  });
+  timer_.after(reopen_after, [this] { open(); });
 }
 
 /// Waits for the socket and the deadline for which sd-bus waits.
@@ -96,11 +93,8 @@ void BusConnection::watch() {
     socket_->async_wait(asio::posix::descriptor_base::wait_write, on_wait(is_writing_));
   std::uint64_t due_us = 0;
   if (sd_bus_get_timeout(bus_.get(), &due_us) < 0 || due_us == UINT64_MAX) return;
-  timer_.expires_at(std::chrono::steady_clock::time_point(
-      std::chrono::microseconds(static_cast<std::int64_t>(due_us))));
-  timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code error) {
-    if (!error && !life.expired()) on_ready();
-  });
+  const auto due = std::chrono::microseconds(static_cast<std::int64_t>(due_us));
+  timer_.at(TimePoint(due), [this] { on_ready(); });
 }
 
 void BusConnection::on_ready() {

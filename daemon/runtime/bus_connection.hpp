@@ -8,12 +8,13 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/posix/stream_descriptor.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <chrono>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <string>
+
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -73,7 +74,7 @@ class BusConnection {
   const Handlers handlers_;
   SdBus bus_;
   std::optional<boost::asio::posix::stream_descriptor> socket_;  ///< a duplicate, for waiting
-  boost::asio::steady_timer timer_;  ///< sd-bus's own deadline, or the next attempt to open
+  Timer timer_;  ///< sd-bus's own deadline, or the next attempt to open
   bool is_reading_ = false;
   bool is_writing_ = false;
   std::string owner_;

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <optional>
 #include <type_traits>
@@ -13,6 +12,7 @@
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/time.hpp"
 #include "daemon/runtime/drain_queue.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -81,10 +81,7 @@ class MachineDriver final : private DrainQueue::Member {
     const std::optional<TimePoint> next = machine_.deadline();
     if (is_stopped_ || !next || (armed_ && *armed_ <= *next)) return;
     armed_ = next;
-    timer_.expires_at(*next);
-    timer_.async_wait([this](boost::system::error_code error) {
-      if (!error && !is_stopped_) on_time();
-    });
+    timer_.at(*next, [this] { on_time(); });
   }
 
   void on_time() {
@@ -98,7 +95,7 @@ class MachineDriver final : private DrainQueue::Member {
   std::function<void(Action&)> perform_;
   std::function<void()> on_drained_;
   DrainQueue& queue_;
-  boost::asio::steady_timer timer_;
+  Timer timer_;
   std::optional<TimePoint> armed_;
   bool is_stopped_ = false;
 };
