@@ -150,11 +150,7 @@ void SerialLine::on_thread_ended() {
 }
 
 void SerialLine::watch() {
-  stuck_timer_.expires_after(stuck_after);
-  stuck_timer_.async_wait([this, alive = std::weak_ptr(alive_)](boost::system::error_code error) {
-    if (error || alive.expired()) return;
-    if (stuck_timer_.expiry() <= std::chrono::steady_clock::now()) on_stuck();
-  });
+  stuck_timer_.after(stuck_after, [this] { on_stuck(); });
 }
 
 void SerialLine::on_stuck() {

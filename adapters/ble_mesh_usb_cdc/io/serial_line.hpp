@@ -5,7 +5,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <memory>
 #include <string>
@@ -13,6 +12,7 @@
 #include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/time.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw::ble {
 
@@ -75,9 +75,7 @@ class SerialLine {
   boost::asio::io_context& io_;
   OpenPort open_port_;
   Callbacks callbacks_;
-  boost::asio::steady_timer stuck_timer_;
-  /// Expires with this object, so that a timer that has run out already does not touch it.
-  std::shared_ptr<const int> alive_ = std::make_shared<int>();
+  Timer stuck_timer_;
   State state_ = State::closed;
   bool is_open_wanted_ = false;                   ///< while closing
   std::shared_ptr<SerialConnection> connection_;  ///< null while closed

@@ -6,8 +6,6 @@
 
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <memory>
 #include <string>
 #include <utility>
 
@@ -16,6 +14,7 @@
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/log_throttle.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw::ble {
 
@@ -57,9 +56,8 @@ class SerialShell : public Shell {
     line_.stop();
   }
   void open_after(Duration delay) {
-    timer_.expires_after(delay);
-    timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code error) {
-      if (!error && !life.expired() && !this->is_stopped()) line_.open();
+    timer_.after(delay, [this] {
+      if (!this->is_stopped()) line_.open();
     });
   }
   void on_port_open() {
@@ -80,11 +78,10 @@ class SerialShell : public Shell {
   }
 
   SerialLine line_;
-  boost::asio::steady_timer timer_;  ///< the next attempt to open
+  Timer timer_;  ///< the next attempt to open
   Duration open_delay_ = first_open_delay;
   LogThrottle stuck_throttle_{
       std::chrono::minutes{10}};  ///< a hung board is closed again and again
-  std::shared_ptr<void> life_ = std::make_shared<char>();  ///< a queued handler can't be cancelled
 };
 
 }  // namespace slamgw::ble
