@@ -381,9 +381,7 @@ void DtlsPort::send_waiting(SSL* ssl, const LocalAddress& local, const Endpoint&
 
 void DtlsPort::watch_handshakes() {
   if (handshakes_.empty() || std::exchange(is_watching_, true)) return;
-  timer_.expires_after(retransmission_tick);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;  // the port may have gone
+  timer_.after(retransmission_tick, [this] {
     is_watching_ = false;
     on_time();
   });

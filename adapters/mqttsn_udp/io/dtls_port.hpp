@@ -6,7 +6,6 @@
 
 #include <openssl/ssl.h>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 
 #include <array>
 #include <functional>
@@ -20,6 +19,7 @@
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/robot_keys.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -95,7 +95,7 @@ class DtlsPort {
   Connections established_;                 ///< at most one for each identity
   std::map<std::string, Endpoint> endpoint_of_;  ///< of `established_`, by identity
   std::array<std::uint8_t, 2048> plain_{};
-  boost::asio::steady_timer timer_;  ///< runs while there are handshakes
+  Timer timer_;  ///< runs while there are handshakes
   bool is_watching_ = false;
   LogThrottle failure_lines_;
   std::uint64_t handshakes_done_ = 0;

@@ -318,10 +318,7 @@ void MqttsnAdapter::watch_interfaces() {
 
 /// Reschedules the next check of the interfaces.
 void MqttsnAdapter::check_interfaces_in(Duration delay) {
-  watch_timer_.expires_after(delay);
-  watch_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) watch_interfaces();
-  });
+  watch_timer_.after(delay, [this] { watch_interfaces(); });
 }
 
 /// A socket is bound to an interface by its index: an interface made again needs new sockets.

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <map>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
@@ -23,6 +22,7 @@
 #include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -107,7 +107,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::vector<NetworkInterface> interfaces_;            // as of the last check
   std::map<std::uint32_t, IpAddress> advertised_from_;  // last success, by interface
   std::shared_ptr<InterfaceWatch> interface_watch_;
-  boost::asio::steady_timer watch_timer_;
+  Timer watch_timer_;
   std::map<std::uint64_t, OrderDone> pings_;  // by their ids
   std::uint64_t last_ping_ = 0;
   UdpSocket::Counts counts_;  ///< of sockets that were closed, and what found no socket

@@ -60,9 +60,7 @@ void SessionKeeper::save_soon() {
 
 void SessionKeeper::save_after(std::chrono::milliseconds delay) {
   is_armed_ = true;
-  timer_.expires_after(delay);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
+  timer_.after(delay, [this] {
     is_armed_ = is_urgent_ = false;
     if (!store_.is_busy()) save_some();
     save_soon();
@@ -71,11 +69,9 @@ void SessionKeeper::save_after(std::chrono::milliseconds delay) {
 
 void SessionKeeper::watch_disk() {
   is_watching_ = true;
-  patience_timer_.expires_after(write_patience);
-  patience_timer_.async_wait([this](boost::system::error_code error) {
-    // A handler that is queued already runs although the timer has a later time now.
-    if (error || patience_timer_.expiry() > std::chrono::steady_clock::now()) return;
-    if (std::exchange(is_watching_, false)) on_saved_(false);
+  patience_timer_.after(write_patience, [this] {
+    is_watching_ = false;
+    on_saved_(false);
   });
 }
 
@@ -102,9 +98,7 @@ void SessionKeeper::save_some() {
 void SessionKeeper::save_again_later(std::string id) {
   later_.push_back(std::move(id));
   if (later_.size() > 1) return;
-  later_timer_.expires_after(limits::stored_command_age);
-  later_timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
+  later_timer_.after(limits::stored_command_age, [this] {
     for (const std::string& each : std::exchange(later_, {})) gateway_.set_changed(each);
     save_soon();
   });

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <optional>
 #include <string>
@@ -13,6 +12,7 @@
 
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/session_store.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -51,9 +51,9 @@ class SessionKeeper {
   SnGateway& gateway_;
   SessionStore& store_;
   const std::function<void(bool is_saved)> on_saved_;
-  boost::asio::steady_timer timer_;
-  boost::asio::steady_timer patience_timer_;
-  boost::asio::steady_timer later_timer_;
+  Timer timer_;
+  Timer patience_timer_;
+  Timer later_timer_;
   std::vector<std::string> later_;  ///< client ids with commands that were too young
   bool is_stopping_ = false;
   bool is_armed_ = false;
