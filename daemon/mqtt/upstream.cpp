@@ -153,11 +153,8 @@ void Upstream::connect_by(WayToBroker way) {
 
 void Upstream::connect_in(Duration wait) {
   is_waiting_ = true;
-  reconnect_timer_.expires_after(wait);
-  reconnect_timer_.async_wait([this](boost::system::error_code error) {
-    // The end of a former wait may be queued already, and then it cannot be cancelled.
-    const bool is_over = std::chrono::steady_clock::now() >= reconnect_timer_.expiry();
-    if (!error && is_waiting_ && is_over) connect();
+  reconnect_timer_.after(wait, [this] {
+    if (is_waiting_) connect();
   });
 }
 
@@ -221,10 +218,7 @@ void Upstream::come_up() {
 }
 
 void Upstream::probe_first_broker_in(Duration wait) {
-  return_timer_.expires_after(wait);
-  return_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && is_up_) probe_first_broker();
-  });
+  return_timer_.after(wait, [this] { probe_first_broker(); });
 }
 
 /// Tries only the steps before MQTT: with our client id, a cluster would end the connection that is
@@ -372,9 +366,7 @@ void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message, boo
 void Upstream::watch_for_stall() {
   const auto deadline = stall_watch_.deadline();
   if (!deadline) return;
-  stall_timer_.expires_at(*deadline);
-  stall_timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
+  stall_timer_.at(*deadline, [this] {
     if (is_up_) on_stall_deadline(std::chrono::steady_clock::now());
     watch_for_stall();
   });

@@ -6,7 +6,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <functional>
 #include <map>
@@ -21,6 +20,7 @@
 #include "daemon/mqtt/mqtt_link.hpp"
 #include "daemon/mqtt/stall_watch.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -122,9 +122,9 @@ class Upstream final : private MqttLinkListener {
   BrokerSettings settings_;
   const ConnectionTraits traits_;
   UpstreamListener& listener_;
-  boost::asio::steady_timer reconnect_timer_;
-  boost::asio::steady_timer stall_timer_;
-  boost::asio::steady_timer return_timer_;
+  Timer reconnect_timer_;
+  Timer stall_timer_;
+  Timer return_timer_;
   /// For probing the first broker, which blocks; made when it is needed.
   std::optional<boost::asio::thread_pool> scout_;
   Backoff return_backoff_;

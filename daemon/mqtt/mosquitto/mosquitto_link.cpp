@@ -33,9 +33,8 @@ MosquittoLink::MosquittoLink(boost::asio::io_context& io, boost::asio::thread_po
       properties_(options_.version, settings_.gateway_id) {}
 
 void MosquittoLink::connect() {
-  timeout_.expires_after(options_.timeout);
-  timeout_.async_wait([self = self()](error_code error) {
-    if (error || self->is_ended() || self->is_open()) return;
+  timeout_.after(options_.timeout, [self = self()] {
+    if (self->is_ended() || self->is_open()) return;
     self->fail({0, self->is_reached() ? explain_not_a_broker(self->settings_)
                                       : explain_no_connection(self->settings_, ETIMEDOUT)});
   });
@@ -47,16 +46,9 @@ void MosquittoLink::connect() {
         .will = &options_.will,
         .max_inbound_octets = options_.max_inbound_octets},
        way.tls);
-  await_tick();
-}
-
-/// Calls tick() until the connection ends; Upstream leaves a silent broker earlier.
-void MosquittoLink::await_tick() {
-  tick_.expires_after(tick_interval);
-  tick_.async_wait([self = self()](error_code error) {
-    if (error || self->is_ended() || self->is_over()) return;
-    self->tick();
-    self->await_tick();
+  tick_.every(tick_interval, [this] {
+    const auto until_done = self();
+    if (!is_ended() && !is_over()) tick();
   });
 }
 

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <cstdint>
 #include <memory>
@@ -16,6 +15,7 @@
 #include "daemon/mqtt/mosquitto/publish_properties.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
 #include "daemon/mqtt/tls_client.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -34,7 +34,6 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
   std::shared_ptr<MosquittoLink> self() {
     return std::static_pointer_cast<MosquittoLink>(shared_from_this());
   }
-  void await_tick();
 
   void on_connack(const Connack& connack) override;
   void on_ended(const Ended& ended) override;
@@ -49,8 +48,8 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
   const LinkOptions options_;
   const BrokerSettings& settings_;  ///< of `options_`
   MqttLinkListener& listener_;
-  boost::asio::steady_timer timeout_;
-  boost::asio::steady_timer tick_;
+  Timer timeout_;
+  Timer tick_;
   bool has_failed_ = false;                               ///< on_connect_failed() was called
   std::vector<std::pair<int, std::uint64_t>> in_flight_;  ///< packet ids and sequences, in order
   PublishProperties properties_;

@@ -273,9 +273,8 @@ ConnectFailure PahoLink::explain_failure(int code, bool is_in_time) const {
 }
 
 void PahoLink::watch_connect() {
-  connect_timer_.expires_after(options_.timeout + connect_grace);
-  connect_timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
-    if (!error && !self->is_abandoned_ && !self->has_answered_) self->report_failure(0);
+  connect_timer_.after(options_.timeout + connect_grace, [self = shared_from_this()] {
+    if (!self->has_answered_) self->report_failure(0);
   });
 }
 
@@ -349,9 +348,7 @@ void PahoLink::watch_progress() {
   const auto deadline = nudge_.deadline();
   is_nudge_armed_ = deadline.has_value();
   if (!deadline) return;
-  nudge_timer_.expires_at(*deadline);
-  nudge_timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
-    if (error || self->is_abandoned_) return;
+  nudge_timer_.at(*deadline, [self = shared_from_this()] {
     if (self->nudge_.take(std::chrono::steady_clock::now())) self->nudge();
     self->watch_progress();
   });

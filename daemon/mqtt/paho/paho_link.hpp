@@ -7,7 +7,6 @@
 
 #include <mqtt/async_client.h>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 
 #include <algorithm>
@@ -25,6 +24,7 @@
 #include "daemon/core/time.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
 #include "daemon/mqtt/paho/paho_message.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -220,8 +220,8 @@ class PahoLink final : public MqttLink,
   const LinkOptions options_;
   const BrokerSettings& settings_;  ///< of `options_`
   MqttLinkListener& listener_;
-  boost::asio::steady_timer nudge_timer_;
-  boost::asio::steady_timer connect_timer_;
+  Timer nudge_timer_;
+  Timer connect_timer_;
   SendNudge nudge_;
   bool is_nudge_armed_ = false;
   std::chrono::steady_clock::time_point opened_{};
