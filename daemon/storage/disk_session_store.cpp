@@ -74,10 +74,7 @@ void DiskSessionStore::on_written(bool is_written, Changes changes) {
     if (!changes_.empty()) write_changes();
   } else {
     changes_.merge(std::move(changes));  // a newer change of the same session stays
-    retry_timer_.expires_after(patience_.reopen);
-    retry_timer_.async_wait([this](boost::system::error_code error) {
-      if (!error) write_changes();
-    });
+    retry_timer_.after(patience_.reopen, [this] { write_changes(); });
   }
   if (on_written_) on_written_(is_written);
 }
@@ -177,9 +174,8 @@ bool DiskSessionStore::write(const Changes& changes) {
 /// Starts one synchronisation for all changes that are written within `sync_interval`.
 void DiskSessionStore::sync_later() {
   if (std::exchange(is_sync_due_, true)) return;
-  sync_timer_.expires_after(sync_interval);
-  sync_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && is_sync_due_) sync();
+  sync_timer_.after(sync_interval, [this] {
+    if (is_sync_due_) sync();
   });
 }
 

@@ -10,7 +10,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <map>
 #include <optional>
@@ -19,6 +18,7 @@
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/session_store.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "daemon/storage/record_log.hpp"
 #include "daemon/storage/store_thread.hpp"
 
@@ -79,7 +79,7 @@ class DiskSessionStore final : public SessionStore {
   Changes changes_;  // the last of each session, without those in the write under way
   bool is_writing_ = false;
   std::function<void(bool is_written)> on_written_;  // may be empty
-  boost::asio::steady_timer retry_timer_;
+  Timer retry_timer_;
 
   // The disk's thread only:
   std::optional<RecordLog> log_;
@@ -91,7 +91,7 @@ class DiskSessionStore final : public SessionStore {
   bool is_sync_due_ = false;  // changes were written since the last sync()
 
   StoreThread thread_;
-  boost::asio::steady_timer sync_timer_;
+  Timer sync_timer_;
 };
 
 }  // namespace slamgw

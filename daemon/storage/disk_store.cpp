@@ -245,9 +245,7 @@ void DiskStore::report_closed() {
 }
 
 void DiskStore::try_again_after(std::chrono::milliseconds time) {
-  timer_.expires_after(time);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
+  timer_.after(time, [this] {
     if (!log_) return open();
     try {
       restore_files();

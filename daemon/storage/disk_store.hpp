@@ -10,7 +10,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <optional>
 #include <span>
@@ -19,6 +18,7 @@
 #include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/mqtt/settings.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "daemon/storage/message_log.hpp"
 #include "daemon/storage/store_thread.hpp"
 
@@ -87,7 +87,7 @@ class DiskStore {
   std::string why_reported_;  // as last logged
 
   StoreThread thread_;
-  boost::asio::steady_timer timer_;  // the next attempt to open, or the next restore_files()
+  Timer timer_;  // the next attempt to open, or the next restore_files()
 };
 
 }  // namespace slamgw
