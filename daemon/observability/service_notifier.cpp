@@ -46,8 +46,13 @@ ServiceNotifier::ServiceNotifier(boost::asio::io_context& io, std::function<Serv
 void ServiceNotifier::ready() {
   sd_notify(0, "READY=1");
   if (std::getenv("NOTIFY_SOCKET") == nullptr || std::exchange(is_running_, true)) return;
-  if (watchdog_interval_) feed_watchdog();
+  const auto feed_watchdog = [] { sd_notify(0, "WATCHDOG=1"); };
+  if (watchdog_interval_) {
+    feed_watchdog();
+    watchdog_timer_.every(*watchdog_interval_, feed_watchdog);
+  }
   report_status();
+  status_timer_.every(status_interval, [this] { report_status(); });
 }
 
 void ServiceNotifier::reloading() {
@@ -61,17 +66,7 @@ void ServiceNotifier::stopping() {
   status_timer_.cancel();
 }
 
-void ServiceNotifier::feed_watchdog() {
-  if (!is_running_) return;  // a handler may be queued already when its timer is cancelled
-  sd_notify(0, "WATCHDOG=1");
-  watchdog_timer_.expires_after(*watchdog_interval_);
-  watchdog_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) feed_watchdog();
-  });
-}
-
 void ServiceNotifier::report_status() {
-  if (!is_running_) return;
   const ServiceState state = state_();
   const std::uint64_t before =
       std::exchange(messages_before_, state.messages).value_or(state.messages);
@@ -80,10 +75,6 @@ void ServiceNotifier::report_status() {
     last_status_ = std::move(status);
     sd_notify(0, ("STATUS=" + last_status_).c_str());
   }
-  status_timer_.expires_after(status_interval);
-  status_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) report_status();
-  });
 }
 
 }  // namespace slamgw

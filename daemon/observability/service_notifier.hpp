@@ -6,7 +6,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -15,6 +14,7 @@
 #include <string>
 
 #include "daemon/core/mesh.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -42,11 +42,10 @@ class ServiceNotifier {
   void stopping();
 
  private:
-  void feed_watchdog();
   void report_status();
 
-  boost::asio::steady_timer watchdog_timer_;
-  boost::asio::steady_timer status_timer_;
+  Timer watchdog_timer_;
+  Timer status_timer_;
   std::function<ServiceState()> state_;
   /// Half of the time that systemd allows between two signs of life; nothing without a watchdog.
   std::optional<std::chrono::microseconds> watchdog_interval_;
