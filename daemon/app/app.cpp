@@ -157,7 +157,7 @@ void App::run() {
   upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
   network_watch_->start([this] { upstream_.retry_now(); });
-  publish_stats_regularly();
+  stats_timer_.every(stats_interval, [this] { report_regularly(); });
   notifier_.ready();
   io_.run();
   log_event(Severity::notice, "slam-gatewayd has shut down cleanly");
@@ -270,10 +270,7 @@ void App::stop() {
 
 void App::stop_when_flushed(TimePoint give_up_at) {
   if (outbox_.is_settled() || read_clocks().mono >= give_up_at) return close_everything();
-  stop_timer_.expires_after(flush_poll);
-  stop_timer_.async_wait([this, give_up_at](boost::system::error_code error) {
-    if (!error) stop_when_flushed(give_up_at);
-  });
+  stop_timer_.after(flush_poll, [this, give_up_at] { stop_when_flushed(give_up_at); });
 }
 
 void App::close_everything() {
@@ -294,17 +291,12 @@ void App::close_everything() {
   io_.stop();
 }
 
-void App::publish_stats_regularly() {
-  stats_timer_.expires_after(stats_interval);
-  stats_timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
-    warn_of_lost_messages();
-    publish_stats();
-    traffic_log_.write_overdue(read_clocks().mono);
-    for (const Notice& summary : notice_lines_.summaries()) log_notice(summary);
-    flush_log();
-    publish_stats_regularly();
-  });
+void App::report_regularly() {
+  warn_of_lost_messages();
+  publish_stats();
+  traffic_log_.write_overdue(read_clocks().mono);
+  for (const Notice& summary : notice_lines_.summaries()) log_notice(summary);
+  flush_log();
 }
 
 /// Warns once for each burst, because this is called every stats_interval.

@@ -5,7 +5,6 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/signal_set.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -34,6 +33,7 @@
 #include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/machine_driver.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "daemon/storage/disk_session_store.hpp"
 #include "daemon/storage/disk_store.hpp"
 
@@ -63,7 +63,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void stop();
   void stop_when_flushed(TimePoint give_up_at);
   void close_everything();
-  void publish_stats_regularly();
+  void report_regularly();
   void publish_stats();
   void publish_now(std::string topic, Bytes payload);
   void warn_of_lost_messages();
@@ -113,8 +113,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   BrokerLink broker_link_{false, started_.wall, "no broker has answered since the start", {}};
   boost::asio::io_context io_{1};
   boost::asio::signal_set signals_;
-  boost::asio::steady_timer stats_timer_;
-  boost::asio::steady_timer stop_timer_;
+  Timer stats_timer_;
+  Timer stop_timer_;
   ServiceNotifier notifier_;
   DescriptorStore descriptors_;
 

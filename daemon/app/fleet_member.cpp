@@ -64,7 +64,7 @@ RobotPlaces FleetMember::places() {
 void FleetMember::start() {
   gateway_driver_->subscribe_own(scheme_.state_filter());
   gateway_driver_->subscribe_own(scheme_.presence_filter());
-  await_tick();
+  tick_.every(tick_interval, [this] { on_tick(); });
 }
 
 void FleetMember::stop() {
@@ -149,9 +149,8 @@ void FleetMember::on_state(const std::string& gateway, const BrokerMessage& mess
   const bool is_newcomer =
       !before.is_online || !before.is_shown || before.connected != after->second.connected;
   if (!is_newcomer || message.retain) return;
-  newcomer_timer_.expires_after(newcomer_delay);
-  newcomer_timer_.async_wait([this](boost::system::error_code error) {
-    if (error || !up_since_) return;
+  newcomer_timer_.after(newcomer_delay, [this] {
+    if (!up_since_) return;
     gateway_driver_->presence().publish_state();
     gateway_driver_->presence().announce_all(read_clocks());
   });
@@ -316,15 +315,6 @@ void FleetMember::perform(RobotForgotten& action) {
   held_before_.erase(action.robot);
   adopted_.erase(action.robot);
   host_->forget(action.robot);
-}
-
-void FleetMember::await_tick() {
-  tick_.expires_after(tick_interval);
-  tick_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
-    on_tick();
-    await_tick();
-  });
 }
 
 /// Withdraws presence in place of gateways that stand still, which do not withdraw it themselves.

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
@@ -18,6 +17,7 @@
 #include "daemon/core/gateway.hpp"
 #include "daemon/mqtt/upstream.hpp"
 #include "daemon/runtime/machine_driver.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "daemon/sessions/board_choice.hpp"
 #include "daemon/sessions/io/session_host.hpp"
 #include "daemon/sessions/neighbours.hpp"
@@ -100,7 +100,6 @@ class FleetMember {
   void keep_orphans();
   void withdraw_from_still_gateways();
   void withdraw_from(const std::string& gateway, const std::string& robot);
-  void await_tick();
   void on_tick();
   void perform(sessions::SessionHost::Report& report);
   void on_held(const sessions::SessionHeld& held);
@@ -122,8 +121,8 @@ class FleetMember {
   sessions::Neighbours neighbours_;
   sessions::BoardChoice board_choice_;
   sessions::SessionHost host_;
-  boost::asio::steady_timer tick_;
-  boost::asio::steady_timer newcomer_timer_;
+  Timer tick_;
+  Timer newcomer_timer_;
   LogThrottle newcomer_lines_;
   std::optional<TimePoint> up_since_;  ///< when the broker came online
   std::string broker_uri_;             ///< of the newest connection, also of the former process

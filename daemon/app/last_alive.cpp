@@ -42,20 +42,13 @@ void LastAlive::on_broker_up(const std::string& uri) {
   const bool was_elsewhere = online_ && (now - online_->time > 2 * interval || uri != online_->uri);
   write_from_ = was_elsewhere ? now + 2 * interval : now;
   broker_uri_ = uri;
-  keep_writing();
+  write();
+  timer_.every(interval, [this] { write(); });
 }
 
 void LastAlive::on_broker_down() {
   broker_uri_.clear();
   timer_.cancel();
-}
-
-void LastAlive::keep_writing() {
-  write();
-  timer_.expires_after(interval);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) keep_writing();
-  });
 }
 
 void LastAlive::write() {

@@ -5,12 +5,12 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <optional>
 #include <string>
 
 #include "daemon/core/time.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -41,7 +41,6 @@ class LastAlive {
 
  private:
   void read();
-  void keep_writing();
   void write();
 
   const std::string path_;
@@ -49,7 +48,7 @@ class LastAlive {
   std::string broker_uri_;        ///< empty while the broker is offline
   std::optional<Online> online_;  ///< the newest that is known; nothing on a new host
   TimePoint write_from_{};
-  boost::asio::steady_timer timer_;
+  Timer timer_;
   boost::asio::thread_pool disk_{1};
 };
 

@@ -19,7 +19,7 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
                 std::visit([this](auto& what) { perform(what); }, action);
               }),
       tick_(io) {
-  await_tick();
+  tick_.every(MosquittoClient::tick_interval, [this] { on_tick(); });
 }
 
 // --- The broker ----------------------------------------------------------------------------------
@@ -109,16 +109,11 @@ void SessionHost::end_links() {
   while (!links_.empty()) end_link(links_.begin()->first, RobotLink::Farewell::disconnect);
 }
 
-void SessionHost::await_tick() {
-  tick_.expires_after(MosquittoClient::tick_interval);
-  tick_.async_wait([this](boost::system::error_code error) {
-    if (error || is_stopped_) return;
-    driver_->on_tick(read_clocks().mono);
-    std::vector<std::shared_ptr<RobotLink>> links;
-    for (const auto& [robot, link] : links_) links.push_back(link);
-    for (const auto& link : links) link->on_tick();
-    await_tick();
-  });
+void SessionHost::on_tick() {
+  driver_->on_tick(read_clocks().mono);
+  std::vector<std::shared_ptr<RobotLink>> links;
+  for (const auto& [robot, link] : links_) links.push_back(link);
+  for (const auto& link : links) link->on_tick();
 }
 
 void SessionHost::perform(OpenSession& open) {

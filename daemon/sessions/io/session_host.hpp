@@ -5,7 +5,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <memory>
 #include <string>
@@ -13,6 +12,7 @@
 #include <variant>
 
 #include "daemon/runtime/machine_driver.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "daemon/sessions/io/robot_link.hpp"
 #include "daemon/sessions/robot_sessions.hpp"
 
@@ -62,7 +62,7 @@ class SessionHost {
   void end_link(const std::string& robot, RobotLink::Farewell farewell);
   void end_links();
   void close_all();
-  void await_tick();
+  void on_tick();
 
   void perform(OpenSession& open);
   void perform(CloseSession& close);
@@ -80,7 +80,7 @@ class SessionHost {
   const std::function<void(Report)> report_;
   RobotSessions sessions_;
   MachineDriver<RobotSessions> driver_;
-  boost::asio::steady_timer tick_;
+  Timer tick_;
   std::shared_ptr<const RobotBroker> broker_;  ///< the newest; null before the first
   std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
   std::unordered_map<std::string, std::shared_ptr<RobotLink>> links_;
