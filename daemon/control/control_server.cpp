@@ -129,10 +129,7 @@ void ControlServer::on_accept(error_code error, ControlSession::Socket socket) {
     return accept();
   }
   // Most likely no file descriptor is free. Without a pause, the waiting client makes this spin.
-  retry_timer_.expires_after(accept_retry);
-  retry_timer_.async_wait([this, alive = std::weak_ptr(alive_)](error_code) {
-    if (!alive.expired()) accept();
-  });
+  retry_timer_.after(accept_retry, [this] { accept(); });
 }
 
 void ControlServer::admit(ControlSession::Socket socket) {

@@ -6,7 +6,6 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/local/stream_protocol.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,6 +14,7 @@
 #include "daemon/control/control_session.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/traffic_event.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -48,7 +48,7 @@ class ControlServer {
 
   boost::asio::io_context& io_;
   boost::asio::local::stream_protocol::acceptor acceptor_;
-  boost::asio::steady_timer retry_timer_;
+  Timer retry_timer_;
   std::string path_;
   ControlHandler& handler_;
   const ControlLimits limits_;

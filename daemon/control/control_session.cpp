@@ -19,8 +19,6 @@ using boost::system::error_code;
 
 namespace {
 
-using Clock = asio::steady_timer::clock_type;
-
 /// Names the client's user, as the kernel reports it.
 std::string peer_of(int socket) {
   ucred peer{};
@@ -94,7 +92,7 @@ void ControlSession::on_line(error_code error, std::size_t size) {
   if (error) return end();
   const std::string line = input_.substr(0, size - 1);
   input_.erase(0, size);
-  idle_timer_.expires_at(Clock::time_point::max());  // the order may take any time
+  idle_timer_.cancel();  // the order may take any time
   handle(line);
   // The next request is read after this answer is written, so that answers can't pile up. A watcher
   // is always read, which shows when it disconnects.
@@ -149,16 +147,8 @@ void ControlSession::on_written(error_code error) {
 }
 
 void ControlSession::arm_idle_timer() {
-  if (watch_) {
-    idle_timer_.cancel();
-    return;
-  }
-  idle_timer_.expires_after(limits_.idle);
-  idle_timer_.async_wait([self = shared_from_this()](error_code error) {
-    // A handler that is queued already runs although the timer has a later time now.
-    const bool is_due = self->idle_timer_.expiry() <= Clock::now();
-    if (!error && is_due && !self->is_closed_ && !self->watch_) self->end();
-  });
+  if (watch_) return idle_timer_.cancel();
+  idle_timer_.after(limits_.idle, [self = shared_from_this()] { self->end(); });
 }
 
 void ControlSession::end() {

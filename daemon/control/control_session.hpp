@@ -5,7 +5,6 @@
 #pragma once
 
 #include <boost/asio/local/stream_protocol.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <chrono>
 #include <functional>
 #include <memory>
@@ -14,6 +13,7 @@
 
 #include "daemon/control/control_handler.hpp"
 #include "daemon/control/wire.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -70,7 +70,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
 
   Socket socket_;
   const std::string who_;
-  boost::asio::steady_timer idle_timer_;
+  Timer idle_timer_;
   const ControlLimits& limits_;
   ControlCounters& counters_;
   ControlHandler& handler_;
