@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <cerrno>
 #include <cstring>
 #include <ctime>
@@ -23,6 +22,7 @@
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
 #include "daemon/mqtt/upstream.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -120,10 +120,7 @@ class Replay final : private UpstreamListener {
     if (done == messages_.size()) io_.stop();
   }
   void wait() {
-    timer_.expires_at(due(messages_[next_]));
-    timer_.async_wait([this](boost::system::error_code error) {
-      if (!error) proceed();
-    });
+    timer_.at(due(messages_[next_]), [this] { proceed(); });
   }
   void end(std::string failure) {
     failure_ = std::move(failure);
@@ -134,7 +131,7 @@ class Replay final : private UpstreamListener {
   double speed_;
   std::size_t untried_;  ///< number of brokers that are not tried yet
   boost::asio::io_context io_{1};
-  boost::asio::steady_timer timer_;
+  Timer timer_;
   Upstream upstream_;
   TimePoint begun_{};
   std::uint64_t next_ = 0;

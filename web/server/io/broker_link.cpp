@@ -96,10 +96,7 @@ void BrokerLink::pass_on() {
   is_gathering_ = !gathered_.empty();
   if (!is_gathering_) return;
   for (const BrokerMessage& message : std::exchange(gathered_, {})) listener_.on_message(message);
-  gather_.expires_after(gathering);
-  gather_.async_wait([this](boost::system::error_code end) {
-    if (!end) pass_on();
-  });
+  gather_.after(gathering, [this] { pass_on(); });
 }
 
 }  // namespace slamgw::web

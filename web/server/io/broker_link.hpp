@@ -5,7 +5,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include "daemon/mqtt/upstream.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "web/server/mirror.hpp"
 
 namespace slamgw::web {
@@ -55,7 +55,7 @@ class BrokerLink final : private UpstreamListener {
   std::uint64_t commands_ = 0;
   std::vector<BrokerMessage> gathered_;
   bool is_gathering_ = false;
-  boost::asio::steady_timer gather_;
+  Timer gather_;
   Upstream upstream_;
 };
 

@@ -77,9 +77,8 @@ void HttpConnection::refuse_metrics() {
       is_guess ? server_.hub().guesses().on_wrong(client_, std::chrono::steady_clock::now())
                : TokenGuesses::Cost{};
   if (!cost.report.empty()) log_event(Severity::warning, cost.report);
-  delay_.expires_after(cost.delay);
-  delay_.async_wait([self = shared_from_this()](beast::error_code error) {
-    if (!error) self->send(refuse(401, "The metrics need a token: Authorization: Bearer TOKEN"));
+  delay_.after(cost.delay, [self = shared_from_this()] {
+    self->send(refuse(401, "The metrics need a token: Authorization: Bearer TOKEN"));
   });
 }
 

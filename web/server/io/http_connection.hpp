@@ -4,12 +4,12 @@
 #pragma once
 
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <memory>
 #include <optional>
 
+#include "daemon/runtime/timer.hpp"
 #include "web/server/answers.hpp"
 #include "web/server/io/web_server.hpp"
 
@@ -41,7 +41,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   boost::beast::tcp_stream stream_;
   WebServer& server_;
   const Client client_;
-  boost::asio::steady_timer delay_;  ///< delays the answer to a wrong token
+  Timer delay_;  ///< delays the answer to a wrong token
   const HeldPlace place_;
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;

@@ -90,10 +90,10 @@ void PageConnection::follow_token() {
 /// Delays only the answer. Reading continues: the WebSocket stays alive, and a right token gets its
 /// answer first. The timer keeps this object and its places, even when the connection breaks.
 void PageConnection::answer_later(PageSession::Reaction reaction) {
-  delay_.expires_after(reaction.delay);
+  const auto delay = reaction.delay;
   late_ = std::move(reaction);
-  delay_.async_wait([self = shared_from_this()](beast::error_code error) {
-    if (!error && self->late_) self->answer(*std::exchange(self->late_, std::nullopt));
+  delay_.after(delay, [self = shared_from_this()] {
+    if (self->late_) self->answer(*std::exchange(self->late_, std::nullopt));
   });
 }
 

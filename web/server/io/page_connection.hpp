@@ -4,13 +4,13 @@
 // in one WebSocket message.
 #pragma once
 
-#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
 #include <memory>
 #include <optional>
 
+#include "daemon/runtime/timer.hpp"
 #include "web/server/io/page_hub.hpp"
 #include "web/server/page_queue.hpp"
 
@@ -48,7 +48,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   const HeldPlace place_;
   const HeldPlace page_place_;
   PageSession session_;
-  boost::asio::steady_timer delay_;  ///< delays the answer to a wrong token
+  Timer delay_;  ///< delays the answer to a wrong token
   std::optional<PageSession::Reaction> late_;
   PageQueue queue_;
   std::string writing_;

@@ -92,7 +92,7 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, Tokens token
              [this](const std::string& filter, const std::string& why) {
                on_unreadable(filter, why);
              }}) {
-  update_roster_later();
+  roster_timer_.every(roster_period, [this] { update_roster(); });
 }
 
 std::string PageHub::locked_greeting() {
@@ -189,15 +189,6 @@ void PageHub::update_roster() {
   for (const auto& [name, text] : roster_.update(now_ms()))
     for (PageConnection* page : pages_) page->send_state("$web/" + name, text);
   history_.update(roster_, now_ms());
-}
-
-void PageHub::update_roster_later() {
-  roster_timer_.expires_after(roster_period);
-  roster_timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
-    update_roster();
-    update_roster_later();
-  });
 }
 
 /// Forgets all states, because some may have been withdrawn while the connection was away. The

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <deque>
 #include <functional>
@@ -14,6 +13,7 @@
 #include <string>
 
 #include "daemon/config/config.hpp"
+#include "daemon/runtime/timer.hpp"
 #include "web/server/history.hpp"
 #include "web/server/io/broker_link.hpp"
 #include "web/server/last_known.hpp"
@@ -82,7 +82,6 @@ class PageHub {
   void on_robot_message(const BrokerMessage& message);
   void pass_to_roster(const BrokerMessage& message);
   void update_roster();
-  void update_roster_later();
   void reset_pages();
   std::string greeting() const;
   std::string broker_state() const;
@@ -107,7 +106,7 @@ class PageHub {
   std::deque<std::pair<std::uint64_t, std::string>> sent_;        ///< topics of the newest commands
   const std::shared_ptr<void> scrape_ = std::make_shared<int>();  ///< each scrape holds a copy
   boost::asio::io_context& io_;
-  boost::asio::steady_timer roster_timer_;
+  Timer roster_timer_;
   BrokerLink link_;
   boost::asio::thread_pool metrics_thread_{1};
 };

@@ -42,10 +42,7 @@ void WebServer::accept() {
       admit(std::move(socket));
       return accept();
     }
-    pause_.expires_after(pause_after_failure);
-    pause_.async_wait([this](boost::system::error_code end) {
-      if (!end) accept();
-    });
+    pause_.after(pause_after_failure, [this] { accept(); });
   });
 }
 

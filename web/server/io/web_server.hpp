@@ -5,8 +5,8 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/steady_timer.hpp>
 
+#include "daemon/runtime/timer.hpp"
 #include "web/server/answers.hpp"
 #include "web/server/io/page_hub.hpp"
 
@@ -31,7 +31,7 @@ class WebServer {
   PageHub& hub_;
   Answers answers_;
   boost::asio::ip::tcp::acceptor acceptor_;
-  boost::asio::steady_timer pause_;  ///< after a failure, such as too many open files
+  Timer pause_;  ///< after a failure, such as too many open files
   Places places_{max_connections};
 };
 
