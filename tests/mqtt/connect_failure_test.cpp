@@ -9,7 +9,18 @@ namespace {
 TEST(ConnectFailure, HasWordsForEveryAnswer) {
   EXPECT_EQ(explain_connect_failure(0x87), "the broker does not authorise this user");
   EXPECT_EQ(explain_connect_failure(5), "the broker does not authorise this user");
+  EXPECT_EQ(explain_connect_failure(4), "the broker refuses user name or password");
+  EXPECT_EQ(explain_connect_failure(0x9f), "the broker refuses: Connection rate exceeded");
   EXPECT_EQ(explain_connect_failure(0xfe), "the broker refuses with code 0xfe");
+  EXPECT_EQ(explain_connect_failure(0), "the broker refuses with code 0x00");
+}
+
+TEST(ConnectFailure, HasWordsForEveryRefusedMessage) {
+  EXPECT_EQ(explain_publish_refusal(0x87), "not authorised");
+  EXPECT_EQ(explain_publish_refusal(0x90), "topic name invalid");
+  EXPECT_EQ(explain_publish_refusal(0x97), "quota exceeded");
+  EXPECT_EQ(explain_publish_refusal(0xfe), "no reason given");
+  EXPECT_EQ(explain_publish_refusal(0), "no reason given");
 }
 
 TEST(ConnectFailure, TellsWhatToDoDifferentlyNextTime) {
