@@ -11,6 +11,7 @@
 #include <fstream>
 
 #include "daemon/runtime/machine_driver.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw {
 
@@ -58,12 +59,12 @@ void LastAlive::write() {
   const auto up = std::chrono::floor<std::chrono::seconds>(now.time_since_epoch());
   std::string text = fmt::format("{} {}\n", up.count(), broker_uri_);
   boost::asio::post(disk_, [path = path_, text = std::move(text)] {
-    const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
-    if (file < 0) return;
+    const OwnedFile file(::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+    if (file.get() < 0) return;
     const auto size = static_cast<ssize_t>(text.size());
-    if (::pwrite(file, text.data(), text.size(), 0) != size || ::ftruncate(file, size) != 0)
+    if (::pwrite(file.get(), text.data(), text.size(), 0) != size ||
+        ::ftruncate(file.get(), size) != 0)
       ::unlink(path.c_str());
-    ::close(file);
   });
 }
 

@@ -8,13 +8,15 @@
 #include <openssl/ssl.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <memory>
 #include <utility>
+
+#include "daemon/core/freed_by.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw {
 namespace {
@@ -26,10 +28,7 @@ constexpr timeval handshake_wait{1, 0};
 /// With TLS 1.3, a server may report a missing client certificate only after the handshake.
 constexpr timeval afterwards_wait{0, 300000};
 
-struct FreeAddresses {
-  void operator()(addrinfo* first) const { freeaddrinfo(first); }
-};
-using Addresses = std::unique_ptr<addrinfo, FreeAddresses>;
+using Addresses = std::unique_ptr<addrinfo, FreedBy<freeaddrinfo>>;
 
 /// Returns null, with the reason in `error`, when the name cannot be resolved.
 Addresses resolve(const std::string& host, const std::string& port, std::string& error) {
@@ -41,19 +40,6 @@ Addresses resolve(const std::string& host, const std::string& port, std::string&
   return Addresses(result == 0 ? first : nullptr);
 }
 
-class Socket {
- public:
-  explicit Socket(int descriptor) : descriptor_(descriptor) {}
-  Socket(Socket&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
-  ~Socket() {
-    if (descriptor_ >= 0) close(descriptor_);
-  }
-  int get() const { return descriptor_; }
-
- private:
-  int descriptor_;
-};
-
 std::string explain_unknown_name(const BrokerSettings& broker, const std::string& error) {
   return fmt::format(
       "the name '{}' can't be resolved: {}; correct broker.uri, or this host's name service "
@@ -62,7 +48,7 @@ std::string explain_unknown_name(const BrokerSettings& broker, const std::string
 }
 
 /// Returns 0, or the errno of the failed connection.
-int connect_to(const Socket& socket, const addrinfo& address) {
+int connect_to(const OwnedFile& socket, const addrinfo& address) {
   if (connect(socket.get(), address.ai_addr, address.ai_addrlen) == 0) return 0;
   if (errno != EINPROGRESS) return errno;
   pollfd wait{socket.get(), POLLOUT, 0};
@@ -73,16 +59,11 @@ int connect_to(const Socket& socket, const addrinfo& address) {
   return error;
 }
 
-struct FreeSession {
-  void operator()(SSL* session) const { SSL_free(session); }
-};
-using Session = std::unique_ptr<SSL, FreeSession>;
-
 /// Returns the problem for the operator; empty when the handshake works.
 std::string try_tls(int socket, const BrokerSettings& broker) {
   const TlsClient tls(broker);
   if (!tls.problem().empty()) return tls.problem();
-  const Session session(SSL_new(tls.context()));
+  const std::unique_ptr<SSL, FreedBy<SSL_free>> session(SSL_new(tls.context()));
   ERR_clear_error();
   SSL_set_fd(session.get(), socket);
   setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &handshake_wait, sizeof handshake_wait);
@@ -107,7 +88,7 @@ Reachability probe_broker(const BrokerSettings& broker) {
   int tried = 0;
   for (const addrinfo* address = addresses.get(); address && tried < max_addresses;
        address = address->ai_next, ++tried) {
-    const Socket socket(
+    const OwnedFile socket(
         ::socket(address->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     last = connect_to(socket, *address);
     if (last != 0) continue;

@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 
+#include "daemon/core/freed_by.hpp"
 #include "daemon/mqtt/settings.hpp"
 
 namespace slamgw {
@@ -28,10 +29,6 @@ class TlsClient {
   bool has_shaken_hands() const { return has_shaken_hands_; }
 
  private:
-  struct Free {
-    void operator()(SSL_CTX* context) const { SSL_CTX_free(context); }
-  };
-
   std::string load_files() const;
   void check_name();
   static int on_verify(int is_good, X509_STORE_CTX* certificates);
@@ -39,7 +36,7 @@ class TlsClient {
   static TlsClient& of(const SSL* session);
 
   const BrokerSettings broker_;
-  const std::unique_ptr<SSL_CTX, Free> context_;
+  const std::unique_ptr<SSL_CTX, FreedBy<SSL_CTX_free>> context_;
   bool is_address_ = false;  ///< the host is an address: no name for the ClientHello
   int certificate_error_ = 0;
   bool has_shaken_hands_ = false;

@@ -14,17 +14,14 @@
 #include <optional>
 #include <string>
 
+#include "daemon/core/freed_by.hpp"
 #include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
-template <auto unref>
-struct SdBusUnref {
-  void operator()(auto* object) const { unref(object); }
-};
-using SdBus = std::unique_ptr<sd_bus, SdBusUnref<sd_bus_close_unref>>;
-using SdBusSlot = std::unique_ptr<sd_bus_slot, SdBusUnref<sd_bus_slot_unref>>;
-using SdBusMessage = std::unique_ptr<sd_bus_message, SdBusUnref<sd_bus_message_unref>>;
+using SdBus = std::unique_ptr<sd_bus, FreedBy<sd_bus_close_unref>>;
+using SdBusSlot = std::unique_ptr<sd_bus_slot, FreedBy<sd_bus_slot_unref>>;
+using SdBusMessage = std::unique_ptr<sd_bus_message, FreedBy<sd_bus_message_unref>>;
 
 class BusConnection {
  public:

@@ -2,10 +2,8 @@
 #include "daemon/runtime/descriptor_store.hpp"
 
 #include <systemd/sd-daemon.h>
-#include <unistd.h>
 
 #include <cstdlib>
-#include <utility>
 
 namespace slamgw {
 
@@ -13,31 +11,21 @@ DescriptorStore::DescriptorStore() {
   char** names = nullptr;
   const int count = sd_listen_fds_with_names(1 /* unset the environment */, &names);
   for (int i = 0; i < count; ++i) {
-    const int descriptor = SD_LISTEN_FDS_START + i;
-    if (!taken_over_.emplace(names[i], descriptor).second) close(descriptor);
+    taken_over_.emplace(names[i], OwnedFile(SD_LISTEN_FDS_START + i));  // closes a second of a name
     free(names[i]);
   }
   free(names);
 }
 
-DescriptorStore::~DescriptorStore() {
-  for (const auto& [name, descriptor] : taken_over_) close(descriptor);
-}
-
 int DescriptorStore::take(const std::string& name) {
-  const auto found = taken_over_.find(name);
-  if (found == taken_over_.end()) return -1;
-  const int descriptor = found->second;
-  taken_over_.erase(found);
-  return descriptor;
+  auto kept = taken_over_.extract(name);
+  return kept ? kept.mapped().release() : -1;
 }
 
 void DescriptorStore::drop_rest() {
   if (taken_over_.empty()) return;
-  for (const auto& [name, descriptor] : std::exchange(taken_over_, {})) {
-    close(descriptor);
-    drop(name);
-  }
+  for (const auto& [name, descriptor] : taken_over_) drop(name);
+  taken_over_.clear();
   sd_notify_barrier(0, std::chrono::microseconds(drop_patience).count());
 }
 

@@ -9,6 +9,8 @@
 #include <map>
 #include <string>
 
+#include "daemon/runtime/owned_file.hpp"
+
 namespace slamgw {
 
 class DescriptorStore {
@@ -16,9 +18,6 @@ class DescriptorStore {
   /// Takes over the kept descriptors of the process before (sd_listen_fds(3)). Construct it once in
   /// a process.
   DescriptorStore();
-  ~DescriptorStore();
-  DescriptorStore(const DescriptorStore&) = delete;
-  DescriptorStore& operator=(const DescriptorStore&) = delete;
 
   /// Returns the descriptor that was kept under this name, which the caller then owns; -1 when
   /// there is none.
@@ -35,7 +34,7 @@ class DescriptorStore {
   void drop(const std::string& name);
 
  private:
-  std::map<std::string, int> taken_over_;
+  std::map<std::string, OwnedFile> taken_over_;
 };
 
 }  // namespace slamgw

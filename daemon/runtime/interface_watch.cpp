@@ -4,10 +4,11 @@
 #include <linux/netlink.h>
 #include <linux/rtnetlink.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <array>
 #include <utility>
+
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw {
 
@@ -16,16 +17,13 @@ using boost::asio::posix::stream_descriptor;
 InterfaceWatch::InterfaceWatch(boost::asio::io_context& io) : socket_(io) {}
 
 bool InterfaceWatch::start(std::function<void()> on_change) {
-  const int descriptor = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC | SOCK_NONBLOCK, NETLINK_ROUTE);
-  if (descriptor < 0) return false;
+  OwnedFile made(socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC | SOCK_NONBLOCK, NETLINK_ROUTE));
   sockaddr_nl address{};
   address.nl_family = AF_NETLINK;
   address.nl_groups = RTMGRP_LINK | RTMGRP_IPV4_IFADDR | RTMGRP_IPV6_IFADDR;
-  if (bind(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
-    close(descriptor);
+  if (bind(made.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return false;
-  }
-  socket_.assign(descriptor);
+  socket_.assign(made.release());
   on_change_ = std::move(on_change);
   wait();
   return true;

@@ -141,10 +141,6 @@ LogError::LogError(const std::string& what, int error)
                                            : fmt::format("{}: {}", what, std::strerror(error))),
       is_io_error_(error == EIO) {}
 
-OwnedFile::~OwnedFile() {
-  if (descriptor_ >= 0) ::close(descriptor_);
-}
-
 /// The header in front of each record.
 struct RecordLog::Header {
   std::uint32_t sum = 0;

@@ -25,6 +25,7 @@
 #include <vector>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw {
 
@@ -38,22 +39,6 @@ class LogError : public std::runtime_error {
 
  private:
   bool is_io_error_;
-};
-
-/// Owns a file descriptor.
-class OwnedFile {
- public:
-  explicit OwnedFile(int descriptor = -1) : descriptor_(descriptor) {}
-  ~OwnedFile();
-  OwnedFile(OwnedFile&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
-  OwnedFile& operator=(OwnedFile&& other) noexcept {
-    std::swap(descriptor_, other.descriptor_);
-    return *this;
-  }
-  int get() const { return descriptor_; }
-
- private:
-  int descriptor_;
 };
 
 class RecordLog {

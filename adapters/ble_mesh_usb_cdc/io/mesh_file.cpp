@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -37,34 +38,24 @@ constexpr std::chrono::seconds read_pause{1};
 /// Returns 0 or an errno value.
 int read_file(const std::string& path, std::string& content) {
   content.clear();
-  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (file < 0) return errno;
+  const OwnedFile file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (file.get() < 0) return errno;
   std::array<char, 4096> part{};
   ssize_t size = 0;
-  while ((size = ::read(file, part.data(), part.size())) > 0)
+  while ((size = ::read(file.get(), part.data(), part.size())) > 0)
     content.append(part.data(), static_cast<std::size_t>(size));
-  const int error = size < 0 ? errno : 0;
-  ::close(file);
-  return error;
+  return size < 0 ? errno : 0;
 }
 
 /// Writes a new file with mode 0600 and waits until it is on disk.
 bool write_file(const std::string& path, std::string_view text) {
-  const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-  if (file < 0) return false;
-  const bool is_written = write_all(file, text) && ::fsync(file) == 0;
-  const int error = errno;
-  ::close(file);
-  errno = error;
-  return is_written;
+  const OwnedFile file(::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+  return file.get() >= 0 && write_all(file.get(), text) && ::fsync(file.get()) == 0;
 }
 
 bool sync_directory(const std::string& path) {
-  const int directory = ::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (directory < 0) return false;
-  const bool is_synced = ::fsync(directory) == 0;
-  ::close(directory);
-  return is_synced;
+  const OwnedFile directory(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  return directory.get() >= 0 && ::fsync(directory.get()) == 0;
 }
 
 /// Returns why this gateway must not use the address; empty if it may. If two senders in a mesh

@@ -22,6 +22,7 @@
 #include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/time.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw::ble {
 
@@ -41,7 +42,6 @@ class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
   /// Reports go to `line` on the loop's thread, until `abandon`.
   static std::shared_ptr<SerialConnection> start(boost::asio::io_context& io, OpenPort open_port,
                                                  SerialLine& line);
-  ~SerialConnection();
   SerialConnection(const SerialConnection&) = delete;
   SerialConnection& operator=(const SerialConnection&) = delete;
 
@@ -71,7 +71,7 @@ class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
   void deliver();
 
   const OpenPort open_port_;
-  const int wake_;  ///< eventfd: there is something to write, or to close
+  const OwnedFile wake_;  ///< eventfd: there is something to write, or to close
   std::mutex mutex_;
   std::condition_variable ended_;
   boost::asio::io_context& io_;  ///< not touched once `line_` is null
@@ -185,10 +185,6 @@ SerialConnection::SerialConnection(boost::asio::io_context& io, OpenPort open_po
       io_(io),
       line_(&line) {}
 
-SerialConnection::~SerialConnection() {
-  if (wake_ >= 0) ::close(wake_);
-}
-
 // --- From the loop -------------------------------------------------------------------------------
 
 bool SerialConnection::write(ByteView bytes) {
@@ -197,7 +193,7 @@ bool SerialConnection::write(ByteView bytes) {
     if (unwritten_.size() + bytes.size() > SerialLine::max_unwritten) return false;
     unwritten_.insert(unwritten_.end(), bytes.begin(), bytes.end());
   }
-  ::eventfd_write(wake_, 1);
+  ::eventfd_write(wake_.get(), 1);
   return true;
 }
 
@@ -206,7 +202,7 @@ void SerialConnection::close() {
     const std::lock_guard lock(mutex_);
     is_closing_ = true;
   }
-  ::eventfd_write(wake_, 1);
+  ::eventfd_write(wake_.get(), 1);
 }
 
 void SerialConnection::abandon(Duration limit) {
@@ -225,7 +221,7 @@ void SerialConnection::deliver() {
     report = std::exchange(report_, {});
     line = line_;  // only the loop's thread, this one, makes it null
   }
-  ::eventfd_write(wake_, 1);  // there is room to read again
+  ::eventfd_write(wake_.get(), 1);  // there is room to read again
   if (line != nullptr) line->on_report(std::move(report));
 }
 
@@ -243,7 +239,7 @@ void SerialConnection::run() {
 }
 
 std::unique_ptr<SerialPort> SerialConnection::open() {
-  if (wake_ < 0) {
+  if (wake_.get() < 0) {
     fail("the serial board can't be opened: too many open files");
     return nullptr;
   }
@@ -275,7 +271,7 @@ bool SerialConnection::prepare(SerialPort& port) {
 void SerialConnection::carry(SerialPort& port) {
   bool is_usable = true;
   while (is_usable && !is_closing()) {
-    std::array<pollfd, 2> watched{{{wake_, POLLIN, 0}, {port.descriptor(), 0, 0}}};
+    std::array<pollfd, 2> watched{{{wake_.get(), POLLIN, 0}, {port.descriptor(), 0, 0}}};
     {
       const std::lock_guard lock(mutex_);
       const bool has_room = report_.bytes.size() < SerialLine::max_unread;
@@ -284,7 +280,7 @@ void SerialConnection::carry(SerialPort& port) {
     }
     if (::poll(watched.data(), watched.size(), -1) < 0 && errno != EINTR) return;
     eventfd_t ignored = 0;
-    ::eventfd_read(wake_, &ignored);
+    ::eventfd_read(wake_.get(), &ignored);
     if ((watched[1].revents & ~POLLOUT) != 0) is_usable = read_some(port);
     if (is_usable) is_usable = write_some(port);
   }
@@ -335,7 +331,7 @@ bool SerialConnection::is_closing() {
 
 /// Waits for this time, or until there is something to do.
 void SerialConnection::rest(Duration time) {
-  pollfd watched{wake_, POLLIN, 0};
+  pollfd watched{wake_.get(), POLLIN, 0};
   const auto limit = std::chrono::duration_cast<std::chrono::milliseconds>(time);
   ::poll(&watched, 1, static_cast<int>(limit.count()));
 }

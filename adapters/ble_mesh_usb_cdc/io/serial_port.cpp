@@ -18,6 +18,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/device_choice.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -69,17 +70,13 @@ bool let_empty_reads_wait(int descriptor) {
 /// Opens a terminal that is not a serial port: raw octets, nothing else to set. Locks it as
 /// libserialport locks serial ports. Returns -1 with errno on failure.
 int open_plain(const std::string& path) {
-  const int descriptor = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-  if (descriptor < 0) return -1;
+  OwnedFile port(::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
   termios attributes{};
-  if (::flock(descriptor, LOCK_EX | LOCK_NB) == 0 && ::tcgetattr(descriptor, &attributes) == 0) {
-    ::cfmakeraw(&attributes);
-    if (::tcsetattr(descriptor, TCSANOW, &attributes) == 0) return descriptor;
-  }
-  const int error = errno;
-  ::close(descriptor);
-  errno = error;
-  return -1;
+  if (port.get() < 0 || ::flock(port.get(), LOCK_EX | LOCK_NB) != 0 ||
+      ::tcgetattr(port.get(), &attributes) != 0)
+    return -1;
+  ::cfmakeraw(&attributes);
+  return ::tcsetattr(port.get(), TCSANOW, &attributes) == 0 ? port.release() : -1;
 }
 
 std::string group_name(gid_t id) {

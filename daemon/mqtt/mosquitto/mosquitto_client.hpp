@@ -20,6 +20,7 @@
 #include <variant>
 #include <vector>
 
+#include "daemon/core/freed_by.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
@@ -130,9 +131,6 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
     bool is_granted;
   };
   using Event = std::variant<Connack, Ended, Confirmed, Suback, Arrived>;
-  struct Destroy {
-    void operator()(mosquitto* client) const { mosquitto_destroy(client); }
-  };
 
   // Called on the loop's thread, never from inside a call to this object.
   virtual void on_connack(const Connack& connack) = 0;
@@ -186,7 +184,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   std::string last_error_;
   int goodbye_socket_ = -1;               ///< lane only
   std::shared_ptr<const TlsClient> tls_;  ///< null: without TLS
-  std::unique_ptr<mosquitto, Destroy> client_;
+  std::unique_ptr<mosquitto, FreedBy<mosquitto_destroy>> client_;
 };
 
 }  // namespace slamgw
