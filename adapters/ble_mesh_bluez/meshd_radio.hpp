@@ -1,20 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // BlueZ's bluetooth-meshd as the mesh's radio: decides when to make which call, and reads the
 // answers. meshd keeps sequence numbers, IV index and replay list of its node on disk, acknowledges
-// segments and runs the provisioning protocol itself. Called by BleMesh; MeshdMesh passes it the
-// events of D-Bus. No D-Bus here.
+// segments and runs the provisioning protocol itself. Called by BleMesh; MeshdAdapter
+// passes it the events of D-Bus, and performs its requests. No D-Bus here.
 #pragma once
 
 #include <deque>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "adapters/ble_mesh_bluez/meshd_call.hpp"
 #include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
@@ -196,5 +200,14 @@ class MeshdRadio final : public Radio {
   std::uint64_t refused_ = 0;
   std::uint64_t dropped_ = 0;
 };
+
+/// Makes the radio of the mesh with this database. `random` as for MeshdRadio.
+inline std::unique_ptr<Radio> make_meshd_radio(const Settings& settings,
+                                               const std::optional<NodeDatabase>& database,
+                                               MeshdRadio::RandomSource random) {
+  return std::make_unique<MeshdRadio>(
+      MeshdSettings{settings.heard_groups(), settings.ttl, database ? database->life.radio : ""},
+      radio_keys(database), std::move(random));
+}
 
 }  // namespace slamgw::ble

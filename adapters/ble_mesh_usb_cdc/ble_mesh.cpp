@@ -46,6 +46,21 @@ void BleMesh::on_keys_failed(const GenerateKeys& wanted, const std::string& why,
   settle(now);
 }
 
+void BleMesh::on_port_open(TimePoint now) {
+  radio_->on_port_open(now);
+  settle(now);
+}
+
+void BleMesh::on_port_closed(const std::string& why, TimePoint now) {
+  radio_->on_port_closed(why, now);
+  settle(now);
+}
+
+void BleMesh::on_bytes(ByteView bytes, TimePoint now) {
+  radio_->on_bytes(bytes, now);
+  settle(now);
+}
+
 void BleMesh::settle(TimePoint now) {
   while (true) {
     if (provisioner_.take_change()) robots_.on_nodes_changed(now);

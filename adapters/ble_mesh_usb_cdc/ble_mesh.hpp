@@ -39,6 +39,15 @@ class BleMesh {
   void on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now);
   /// `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
+  // Inputs of the radio's serial port. A radio without one gets its inputs from its shell, which
+  // then calls settle().
+  void on_port_open(TimePoint now);
+  void on_port_closed(const std::string& why, TimePoint now);
+  void on_bytes(ByteView bytes, TimePoint now);
+  Radio& radio() const { return *radio_; }
+  /// Handles the actions that the radio has left.
+  void settle(TimePoint now);
+
   /// `id` comes back in OrderEnded.
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// Call when `robots` of the configuration was read again. A renamed robot goes offline under its
@@ -77,11 +86,6 @@ class BleMesh {
   std::map<std::string, OpenCommands> open_commands() const;
   /// Returns the number of open commands for this robot.
   std::size_t queued_for(std::string_view robot) const;
-
- protected:
-  Radio& radio() { return *radio_; }
-  /// Handles the actions that the radio has left. Call after each input of the radio.
-  void settle(TimePoint now);
 
  private:
   void on_radio_event(RadioEvent& event, TimePoint now);

@@ -210,6 +210,12 @@ class Radio {
   /// is down, or if the radio has no list to empty.
   virtual bool restart(TimePoint now) = 0;
 
+  // Inputs of the serial port, for a radio that leaves WriteSerial and ReopenPort.
+  virtual void on_port_open(TimePoint) {}
+  /// Call also when an attempt to open the port failed.
+  virtual void on_port_closed(const std::string&, TimePoint) {}
+  virtual void on_bytes(ByteView, TimePoint) {}
+
   /// Drain until empty after each call.
   virtual std::optional<RadioAction> next_action(TimePoint now) = 0;
   virtual std::optional<TimePoint> deadline() const = 0;

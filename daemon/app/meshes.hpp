@@ -21,7 +21,7 @@
 namespace slamgw {
 
 namespace ble {
-class BleMeshAdapter;
+class BleMeshShell;
 class CobsAdapter;
 }  // namespace ble
 namespace mqttsn {
@@ -81,7 +81,7 @@ class Meshes {
   const std::vector<std::string> relay_;  // below the prefix
   std::optional<DiskSessionStore> ble_sessions_;
   PerMesh<std::unique_ptr<MeshAdapter>> adapters_;
-  ble::BleMeshAdapter* ble_ = nullptr;       // of `adapters_`, with protocol nordic-serial
+  ble::BleMeshShell* ble_ = nullptr;         // of `adapters_`, with protocol nordic-serial
   ble::CobsAdapter* cobs_ = nullptr;         // of `adapters_`, with protocol cobs
   mqttsn::MqttsnAdapter* thread_ = nullptr;  // of `adapters_`
 };

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The mesh on BlueZ's meshd: what joins, what is said, and what each restart leaves.
-#include "adapters/ble_mesh_bluez/meshd_mesh.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
+#include "adapters/ble_mesh_bluez/meshd_radio.hpp"
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 #include "tests/ble_mesh_bluez/fake_meshd.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
@@ -26,11 +26,12 @@ struct MeshdRig : EventLog {
 
   /// A daemon that has read what is stored.
   void start() {
-    mesh = std::make_unique<MeshdMesh>(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
-                                       stored, [this](std::span<std::uint8_t> octets) {
-                                         std::ranges::generate(octets, [this] { return ++random; });
-                                         return true;
-                                       });
+    const auto next_octets = [this](std::span<std::uint8_t> octets) {
+      std::ranges::generate(octets, [this] { return ++random; });
+      return true;
+    };
+    mesh = std::make_unique<BleMesh>(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(), stored,
+                                     make_meshd_radio(settings, stored, next_octets));
     mesh->on_start();
   }
   void meshd_comes() { feed(MeshdCame{}); }
@@ -47,17 +48,24 @@ struct MeshdRig : EventLog {
   }
 
   void feed(MeshdEvent event) {
-    mesh->on_meshd(event, now);
+    on_event(event);
     settle();
   }
+  void on_event(MeshdEvent& event) {
+    radio().on_event(event, now);
+    mesh->settle(now);
+  }
+  MeshdRadio& radio() const { return static_cast<MeshdRadio&>(mesh->radio()); }
   void settle() {
     while (true) {
-      if (auto action = mesh->next_action()) {
-        std::visit([this](auto& what) { perform(what); }, *action);
+      if (auto request = radio().next_request()) {
+        perform(*request);
+      } else if (auto action = mesh->next_action()) {
+        perform(*action);
       } else if (!meshd.events.empty()) {
         MeshdEvent event = std::move(meshd.events.front());
         meshd.events.pop_front();
-        mesh->on_meshd(event, now);
+        on_event(event);
       } else {
         return;
       }
@@ -124,7 +132,7 @@ struct MeshdRig : EventLog {
   std::optional<NodeDatabase> stored;
   std::string disk_problem;
   std::string accepted_with;
-  std::unique_ptr<MeshdMesh> mesh;
+  std::unique_ptr<BleMesh> mesh;
   std::vector<OrderAnswer> answers;
   std::uint8_t random = 0;
   std::uint8_t key_number = 0;

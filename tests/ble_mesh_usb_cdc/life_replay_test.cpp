@@ -9,7 +9,8 @@
 #include <deque>
 #include <numeric>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/support/transcript.hpp"
@@ -139,17 +140,18 @@ RandomSource recorded_private_key(const Transcript& transcript) {
   };
 }
 
-/// BoardMesh in front of a recording: each command that it writes must be the recorded one, and
-/// gets the recorded answers. Inside one situation the order is free, because the answers do not
-/// depend on it. What the recorded operator and server did is done when it is its turn.
+/// The mesh on a BoardRadio in front of a recording: each command that it writes must be the
+/// recorded one, and gets the recorded answers. Inside one situation the order is free, because the
+/// answers do not depend on it. What the recorded operator and server did is done when it is its
+/// turn.
 class LifeReplay : public EventLog {
  public:
-  LifeReplay(Transcript transcript, Settings settings)
+  LifeReplay(Transcript transcript, const Settings& settings)
       : transcript_(std::move(transcript)),
         keys_{octets_of<16>(transcript_, subnet_add, 4), octets_of<16>(transcript_, appkey_add, 6)},
         is_done_(transcript_.exchanges.size(), false),
-        mesh(std::move(settings), TopicScheme("ntnu-slam", "gw"), RobotNames(), std::nullopt,
-             recorded_private_key(transcript_), 7) {}
+        mesh(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(), std::nullopt,
+             make_board_radio(settings, std::nullopt, recorded_private_key(transcript_), 7)) {}
 
   void run() {
     mesh.on_start();
@@ -306,7 +308,7 @@ class LifeReplay : public EventLog {
 
  public:
   TimePoint now{};
-  BoardMesh mesh;
+  BleMesh mesh;
   NodeDatabase stored;
   std::vector<OrderAnswer> answers;
   std::vector<Bytes> written_after_end;

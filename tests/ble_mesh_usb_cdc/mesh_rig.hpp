@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// BoardMesh wired to a FakeBoard on one virtual clock: what the machine writes reaches the board at
-// once, and what the board answers comes back `latency` later.
+// BleMesh on a BoardRadio, wired to a FakeBoard on one virtual clock: what the machine writes
+// reaches the board at once, and what the board answers comes back `latency` later.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/fake_board.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
@@ -55,8 +56,8 @@ class MeshRig : public EventLog {
   explicit MeshRig(const Settings& settings = {},
                    const std::optional<NodeDatabase>& database = test_database(),
                    RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
-      : mesh(settings, TopicScheme("ntnu-slam", "gw"), std::move(names), database, test_random(),
-             7) {}
+      : mesh(settings, TopicScheme("ntnu-slam", "gw"), std::move(names), database,
+             make_board_radio(settings, database, test_random(), 7)) {}
 
   /// Opens the port; the link is up some time later.
   void open() {
@@ -168,7 +169,7 @@ class MeshRig : public EventLog {
   Duration latency = std::chrono::milliseconds{3};
   FakeBoard board;
   std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
-  BoardMesh mesh;
+  BleMesh mesh;
   std::vector<TimePoint> event_times;    ///< of each of them
   std::vector<std::size_t> sent_before;  ///< packets on air when each of them was said
   std::vector<Duration> reopens;

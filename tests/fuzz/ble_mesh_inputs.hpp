@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Turns a fuzzer's octets into inputs of BoardMesh; also checks the outcomes of its commands.
+// Turns a fuzzer's octets into inputs of BleMesh on a BoardRadio; also checks the outcomes of its
+// commands.
 #pragma once
 
 #include <algorithm>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 namespace slamgw::ble {
@@ -116,15 +118,13 @@ class MeshInputs {
     drain();
   }
 
-  BoardMesh mesh_{Settings{},
-                  TopicScheme("p", "g"),
-                  RobotNames({{"nr1", 0x0010, {}}}),
-                  NodeDatabase{},
-                  [](std::span<std::uint8_t> octets) {
-                    std::ranges::fill(octets, std::uint8_t{1});
-                    return true;
-                  },
-                  1};
+  static bool not_random(std::span<std::uint8_t> octets) {
+    std::ranges::fill(octets, std::uint8_t{1});
+    return true;
+  }
+
+  BleMesh mesh_{Settings{}, TopicScheme("p", "g"), RobotNames({{"nr1", 0x0010, {}}}),
+                NodeDatabase{}, make_board_radio(Settings{}, NodeDatabase{}, not_random, 1)};
   TimePoint now_{};
   std::uint8_t last_command_ = 0;
   std::uint64_t asked_ = 0;

@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/ble_shell.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
 #include "daemon/core/session_store.hpp"
@@ -23,54 +23,58 @@
 
 namespace slamgw::ble {
 
-/// `Machine` is a BleMesh.
-template <MeshProtocolMachine Machine>
-class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
+class BleMeshShell : public BleShell<BleMesh> {
  public:
   void start() override {
     end_interrupted_commands();
-    this->driver()->begin_tids_after(static_cast<std::uint8_t>(std::random_device{}()));
-    BleShell<Machine>::start();
+    driver()->begin_tids_after(static_cast<std::uint8_t>(std::random_device{}()));
+    BleShell::start();
   }
   void stop() override {
-    BleShell<Machine>::stop();
+    BleShell::stop();
     orders_.clear();
     disk_.join();
     // Writes changes since the last write began, such as the key of a robot that just joined.
-    if (const NodeDatabase* unsaved = this->machine().unsaved()) file_.replace(*unsaved);
+    if (const NodeDatabase* unsaved = machine().unsaved()) file_.replace(*unsaved);
   }
-  void manage(BleOrder order, OrderDone done) override {
-    if (this->is_stopped()) return done({{}, "slam-gatewayd is stopping"});
-    if (!this->problem().empty()) return done({{}, this->problem()});
+  /// Carries out an operator's order about the mesh or its robots. `done` is called at most once,
+  /// now or later, and never after stop().
+  void manage(BleOrder order, OrderDone done) {
+    if (is_stopped()) return done({{}, "slam-gatewayd is stopping"});
+    if (!problem().empty()) return done({{}, problem()});
     const std::uint64_t id = ++last_order_;
     orders_.emplace(id, std::move(done));
-    this->driver()->on_order(id, std::move(order), read_clocks());
+    driver()->on_order(id, std::move(order), read_clocks());
   }
-  void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard) override {
+  using OnHeard = std::function<void(const HeardRobot& heard)>;
+  /// Call before start(). In a mesh that several gateways share, `may_serve` and `on_heard` are
+  /// called for each message.
+  void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard) {
     on_heard_ = std::move(on_heard);
-    this->driver()->ask_who_serves(std::move(may_serve));
+    driver()->ask_who_serves(std::move(may_serve));
   }
-  bool is_shared() const override { return this->machine().is_shared(); }
+  bool is_shared() const { return machine().is_shared(); }
   void on_session_held(const std::string& robot) override {
-    this->driver()->on_session_held(robot, read_clocks());
+    driver()->on_session_held(robot, read_clocks());
   }
-  void on_robot_message(const BrokerMessage& message) override {
-    if (!this->is_stopped()) this->driver()->on_robot_message(message, read_clocks());
+  /// Takes a robot's message for `ble_mesh.relay`.
+  void on_robot_message(const BrokerMessage& message) {
+    if (!is_stopped()) driver()->on_robot_message(message, read_clocks());
   }
-  void reconfigure(RobotNames names) override { BleShell<Machine>::reconfigure(std::move(names)); }
 
  protected:
+  /// Makes the radio of the mesh with this database.
+  using MakeRadio = std::function<std::unique_ptr<Radio>(const std::optional<NodeDatabase>&)>;
+
   /// `sessions` and `listener` must outlive the shell. Keeps `mesh.json` in `store_directory` and,
-  /// at start, reads the open commands of robots in `sessions`. `for_machine`: further arguments of
-  /// Machine's constructor, after the database.
-  template <class... ForMachine>
+  /// at start, reads the open commands of robots in `sessions`.
   BleMeshShell(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
-               MeshListener& listener, ForMachine&&... for_machine)
-      : BleShell<Machine>(io,
-                          make(MeshFile(store_directory), settings, std::move(topics),
-                               std::move(names), std::forward<ForMachine>(for_machine)...),
-                          listener),
+               MeshListener& listener, const MakeRadio& make_radio)
+      : BleShell(io,
+                 make(MeshFile(store_directory), settings, std::move(topics), std::move(names),
+                      make_radio),
+                 listener),
         loop_(io),
         file_(store_directory),
         sessions_(sessions) {}
@@ -85,20 +89,30 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
                    [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
                    [this](HeardRobot& heard) { on_heard_(heard); },
                    [this](OrderEnded& ended) { end_order(ended); },
-                   [this](MeshEvent& event) { this->listener().on_mesh_event(std::move(event)); },
+                   [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
                },
                action);
   }
+  /// Writes the open commands down if they have changed: they must survive a crash.
+  void on_drained() override {
+    std::map<std::string, OpenCommands> open = machine().open_commands();
+    std::vector<SessionStore::Change> changes;
+    for (const auto& [robot, commands] : open)
+      if (kept_commands_[robot] != commands)
+        changes.push_back({robot, encode_open_commands(commands, read_clocks())});
+    for (const auto& [robot, commands] : kept_commands_)
+      if (!open.contains(robot)) changes.push_back({robot, std::nullopt});
+    kept_commands_ = std::move(open);
+    if (!changes.empty()) sessions_.save(std::move(changes));
+  }
 
  private:
-  template <class... ForMachine>
-  static typename BleShell<Machine>::Made make(const MeshFile& file, const Settings& settings,
-                                               TopicScheme topics, RobotNames names,
-                                               ForMachine&&... for_machine) {
+  static Made make(const MeshFile& file, const Settings& settings, TopicScheme topics,
+                   RobotNames names, const MakeRadio& make_radio) {
     const auto loaded = file.load(settings.address);
-    return {std::make_unique<Machine>(settings, std::move(topics), std::move(names),
-                                      loaded.has_value() ? *loaded : std::nullopt,
-                                      std::forward<ForMachine>(for_machine)...),
+    const auto database = loaded.has_value() ? *loaded : std::nullopt;
+    return {std::make_unique<BleMesh>(settings, std::move(topics), std::move(names), database,
+                                      make_radio(database)),
             loaded.has_value() ? std::string() : loaded.error().why};
   }
   void generate_keys(const GenerateKeys& wanted) {
@@ -112,18 +126,17 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
   }
   void on_keys_made(const GenerateKeys& wanted, const std::optional<MeshKeys>& keys,
                     const std::string& problem) {
-    if (!problem.empty() && wanted.is_refresh) this->notify(Severity::error, problem);
+    if (!problem.empty() && wanted.is_refresh) notify(Severity::error, problem);
     if (problem.empty() && !wanted.is_refresh)
-      this->notify(Severity::notice,
-                   "a new BLE mesh begins: " + file_.path() +
-                       " holds its keys; keep a backup, without them every robot must join again");
-    problem.empty() ? this->driver()->on_keys(wanted, *keys, read_clocks())
-                    : this->driver()->on_keys_failed(wanted, problem, read_clocks());
+      notify(Severity::notice,
+             "a new BLE mesh begins: " + file_.path() +
+                 " holds its keys; keep a backup, without them every robot must join again");
+    problem.empty() ? driver()->on_keys(wanted, *keys, read_clocks())
+                    : driver()->on_keys_failed(wanted, problem, read_clocks());
   }
   void store(NodeDatabase database) {
-    write_file(
-        [this, database = std::move(database)] { return file_.replace(database); },
-        [this](const std::string& problem) { this->driver()->on_stored(problem, read_clocks()); });
+    write_file([this, database = std::move(database)] { return file_.replace(database); },
+               [this](const std::string& problem) { driver()->on_stored(problem, read_clocks()); });
   }
   /// Runs `write` on the disk's thread, then `done` on the loop with the problem that `write`
   /// returned.
@@ -132,7 +145,7 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
     boost::asio::post(disk_, [this, write = std::move(write), done = std::move(done),
                               executor = loop_.get_executor()] {
       boost::asio::post(executor, [this, problem = write(), done, alive = std::weak_ptr(alive_)] {
-        if (!alive.expired() && !this->is_stopped()) done(problem);
+        if (!alive.expired() && !is_stopped()) done(problem);
       });
     });
   }
@@ -151,20 +164,8 @@ class BleMeshShell : public BleShell<Machine>, public BleMeshAdapter {
       const OpenCommands commands = decode_open_commands(content, now);
       kept_commands_[robot] = commands;
       for (const OpenCommand& command : commands)
-        this->listener().on_mesh_event(outcome_after_restart(robot, command, now.mono));
+        listener().on_mesh_event(outcome_after_restart(robot, command, now.mono));
     }
-  }
-  /// Writes the open commands down if they have changed: they must survive a crash.
-  void on_drained() override {
-    std::map<std::string, OpenCommands> open = this->machine().open_commands();
-    std::vector<SessionStore::Change> changes;
-    for (const auto& [robot, commands] : open)
-      if (kept_commands_[robot] != commands)
-        changes.push_back({robot, encode_open_commands(commands, read_clocks())});
-    for (const auto& [robot, commands] : kept_commands_)
-      if (!open.contains(robot)) changes.push_back({robot, std::nullopt});
-    kept_commands_ = std::move(open);
-    if (!changes.empty()) sessions_.save(std::move(changes));
   }
 
   boost::asio::io_context& loop_;

@@ -1,25 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// The I/O shell of the BLE mesh behind Nordic's serial board: BoardMesh and its serial port. Loop's
-// thread only.
+// The I/O shell of the BLE mesh behind Nordic's serial board: BleMesh on a BoardRadio, and its
+// serial port. Loop's thread only.
 #pragma once
 
 #include <random>
 
 #include "adapters/ble_mesh_usb_cdc/io/ble_mesh_shell.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/serial_shell.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 
 namespace slamgw::ble {
 
-class BoardAdapter final : public SerialShell<BleMeshShell<BoardMesh>> {
+class BoardAdapter final : public SerialShell<BleMeshShell> {
  public:
   /// Arguments as for BleMeshShell; `open_port` as for SerialShell.
   BoardAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
                MeshListener& listener, OpenPort open_port = {})
       : SerialShell(std::move(open_port), settings, io, settings, std::move(topics),
-                    std::move(names), store_directory, sessions, listener, fill_random,
-                    random_seed()) {}
+                    std::move(names), store_directory, sessions, listener,
+                    [&settings](const auto& database) {
+                      return make_board_radio(settings, database, fill_random, random_seed());
+                    }) {}
 
  private:
   static std::uint64_t random_seed() {

@@ -2,17 +2,21 @@
 // Nordic's serial board as the mesh's radio. Turns the mesh's requests into serial commands, one at
 // a time, and the board's events into those of radio.hpp. Keeps the board's table of device keys
 // and the session with a device that joins. BoardTraffic has the messages to robots, and BoardLink
-// handles the line. Called by BleMesh; BoardMesh passes in the octets of the port.
+// handles the line. Called by BleMesh.
 #pragma once
 
 #include <algorithm>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::ble {
@@ -70,10 +74,6 @@ class BoardRadio final : public Radio {
         link_(std::move(settings), keys, seed),
         random_(std::move(random)) {}
 
-  void on_port_open(TimePoint now) { link_.on_port_open(now); }
-  void on_port_closed(const std::string& why, TimePoint now) { link_.on_port_closed(why, now); }
-  void on_bytes(ByteView bytes, TimePoint now) { link_.on_bytes(bytes, now); }
-
   std::size_t max_send_bytes() const override { return send_limit(traffic_.board().version); }
   std::size_t max_senders() const override { return replay_list_size; }
   Counters counters() const override;
@@ -98,6 +98,12 @@ class BoardRadio final : public Radio {
   void delay_source(const std::string& why) override { link_.on_source_delayed(why); }
   void clear(TimePoint now) override;
   bool restart(TimePoint now) override;
+
+  void on_port_open(TimePoint now) override { link_.on_port_open(now); }
+  void on_port_closed(const std::string& why, TimePoint now) override {
+    link_.on_port_closed(why, now);
+  }
+  void on_bytes(ByteView bytes, TimePoint now) override { link_.on_bytes(bytes, now); }
 
   std::optional<RadioAction> next_action(TimePoint now) override;
   std::optional<TimePoint> deadline() const override {
@@ -163,5 +169,14 @@ class BoardRadio final : public Radio {
   DeviceKeySweep sweep_;
   std::map<std::uint16_t, DeviceKey> device_keys_;  ///< by their nodes' addresses
 };
+
+/// Makes the radio of the mesh with this database. `random` and `seed` as for BoardRadio.
+inline std::unique_ptr<Radio> make_board_radio(const Settings& settings,
+                                               const std::optional<NodeDatabase>& database,
+                                               RandomSource random, std::uint64_t seed) {
+  return std::make_unique<BoardRadio>(
+      BoardSettings{settings.address, settings.heard_groups(), settings.ttl}, radio_keys(database),
+      std::move(random), seed);
+}
 
 }  // namespace slamgw::ble
