@@ -14,7 +14,7 @@ std::string explain_rival(const std::string& client_id);
 inline constexpr int session_taken_over = 0x8e;
 bool is_version_refusal(int code);
 bool is_not_authorised(int code);
-/// Words for an MQTT 5 PUBACK or PUBREC reason code.
+/// Words for an MQTT 5 PUBACK or PUBREC reason code, such as "quota exceeded".
 std::string explain_publish_refusal(int reason_code);
 
 }  // namespace slamgw
