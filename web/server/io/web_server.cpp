@@ -5,6 +5,7 @@
 #include <chrono>
 #include <string>
 
+#include "daemon/config/rules.hpp"
 #include "web/server/io/http_connection.hpp"
 
 namespace slamgw::web {
