@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -180,24 +181,32 @@ bool PresencePublisher::keep_will(Report& will, const Now& now) {
   if (directory_.places.is_alone() || directory_.places.is_held(will.robot) ||
       waiting_wills_.size() >= max_waiting_wills)
     return false;
-  if (!wills_due_ && broker_.is_up) wills_due_ = now.mono + will_patience;
+  if (!wills_due_ && up_since_) wills_due_ = now.mono + will_patience;
   const std::string robot = will.robot;
-  waiting_wills_.insert_or_assign(robot, std::move(will));
+  waiting_wills_.insert_or_assign(robot, WaitingWill{std::move(will), now.mono});
   return true;
 }
 
 std::optional<Report> PresencePublisher::take_will(const std::string& robot) {
   auto will = waiting_wills_.extract(robot);
   if (!will) return std::nullopt;
-  return std::move(will.mapped());
+  return std::move(will.mapped().report);
 }
 
 std::vector<Report> PresencePublisher::take_due_wills(const Now& now) {
   std::vector<Report> due;
   if (!broker_.is_up || !wills_due_ || now.mono < *wills_due_) return due;
   wills_due_.reset();
-  for (auto& [robot, will] : std::exchange(waiting_wills_, {}))
-    if (!directory_.places.is_elsewhere(robot)) due.push_back(std::move(will));
+  std::erase_if(waiting_wills_, [&](auto& waiting) {
+    auto& [robot, will] = waiting;
+    const TimePoint due_at = std::max(will.came, *up_since_) + will_patience;
+    if (now.mono < due_at) {
+      wills_due_ = earlier(wills_due_, due_at);
+      return false;
+    }
+    if (!directory_.places.is_elsewhere(robot)) due.push_back(std::move(will.report));
+    return true;
+  });
   return due;
 }
 

@@ -66,8 +66,8 @@ class PresencePublisher {
   /// Keeps the will and returns true when the robot may be alive at another gateway.
   bool keep_will(Report& will, const Now& now);
   std::optional<Report> take_will(const std::string& robot);
-  /// Removes all waiting wills when their time is over. Returns the wills of robots that no other
-  /// gateway serves.
+  /// Removes the waiting wills whose time is over. Returns those of robots that no other gateway
+  /// serves.
   std::vector<Report> take_due_wills(const Now& now);
 
   /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
@@ -88,6 +88,11 @@ class PresencePublisher {
   void on_deadline(const Now& now);
 
  private:
+  struct WaitingWill {
+    Report report;
+    TimePoint came{};
+  };
+
   void on_own_state(const BrokerMessage& message, const Now& now);
   bool knows_others(TimePoint now) const;
   void announce_unheld(const Now& now);
@@ -109,7 +114,8 @@ class PresencePublisher {
   std::optional<TimePoint> leftovers_due_;
   std::optional<TimePoint> up_since_;     ///< when the broker came online
   std::optional<TimePoint> announce_at_;  ///< when to announce robots whose sessions are not held
-  std::map<std::string, Report> waiting_wills_;  ///< by robot
+  std::map<std::string, WaitingWill> waiting_wills_;  ///< by robot
+  /// When to look for wills whose time is over: no later than the first one's due time.
   std::optional<TimePoint> wills_due_;
   std::set<std::string> to_clear_;  ///< retained topics to clear when the broker is back
   bool is_store_full_ = false;

@@ -54,6 +54,25 @@ TEST_F(WaitingWills, WaitWhileItIsNotKnownWhoHoldsTheSession) {
   EXPECT_EQ(published(), none) << "once";
 }
 
+/// Though an earlier will, which has gone up since, was due long before.
+TEST_F(WaitingWills, WaitEachForTheWholeTime) {
+  broker_comes();
+  will_of("a");
+  pass(1s);
+  session_comes("a");
+  EXPECT_EQ(published(), std::vector<std::string>{"gone"});
+  pass(PresencePublisher::will_patience - 1100ms);
+  will_of("b", "b is gone");
+  pass(100ms);
+  EXPECT_EQ(published(), none) << "when the first one would have been due";
+  EXPECT_EQ(gateway.deadline(), now.mono + PresencePublisher::will_patience - 100ms);
+  will_of("c", "c is gone");
+  pass(PresencePublisher::will_patience - 100ms);
+  EXPECT_EQ(published(), std::vector<std::string>{"b is gone"});
+  pass(100ms);
+  EXPECT_EQ(published(), std::vector<std::string>{"c is gone"});
+}
+
 TEST_F(WaitingWills, HoldUpNothingElseThatTheRobotSays) {
   broker_comes();
   will_of("a");
