@@ -438,9 +438,12 @@ const char* FleetMember::state() const {
 Json FleetMember::gateways() const {
   std::map<std::string, std::size_t> counts;
   for (const auto& [robot, shown] : neighbours_.robots()) ++counts[shown.gateway];
+  std::size_t& own = counts[scheme_.gateway_id()] = gateway_.registry().robots().size();
+  for (const auto& [robot, presence] : adopted_)
+    if (!gateway_.registry().find(robot)) ++own;
   Json rows = Json::array({{{"gateway", scheme_.gateway_id()},
                             {"state", state()},
-                            {"robots", gateway_.registry().robots().size() + adopted_.size()},
+                            {"robots", own},
                             {"version", SLAMGW_VERSION},
                             {"since", to_iso8601(started_)}}});
   for (const auto& [id, other] : neighbours_.gateways())

@@ -206,6 +206,19 @@ TEST_F(FleetMemberTest, ShowsTheRobotsOfAGatewayThatHasDiedAsOffline) {
   EXPECT_EQ(nlohmann::json::parse(submitted[0].payload).at("state"), "offline");
 }
 
+/// A robot that publishes without a session (QoS -1) has no presence.
+TEST_F(FleetMemberTest, CountsARobotOfAGatewayThatHasDiedOnceWhenTheRobotIsHeard) {
+  ASSERT_TRUE(comes_up());
+  other_says(R"({"state":"offline"})", "r1");
+  want("r1");
+  ASSERT_TRUE(test::eventually(io, [&] { return row_of("r1").at("gateway") == "gw1"; }));
+  EXPECT_EQ(fleet.status().at("gateways").at(0).at("robots"), 1);
+  const Report report{Mesh::thread, "r1", "ntnu-slam/robot/r1/update", to_bytes("1234")};
+  fleet.on_mesh_event(report);
+  gateway_driver->on_mesh_event(report, read_clocks());
+  EXPECT_EQ(fleet.status().at("gateways").at(0).at("robots"), 1);
+}
+
 TEST_F(FleetMemberTest, TakesWhatOtherGatewaysSayAndLeavesItsOwnToTheCore) {
   EXPECT_TRUE(fleet.takes({"ntnu-slam/gateway/gw2/state", to_bytes(R"({"state":"online"})")}));
   EXPECT_FALSE(fleet.takes({scheme.state_topic(), to_bytes(R"({"state":"online"})")}));
