@@ -261,8 +261,7 @@ void Commands::refuse_unknown(CommandOutcome outcome, const Now& now, const Send
 void Commands::publish(CommandOutcome outcome) {
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot), to_bytes(outcome_json(outcome)),
                         Qos::at_least_once, false},
-                       no_receipt,
-                       outcome.after});
+                       no_receipt});
   actions_.push(std::move(outcome));
 }
 

@@ -3,7 +3,6 @@
 // leave them in one queue, so their order is the order in which things happened. Pure values.
 #pragma once
 
-#include <chrono>
 #include <optional>
 #include <string>
 #include <variant>
@@ -18,8 +17,6 @@ namespace slamgw {
 struct Upload {
   BrokerMessage message;
   Receipt receipt;
-  /// Set for the outcome of a command: how long after the command.
-  std::optional<std::chrono::milliseconds> outcome_after{};
 };
 /// A robot's message: show it to the observers, then publish its upload().
 struct PassUp {

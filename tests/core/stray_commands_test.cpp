@@ -35,7 +35,8 @@ class StrayCommandsTest : public test::SharedGatewayRig {
   }
   void take_actions() {
     while (auto action = gateway.next_action()) {
-      if (auto* upload = std::get_if<Upload>(&*action); upload && upload->outcome_after)
+      if (auto* upload = std::get_if<Upload>(&*action);
+          upload && upload->message.topic.find("/commands/") != std::string::npos)
         outcomes.emplace_back(upload->message.topic, json::parse(upload->message.payload));
       if (auto* delivery = std::get_if<DeliverToMesh>(&*action)) {
         delivered.emplace_back(as_text(delivery->message.message.payload));
