@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface through which the control socket passes requests to the daemon. Implemented by App,
 // and by a fake in tests. Events for `watch` go the other way, as TraceEvent
-// (daemon/core/trace_event.hpp), through ControlServer::publish.
+// (daemon/core/trace.hpp), through ControlServer::publish.
 #pragma once
 
 #include <functional>
