@@ -69,7 +69,7 @@ class BleMesh {
   /// See MeshAdapter.
   void on_session_held(const std::string& robot, TimePoint now);
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
-  /// While on, reports every MeshStep; while off, only repeats.
+  /// While on, reports every MessageStep; while off, only repeats.
   void on_trace(bool is_on) { is_traced_ = is_on; }
   /// Refuses open and new commands, because the daemon ends. Robots' messages are still
   /// acknowledged.

@@ -76,7 +76,7 @@ class Output {
   explicit Output(std::size_t max_clients) : changed_(max_clients), noteworthy_(max_clients) {}
 
   AddressValidation validation;
-  bool is_traced = false;  ///< report every MeshStep; else only repeats
+  bool is_traced = false;  ///< report every MessageStep; else only repeats
 
   bool is_validated(const ClientSession& session) const;
   /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.

@@ -61,7 +61,7 @@ class SnGateway {
   /// Returns the number of messages that wait for this robot, including the one in flight.
   std::size_t queued_for(const std::string& robot) const;
 
-  /// Turns on the report of every MeshStep; else only repeats are reported.
+  /// Turns on the report of every MessageStep; else only repeats are reported.
   void on_trace(bool is_on) { output_.is_traced = is_on; }
   /// `ask` is called for each CONNECT that resumes a session which is not here.
   void ask_where_served(Roaming::ServedElsewhere ask) { roaming_.ask(std::move(ask)); }

@@ -344,7 +344,7 @@ void App::perform(TrafficEvent& event) {
   trace_.on_traffic(event);
 }
 
-void App::perform(MeshStep& step) { trace_.on_mesh_step(step, read_clocks()); }
+void App::perform(MessageStep& step) { trace_.on_step(step, read_clocks()); }
 
 void App::perform(Notice& notice) {
   if (notice_lines_.may_write(notice, read_clocks().mono)) log_notice(notice);
@@ -371,8 +371,6 @@ void App::perform(FireReceipt& action) {
   gateway_driver_->on_receipt(action.receipt, action.outcome, read_clocks());
   meshes_.fire(action.receipt, action.outcome);
 }
-
-void App::perform(DeliveryStep& step) { trace_.on_delivery_step(step, read_clocks()); }
 
 void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();

@@ -68,11 +68,11 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void publish_now(std::string topic, Bytes payload);
   void warn_of_lost_messages();
 
-  // Actions of the core:
+  // Actions of the core (MessageStep: of the outbox, too):
   void perform(PassUp& action);
   void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
-  void perform(MeshStep& step);
+  void perform(MessageStep& step);
   void perform(Notice& notice);
   // Actions of JoinRequests:
   void perform(OrderJoining& action);
@@ -80,7 +80,6 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(PublishJoining& action);
   // Actions of the outbox:
   void perform(FireReceipt& action);
-  void perform(DeliveryStep& step);
   /// Reports to the gateway that the store has become full or has room again.
   void on_outbox_drained();
   void submit(BrokerMessage message, const Receipt& receipt);

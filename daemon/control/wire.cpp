@@ -271,7 +271,7 @@ Json to_json(const TraceEvent& event) {
   add_text(out, "address", event.address);
   add_text(out, "topic", event.topic);
   add_text(out, "type", event.type);
-  out["direction"] = event.direction == Direction::up ? "up" : "down";
+  out["direction"] = is_down(event.kind) ? "down" : "up";
   if (event.qos) out["qos"] = static_cast<int>(*event.qos);
   add(out, "message_id", event.wire.message_id);
   add(out, "dup", event.wire.is_dup);

@@ -57,7 +57,8 @@ class MeshAdapter {
   /// The link to the broker came up or went down.
   virtual void on_broker_link(bool is_up) = 0;
 
-  /// On: reports every MeshStep, because an operator watches messages. Off: reports only repeats.
+  /// On: reports every MessageStep, because an operator watches messages. Off: reports only
+  /// repeats.
   virtual void trace(bool is_on) = 0;
 
   virtual Counters counters() const = 0;

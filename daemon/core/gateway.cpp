@@ -56,14 +56,14 @@ bool Gateway::is_copy(const Report& report, const Now& now) {
   const CopyFilter::Copy copy = copies_.on_report(report, now.mono);
   if (copy == CopyFilter::Copy::none) return false;
   handle(SignOfLife{report.mesh, report.robot}, now);
-  handle(MeshStep{.kind = MeshStep::Kind::repeat,
-                  .mesh = report.mesh,
-                  .robot = report.robot,
-                  .topic = report.topic,
-                  .qos = report.qos,
-                  .wire = report.wire,
-                  .bytes = report.payload.size(),
-                  .radio = report.radio},
+  handle(MessageStep{.kind = StepKind::repeat,
+                     .mesh = report.mesh,
+                     .robot = report.robot,
+                     .topic = report.topic,
+                     .qos = report.qos,
+                     .wire = report.wire,
+                     .bytes = report.payload.size(),
+                     .radio = report.radio},
          now);
   if (copy == CopyFilter::Copy::safe && report.receipt.is_owed())
     actions_.push(FireReceipt{report.receipt, ReceiptOutcome::safe});
@@ -167,12 +167,11 @@ void Gateway::handle(LinkChange change, const Now&) {
                        Occasion::mesh_link});
 }
 
-void Gateway::handle(MeshStep step, const Now&) {
-  Robot* robot =
-      step.kind == MeshStep::Kind::repeat ? directory_.registry.find(step.robot) : nullptr;
-  if (robot) {
+void Gateway::handle(MessageStep step, const Now&) {
+  Robot* robot = step.kind == StepKind::repeat ? directory_.registry.find(step.robot) : nullptr;
+  if (robot && step.mesh) {
     robot->numbers.on_repeat();
-    ++robot->on_mesh[step.mesh].repeats;
+    ++robot->on_mesh[*step.mesh].repeats;
   }
   actions_.push(std::move(step));
 }

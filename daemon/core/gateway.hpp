@@ -115,7 +115,7 @@ class Gateway {
     commands_.on_outcome(std::move(outcome), now);
   }
   void handle(LinkChange change, const Now& now);
-  void handle(MeshStep step, const Now& now);
+  void handle(MessageStep step, const Now& now);
   void handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
   /// Ignores events about robots' sessions.
   template <class Other>

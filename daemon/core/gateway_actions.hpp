@@ -54,9 +54,10 @@ struct CommandHandedOn {
 };
 
 /// CommandOutcome as an action: report it to the operator who has sent this command.
-using GatewayAction = std::variant<PassUp, FireReceipt, Upload, RobotForgotten, WantSession,
-                                   SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
-                                   CommandOutcome, CommandHandedOn, TrafficEvent, MeshStep, Notice>;
+using GatewayAction =
+    std::variant<PassUp, FireReceipt, Upload, RobotForgotten, WantSession, SubscribeAtBroker,
+                 UnsubscribeAtBroker, DeliverToMesh, CommandOutcome, CommandHandedOn, TrafficEvent,
+                 MessageStep, Notice>;
 using GatewayActions = ActionQueue<GatewayAction>;
 
 }  // namespace slamgw

@@ -23,6 +23,21 @@ std::string_view to_string(CommandResult result) {
   return "refused";
 }
 
+std::string_view to_string(StepKind kind) {
+  switch (kind) {
+    case StepKind::arrived: return "arrived";
+    case StepKind::repeat: return "repeat";
+    case StepKind::stored: return "stored";
+    case StepKind::published: return "published";
+    case StepKind::acknowledged: return "acknowledged";
+    case StepKind::refused: return "refused";
+    case StepKind::command: return "command";
+    case StepKind::sent: return "sent";
+    case StepKind::outcome: return "outcome";
+  }
+  return {};
+}
+
 Severity severity_of(CommandResult result) {
   switch (result) {
     case CommandResult::delivered:

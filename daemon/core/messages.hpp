@@ -213,25 +213,41 @@ struct CommandOutcome {
   std::string why;  ///< empty when delivered or sent
 };
 
-/// A step of a mesh with one message, other than a Report or a CommandOutcome. `repeat`: a robot's
-/// message came again and was not published again; always reported. The other kinds are reported
-/// only while an operator watches (MeshAdapter::trace). `acknowledged`: the robot got its
-/// acknowledgement. `refused`: the mesh did not take the robot's message. `sent`: a message was
-/// handed to the radio, once more if `wire.is_dup`.
-struct MeshStep {
-  enum class Kind : std::uint8_t { repeat, acknowledged, refused, sent };
-  Kind kind = Kind::repeat;
-  RequiredMesh mesh;
-  std::string robot;
-  std::string address{};  ///< of the group for `sent` to a group; empty: the robot's
+enum class StepKind : std::uint8_t {
+  arrived,       ///< a robot's message came
+  repeat,        ///< a robot's message came again and was not published again
+  stored,        ///< the disk has the message
+  published,     ///< the broker has the message; at QoS 0: it was handed to the network
+  acknowledged,  ///< the robot got its acknowledgement
+  refused,       ///< by the gateway or by the broker
+  command,       ///< a message to a robot came from the broker or an operator
+  sent,          ///< a message was handed to the radio, once more if `wire.is_dup`
+  outcome,       ///< how a command ended
+};
+/// Returns the kind's name in the JSON.
+std::string_view to_string(StepKind kind);
+/// Returns true for the steps of a message to robots.
+constexpr bool is_down(StepKind kind) {
+  return kind == StepKind::command || kind == StepKind::sent || kind == StepKind::outcome;
+}
+
+/// One step of one message. A mesh reports `repeat` always; `acknowledged`, `refused` and `sent`
+/// only while an operator watches (MeshAdapter::trace). The outbox reports `stored`, `published`
+/// and `refused` of robots' messages while an operator watches. Trace makes the other kinds.
+struct MessageStep {
+  StepKind kind = StepKind::arrived;
+  std::optional<Mesh> mesh{};  ///< nothing for a command to a robot that is known on no mesh
+  std::string robot{};         ///< empty for a step of the outbox
+  std::string address{};  ///< of the robot on `mesh`, or of a group; empty: the robot's, or unknown
   std::string topic{};    ///< empty: the topic of the receipt or the command, or not known
   std::optional<Qos> qos{};
   WireFacts wire{};
   std::optional<std::size_t> bytes{};  ///< of the payload
   std::optional<RadioFacts> radio{};
-  Receipt receipt = no_receipt;         ///< of `acknowledged` and `refused`, if the message had one
-  CommandId command = CommandId::none;  ///< of `sent`, when the message is a command
-  std::string why{};                    ///< why the message was refused
+  Receipt receipt = no_receipt;         ///< on its way up; may be none, or may have fired already
+  CommandId command = CommandId::none;  ///< on its way down, when the message is a command
+  std::string why{};  ///< of `refused`, `outcome`, `arrived` (under rejected/); may be empty
+  std::optional<TimePoint> since{};  ///< of a step of the outbox: when it got the message
 };
 
 /// The mesh's own link (the serial board, the UDP sockets) came up or went down; `detail` is for
@@ -272,7 +288,7 @@ struct Notice {
 /// An event that a mesh's machine reports to the core.
 using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
                                UnsubscribeRequest, SessionCleaned, SessionEvicted, NoteChanged,
-                               NoteRequest, CommandOutcome, LinkChange, MeshStep, Notice>;
+                               NoteRequest, CommandOutcome, LinkChange, MessageStep, Notice>;
 
 /// A named counter for `stats` and `slam-gatewayctl status`; names are snake_case and stable.
 struct Counter {

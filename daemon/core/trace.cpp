@@ -8,25 +8,6 @@ namespace {
 using std::chrono::duration_cast;
 using std::chrono::microseconds;
 
-TraceEvent::Kind kind_of(MeshStep::Kind kind) {
-  switch (kind) {
-    case MeshStep::Kind::repeat: return TraceEvent::Kind::repeat;
-    case MeshStep::Kind::acknowledged: return TraceEvent::Kind::acknowledged;
-    case MeshStep::Kind::refused: return TraceEvent::Kind::refused;
-    case MeshStep::Kind::sent: return TraceEvent::Kind::sent;
-  }
-  return {};
-}
-
-TraceEvent::Kind kind_of(DeliveryStep::Kind kind) {
-  switch (kind) {
-    case DeliveryStep::Kind::stored: return TraceEvent::Kind::stored;
-    case DeliveryStep::Kind::published: return TraceEvent::Kind::published;
-    case DeliveryStep::Kind::refused: return TraceEvent::Kind::refused;
-  }
-  return {};
-}
-
 }  // namespace
 
 Trace::Key Trace::key_of(CommandId command) {
@@ -44,74 +25,50 @@ void Trace::on_traffic(const TrafficEvent& event) {
   const bool is_up = event.direction == Direction::up;
   if (is_up && event.receipt.is_owed()) follow(key_of(event.receipt), event);
   if (!is_up && event.command != CommandId::none) follow(key_of(event.command), event);
-  emit({.kind = is_up ? TraceEvent::Kind::arrived : TraceEvent::Kind::command,
-        .at = event.wall,
-        .direction = event.direction,
-        .mesh = event.mesh,
-        .robot = event.robot,
-        .topic = event.topic,
-        .type = event.type,
-        .qos = event.qos,
-        .wire = event.wire,
-        .bytes = event.payload.size(),
-        .radio = event.radio,
-        .command = event.command,
-        .why = event.is_rejected ? "not a valid update: published under rejected/" : "",
-        .update = event.update,
-        .had_stray_octet = event.had_stray_octet,
-        .payload = event.payload});
+  emit({{.kind = is_up ? StepKind::arrived : StepKind::command,
+         .mesh = event.mesh,
+         .robot = event.robot,
+         .topic = event.topic,
+         .qos = event.qos,
+         .wire = event.wire,
+         .bytes = event.payload.size(),
+         .radio = event.radio,
+         .command = event.command,
+         .why = event.is_rejected ? "not a valid update: published under rejected/" : ""},
+        event.wall,
+        event.type,
+        /*latency=*/{},
+        /*outcome=*/{},
+        event.update,
+        event.had_stray_octet,
+        event.payload});
 }
 
-void Trace::on_mesh_step(const MeshStep& step, const Now& now) {
+void Trace::on_step(const MessageStep& step, const Now& now) {
   if (!is_on_) return;
-  const bool is_down = step.kind == MeshStep::Kind::sent;
-  const Key key = is_down ? key_of(step.command) : key_of(step.receipt);
-  TraceEvent event{.kind = kind_of(step.kind),
-                   .at = now.wall,
-                   .direction = is_down ? Direction::down : Direction::up,
-                   .mesh = step.mesh,
-                   .robot = step.robot,
-                   .address = step.address,
-                   .topic = step.topic,
-                   .qos = step.qos,
-                   .wire = step.wire,
-                   .bytes = step.bytes,
-                   .radio = step.radio,
-                   .command = step.command,
-                   .why = step.why};
+  const bool is_of_outbox = step.since.has_value();
+  const Key key = is_down(step.kind) ? key_of(step.command) : key_of(step.receipt);
+  TraceEvent event{step, now.wall};
+  if (is_of_outbox) event.latency = duration_cast<microseconds>(now.mono - *step.since);
   complete(event, find(key), now.mono);
-  if (!is_down) followed_.erase(key);  // acknowledged or refused: its last event
-  emit(std::move(event));
-}
-
-void Trace::on_delivery_step(const DeliveryStep& step, const Now& now) {
-  if (!is_on_) return;
-  TraceEvent event{.kind = kind_of(step.kind),
-                   .at = now.wall,
-                   .direction = Direction::up,
-                   .mesh = step.mesh,
-                   .topic = step.topic,
-                   .qos = step.qos,
-                   .bytes = step.bytes,
-                   .latency = duration_cast<microseconds>(now.mono - step.submitted),
-                   .why = step.why};
-  complete(event, find(key_of(step.receipt)), now.mono);
+  const bool is_last =
+      step.kind == StepKind::acknowledged || (step.kind == StepKind::refused && !is_of_outbox);
+  if (is_last) followed_.erase(key);
   emit(std::move(event));
 }
 
 void Trace::on_outcome(const CommandOutcome& outcome, const Now& now) {
   if (!is_on_) return;
   const Key key = key_of(outcome.id);
-  TraceEvent event{.kind = TraceEvent::Kind::outcome,
-                   .at = now.wall,
-                   .direction = Direction::down,
-                   .mesh = outcome.mesh,
-                   .robot = outcome.robot,
-                   .topic = scheme_.command_topic(outcome.robot, outcome.type),
-                   .type = outcome.type,
-                   .command = outcome.id,
-                   .outcome = outcome.result,
-                   .why = outcome.why};
+  TraceEvent event{{.kind = StepKind::outcome,
+                    .mesh = outcome.mesh,
+                    .robot = outcome.robot,
+                    .topic = scheme_.command_topic(outcome.robot, outcome.type),
+                    .command = outcome.id,
+                    .why = outcome.why},
+                   now.wall,
+                   outcome.type};
+  event.outcome = outcome.result;
   complete(event, find(key), now.mono);
   if (!event.latency) event.latency = outcome.after;
   followed_.erase(key);

@@ -11,7 +11,6 @@
 #include <map>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 
 #include "daemon/core/topic_scheme.hpp"
@@ -19,58 +18,18 @@
 
 namespace slamgw {
 
-/// One step of one message: what `slam-gatewayctl watch` shows. Values only; daemon/control/wire
-/// writes the JSON.
-struct TraceEvent {
-  enum class Kind : std::uint8_t {
-    arrived,       ///< a robot's message came
-    repeat,        ///< a robot's message came again and was not published again
-    stored,        ///< the disk has the message
-    published,     ///< the broker has the message; at QoS 0: it was handed to the network
-    acknowledged,  ///< the robot got its acknowledgement
-    refused,       ///< by the gateway or by the broker
-    command,       ///< a message to a robot came from the broker or an operator
-    sent,          ///< a message was handed to the radio; several times if it is repeated
-    outcome,       ///< how a command ended
-  };
-
-  Kind kind = Kind::arrived;
+/// What `slam-gatewayctl watch` shows of one step. Values only; daemon/control/wire writes the
+/// JSON.
+struct TraceEvent : MessageStep {
   WallTime at{};
-  Direction direction = Direction::up;
-  std::optional<Mesh> mesh{};
-  std::string robot{};
-  std::string address{};  ///< of the robot on `mesh`, or of a group; empty: unknown
-  std::string topic{};
   std::string type{};
-  std::optional<Qos> qos{};
-  WireFacts wire{};
-  std::optional<std::size_t> bytes{};  ///< of the payload
-  std::optional<RadioFacts> radio{};
   /// Time since the message arrived, or the command came.
   std::optional<std::chrono::microseconds> latency{};
-  CommandId command = CommandId::none;
   std::optional<CommandResult> outcome{};
-  std::string why{};  ///< of `refused`, `outcome`, `arrived` (under rejected/); may be empty
   std::optional<Update> update{};
   bool had_stray_octet = false;    ///< after the update
   std::optional<Bytes> payload{};  ///< of `arrived` and `command`
 };
-
-/// The kind's name in the JSON.
-constexpr std::string_view to_string(TraceEvent::Kind kind) {
-  switch (kind) {
-    case TraceEvent::Kind::arrived: return "arrived";
-    case TraceEvent::Kind::repeat: return "repeat";
-    case TraceEvent::Kind::stored: return "stored";
-    case TraceEvent::Kind::published: return "published";
-    case TraceEvent::Kind::acknowledged: return "acknowledged";
-    case TraceEvent::Kind::refused: return "refused";
-    case TraceEvent::Kind::command: return "command";
-    case TraceEvent::Kind::sent: return "sent";
-    case TraceEvent::Kind::outcome: return "outcome";
-  }
-  return {};
-}
 
 class Trace {
  public:
@@ -90,8 +49,8 @@ class Trace {
   std::size_t followed() const { return followed_.size(); }
 
   void on_traffic(const TrafficEvent& event);
-  void on_mesh_step(const MeshStep& step, const Now& now);
-  void on_delivery_step(const DeliveryStep& step, const Now& now);
+  /// Takes a step of a mesh or of the outbox.
+  void on_step(const MessageStep& step, const Now& now);
   void on_outcome(const CommandOutcome& outcome, const Now& now);
 
  private:

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot message as it passes the core, and the later steps of its delivery, for the log and the
-// trace.
+// A robot message as it passes the core, for the log and the trace.
 #pragma once
 
 #include <optional>
@@ -31,20 +30,6 @@ struct TrafficEvent {
   bool had_stray_octet = false;         ///< one stray octet followed the `update`
   bool is_rejected = false;             ///< `payload.update` could not read the payload
   bool is_proven = true;                ///< see Report
-};
-
-/// A step of delivery with one message of a robot. Reported only while an operator watches.
-/// `refused`: the broker does not take the message, or it was QoS 0 and dropped.
-struct DeliveryStep {
-  enum class Kind : std::uint8_t { stored, published, refused };
-  Kind kind = Kind::published;
-  std::string topic;
-  Qos qos = Qos::at_most_once;
-  std::size_t bytes = 0;  ///< of the payload
-  RequiredMesh mesh;
-  Receipt receipt = no_receipt;  ///< may be none, or may have fired already
-  TimePoint submitted{};
-  std::string why{};  ///< why the message was refused
 };
 
 }  // namespace slamgw

@@ -78,7 +78,7 @@ void Outbox::remove(Item& item, TimePoint now) {
 
 /// Removes a message that needs no acknowledgement, and counts it as dropped.
 void Outbox::drop(Item& item, const char* why, TimePoint now) {
-  trace(DeliveryStep::Kind::refused, item, why);
+  trace(StepKind::refused, item, why);
   ++statistics_.dropped;
   remove(item, now);
 }
@@ -310,7 +310,7 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (!item) return;  // an answer from before a reconnect
   if (!item->is_unacknowledged()) is_stalled_ = false;
   ++statistics_.published;
-  trace(DeliveryStep::Kind::published, *item);
+  trace(StepKind::published, *item);
   if (item->receipt.is_owed()) actions_.push(FireReceipt{item->receipt, ReceiptOutcome::safe});
   if (!item->is_unacknowledged() || item->is_probe) {
     note_answer(sequence);
@@ -340,7 +340,7 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
     notify(refusal_notices_.on_unacknowledged(item->message, refusal, now));
   } else {
     is_stalled_ = false;
-    trace(DeliveryStep::Kind::refused, *item, "the broker: " + refusal.why);
+    trace(StepKind::refused, *item, "the broker: " + refusal.why);
   }
   make_dead_letter(*item, refusal, refusal.is_permanent() ? 1 : refused_.tries(topic), now);
   proceed(now);
@@ -429,7 +429,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
 
 /// Fires the receipt. The message stays in memory only while it is under way.
 void Outbox::on_durable(Item& item) {
-  trace(DeliveryStep::Kind::stored, item);
+  trace(StepKind::stored, item);
   const Receipt owed = std::exchange(item.receipt, no_receipt);
   if (owed.is_owed()) actions_.push(FireReceipt{owed, ReceiptOutcome::safe});
   queue_.withdraw(item);
@@ -484,11 +484,16 @@ void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   for (const FormerLetter& message : revived.messages) refused_.on_resent(message, now);
 }
 
-void Outbox::trace(DeliveryStep::Kind kind, const Item& item, std::string why) {
+void Outbox::trace(StepKind kind, const Item& item, std::string why) {
   if (!is_traced_ || !item.message.provenance) return;
-  actions_.push(DeliveryStep{kind, item.message.topic, item.message.qos,
-                             item.message.payload.size(), item.message.provenance->mesh,
-                             item.receipt, item.submitted, std::move(why)});
+  actions_.push(MessageStep{.kind = kind,
+                            .mesh = item.message.provenance->mesh,
+                            .topic = item.message.topic,
+                            .qos = item.message.qos,
+                            .bytes = item.message.payload.size(),
+                            .receipt = item.receipt,
+                            .why = std::move(why),
+                            .since = item.submitted});
 }
 
 /// Returns the oldest QoS 1 or 2 message that was not given to the store; it may be under way.

@@ -23,7 +23,6 @@
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
-#include "daemon/core/traffic_event.hpp"
 #include "daemon/delivery/backlog.hpp"
 #include "daemon/delivery/delivery_notices.hpp"
 #include "daemon/delivery/fair_queue.hpp"
@@ -40,7 +39,7 @@ struct PublishAtBroker {
 };
 
 using OutboxAction = std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore,
-                                  RetryDeadLetters, DeliveryStep, Notice>;
+                                  RetryDeadLetters, MessageStep, Notice>;
 
 class Outbox {
  public:
@@ -97,7 +96,7 @@ class Outbox {
   void on_stop(TimePoint now);
 
   /// Call when an operator begins or ends to follow messages. While `is_on`, each message of a
-  /// robot makes DeliverySteps.
+  /// robot makes MessageSteps.
   void on_trace(bool is_on) { is_traced_ = is_on; }
 
   std::optional<OutboxAction> next_action() { return actions_.pop(); }
@@ -143,7 +142,7 @@ class Outbox {
   void handle(DeadLettersChanged& changed, TimePoint) { backlog_.on_dead_letters(changed); }
   void handle(DeadLettersRevived& revived, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
-  void trace(DeliveryStep::Kind kind, const Item& item, std::string why = {});
+  void trace(StepKind kind, const Item& item, std::string why = {});
 
   Item& add(BrokerMessage message, Receipt receipt, TimePoint now);
   void place(Item& item, TimePoint now);

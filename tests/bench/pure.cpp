@@ -89,13 +89,13 @@ void trace_message(benchmark::State& state) {
                        .qos = Qos::at_least_once,
                        .update = {},
                        .receipt = {Mesh::thread, 1}};
-  const MeshStep acknowledged{.kind = MeshStep::Kind::acknowledged,
-                              .mesh = Mesh::thread,
-                              .robot = message.robot,
-                              .receipt = message.receipt};
+  const MessageStep acknowledged{.kind = StepKind::acknowledged,
+                                 .mesh = Mesh::thread,
+                                 .robot = message.robot,
+                                 .receipt = message.receipt};
   for (auto _ : state) {
     trace.on_traffic(message);
-    trace.on_mesh_step(acknowledged, now);
+    trace.on_step(acknowledged, now);
     benchmark::DoNotOptimize(told);
   }
 }

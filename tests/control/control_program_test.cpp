@@ -220,10 +220,10 @@ TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   server->publish(event);
   event.update.reset();
   event.payload.reset();
-  event.kind = TraceEvent::Kind::acknowledged;
+  event.kind = StepKind::acknowledged;
   event.latency = 1250us;
   server->publish(event);
-  event.kind = TraceEvent::Kind::command;
+  event.kind = StepKind::command;
   event.latency.reset();
   event.wire = {};
   event.type = "cmd";
@@ -235,7 +235,7 @@ TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   event.payload = {0xff, 0x00, 0x1b};
   server->publish(event);
   event.payload.reset();
-  event.kind = TraceEvent::Kind::outcome;
+  event.kind = StepKind::outcome;
   event.outcome = CommandResult::timeout;
   event.why = "silent";
   server->publish(event);

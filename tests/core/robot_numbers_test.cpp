@@ -106,8 +106,8 @@ TEST_F(GatewayNumbers, CountWhatARobotSaysAndIsTold) {
   gateway.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now);
   say(report(2));
   gateway.on_receipt({Mesh::thread, 2}, ReceiptOutcome::refused, now);
-  say(MeshStep{.kind = MeshStep::Kind::repeat, .mesh = Mesh::thread, .robot = "r"});
-  say(MeshStep{.kind = MeshStep::Kind::sent, .mesh = Mesh::thread, .robot = "r"});
+  say(MessageStep{.kind = StepKind::repeat, .mesh = Mesh::thread, .robot = "r"});
+  say(MessageStep{.kind = StepKind::sent, .mesh = Mesh::thread, .robot = "r"});
   gateway.commands().on_robot_message({"r", {"p/server/r/cmd", {1, 2}, Qos::at_least_once, false}},
                                       now);
   const RobotNumbers& numbers = gateway.registry().find("r")->numbers;

@@ -10,7 +10,6 @@ namespace slamgw {
 namespace {
 
 using namespace std::chrono_literals;
-using Kind = TraceEvent::Kind;
 
 class TraceTest : public testing::Test {
  protected:
@@ -32,8 +31,8 @@ class TraceTest : public testing::Test {
     now.mono += time;
     now.wall += time;
   }
-  std::vector<Kind> kinds() const {
-    std::vector<Kind> found;
+  std::vector<StepKind> kinds() const {
+    std::vector<StepKind> found;
     for (const TraceEvent& event : events) found.push_back(event.kind);
     return found;
   }
@@ -47,8 +46,8 @@ class TraceTest : public testing::Test {
 
 TEST_F(TraceTest, TellsNothingAndKeepsNothingWhileNobodyListens) {
   trace.on_traffic(message(1));
-  trace.on_mesh_step({.kind = MeshStep::Kind::repeat, .mesh = Mesh::thread, .robot = "r"}, now);
-  trace.on_delivery_step({.topic = "t", .mesh = Mesh::thread}, now);
+  trace.on_step({.kind = StepKind::repeat, .mesh = Mesh::thread, .robot = "r"}, now);
+  trace.on_step({.kind = StepKind::published, .mesh = Mesh::thread, .topic = "t"}, now);
   trace.on_outcome({}, now);
   EXPECT_TRUE(events.empty());
   EXPECT_EQ(trace.followed(), 0u);
@@ -56,15 +55,15 @@ TEST_F(TraceTest, TellsNothingAndKeepsNothingWhileNobodyListens) {
 
 TEST_F(TraceTest, TellsWhoseUpdateIsRelayedToAGroup) {
   trace.turn(true);
-  trace.on_mesh_step({.kind = MeshStep::Kind::sent,
-                      .mesh = Mesh::ble,
-                      .robot = "r",
-                      .address = "0xc100",
-                      .topic = "p/robot/r/update"},
-                     now);
+  trace.on_step({.kind = StepKind::sent,
+                 .mesh = Mesh::ble,
+                 .robot = "r",
+                 .address = "0xc100",
+                 .topic = "p/robot/r/update"},
+                now);
   ASSERT_EQ(events.size(), 1u);
-  EXPECT_EQ(events[0].kind, Kind::sent);
-  EXPECT_EQ(events[0].direction, Direction::down);
+  EXPECT_EQ(events[0].kind, StepKind::sent);
+  EXPECT_TRUE(is_down(events[0].kind));
   EXPECT_EQ(events[0].robot, "r");
   EXPECT_EQ(events[0].type, "update");
   EXPECT_EQ(events[0].address, "0xc100") << "not the robot's own";
@@ -74,21 +73,21 @@ TEST_F(TraceTest, JoinsAMessagesWayUp) {
   trace.turn(true);
   trace.on_traffic(message(1));
   pass(1500us);
-  trace.on_delivery_step({.kind = DeliveryStep::Kind::published,
-                          .topic = "p/robot/r/adv",
-                          .qos = Qos::at_least_once,
-                          .bytes = 2,
-                          .mesh = Mesh::thread,
-                          .receipt = {Mesh::thread, 1},
-                          .submitted = now.mono - 1500us},
-                         now);
+  trace.on_step({.kind = StepKind::published,
+                 .mesh = Mesh::thread,
+                 .topic = "p/robot/r/adv",
+                 .qos = Qos::at_least_once,
+                 .bytes = 2,
+                 .receipt = {Mesh::thread, 1},
+                 .since = now.mono - 1500us},
+                now);
   pass(200us);
-  trace.on_mesh_step({.kind = MeshStep::Kind::acknowledged,
-                      .mesh = Mesh::thread,
-                      .robot = "r",
-                      .receipt = {Mesh::thread, 1}},
-                     now);
-  ASSERT_EQ(kinds(), (std::vector{Kind::arrived, Kind::published, Kind::acknowledged}));
+  trace.on_step({.kind = StepKind::acknowledged,
+                 .mesh = Mesh::thread,
+                 .robot = "r",
+                 .receipt = {Mesh::thread, 1}},
+                now);
+  ASSERT_EQ(kinds(), (std::vector{StepKind::arrived, StepKind::published, StepKind::acknowledged}));
   EXPECT_EQ(events[0].payload, (Bytes{1, 2}));
   EXPECT_EQ(events[1].latency, 1500us);
   for (const TraceEvent& event : events) {
@@ -104,11 +103,28 @@ TEST_F(TraceTest, JoinsAMessagesWayUp) {
   EXPECT_EQ(trace.followed(), 0u);
 }
 
+TEST_F(TraceTest, FollowsAMessageThatTheBrokerHasRefusedToItsAcknowledgement) {
+  trace.turn(true);
+  trace.on_traffic(message(1));
+  MessageStep step{.kind = StepKind::refused, .mesh = Mesh::thread, .receipt = {Mesh::thread, 1}};
+  step.since = now.mono;
+  trace.on_step(step, now);
+  EXPECT_EQ(trace.followed(), 1u);
+  step.kind = StepKind::acknowledged;
+  step.since.reset();
+  trace.on_step(step, now);
+  EXPECT_EQ(events.back().type, "adv");
+  EXPECT_EQ(trace.followed(), 0u);
+  trace.on_traffic(message(1));
+  step.kind = StepKind::refused;
+  trace.on_step(step, now);
+  EXPECT_EQ(trace.followed(), 0u) << "refused by its mesh";
+}
+
 TEST_F(TraceTest, KnowsWhoseAStoredMessageIsLongAfterItsReceipt) {
   trace.turn(true);
-  trace.on_delivery_step(
-      {.kind = DeliveryStep::Kind::published, .topic = "p/robot/r/update", .mesh = Mesh::thread},
-      now);
+  trace.on_step({.kind = StepKind::published, .mesh = Mesh::thread, .topic = "p/robot/r/update"},
+                now);
   ASSERT_EQ(events.size(), 1u);
   EXPECT_EQ(events[0].robot, "r");
   EXPECT_EQ(events[0].type, "update");
@@ -120,7 +136,7 @@ TEST_F(TraceTest, SaysWhatGoesUpUnderRejected) {
   TrafficEvent rejected = message(2);
   rejected.is_rejected = true;
   trace.on_traffic(rejected);
-  ASSERT_EQ(kinds(), (std::vector{Kind::arrived, Kind::arrived}));
+  ASSERT_EQ(kinds(), (std::vector{StepKind::arrived, StepKind::arrived}));
   EXPECT_EQ(events[0].why, "");
   EXPECT_NE(events[1].why, "");
 }
@@ -135,24 +151,24 @@ TEST_F(TraceTest, JoinsACommandsWayDown) {
   command.command = CommandId{9};
   trace.on_traffic(command);
   pass(30ms);
-  trace.on_mesh_step({.kind = MeshStep::Kind::sent,
-                      .mesh = Mesh::thread,
-                      .robot = "r",
-                      .topic = "p/server/r/cmd",
-                      .wire = {4, true},
-                      .command = CommandId{9}},
-                     now);
+  trace.on_step({.kind = StepKind::sent,
+                 .mesh = Mesh::thread,
+                 .robot = "r",
+                 .topic = "p/server/r/cmd",
+                 .wire = {4, true},
+                 .command = CommandId{9}},
+                now);
   pass(10ms);
   trace.on_outcome({Mesh::thread, CommandId{9}, "r", "cmd", CommandResult::delivered, 40ms, ""},
                    now);
-  ASSERT_EQ(kinds(), (std::vector{Kind::command, Kind::sent, Kind::outcome}));
+  ASSERT_EQ(kinds(), (std::vector{StepKind::command, StepKind::sent, StepKind::outcome}));
   EXPECT_EQ(events[1].wire.message_id, 4);
   EXPECT_EQ(events[1].wire.is_dup, true);
   EXPECT_EQ(events[1].latency, 30ms);
   EXPECT_EQ(events[1].type, "cmd");
   EXPECT_EQ(events[2].outcome, CommandResult::delivered);
   EXPECT_EQ(events[2].latency, 40ms);
-  for (const TraceEvent& event : events) EXPECT_EQ(event.direction, Direction::down);
+  for (const TraceEvent& event : events) EXPECT_TRUE(is_down(event.kind));
   EXPECT_EQ(trace.followed(), 0u);
 }
 
@@ -161,11 +177,11 @@ TEST_F(TraceTest, ForgetsTheOldestOfTooMany) {
   for (std::uint64_t i = 1; i <= Trace::max_followed + 10; ++i) trace.on_traffic(message(i));
   EXPECT_EQ(trace.followed(), Trace::max_followed);
   events.clear();
-  trace.on_mesh_step({.kind = MeshStep::Kind::acknowledged,
-                      .mesh = Mesh::thread,
-                      .robot = "r",
-                      .receipt = {Mesh::thread, 1}},
-                     now);
+  trace.on_step({.kind = StepKind::acknowledged,
+                 .mesh = Mesh::thread,
+                 .robot = "r",
+                 .receipt = {Mesh::thread, 1}},
+                now);
   ASSERT_EQ(events.size(), 1u);
   EXPECT_FALSE(events[0].latency) << "forgotten, and told all the same";
   trace.turn(false);

@@ -161,7 +161,7 @@ class OutboxRig {
   std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
   /// At any time, also with their flow. Their messages may overtake each other.
   std::set<std::string> refused_topics;
-  std::vector<DeliveryStep> steps;
+  std::vector<MessageStep> steps;
   std::vector<std::string> notices;
 
   static std::string number_in(const BrokerMessage& message) {
@@ -189,7 +189,7 @@ class OutboxRig {
   void perform(WriteToStore& write) { store.ask(std::move(write)); }
   void perform(LoadFromStore& load) { store.ask(load); }
   void perform(RetryDeadLetters& retry) { store.ask(std::move(retry)); }
-  void perform(DeliveryStep& step) { steps.push_back(std::move(step)); }
+  void perform(MessageStep& step) { steps.push_back(std::move(step)); }
   void perform(Notice& notice) { notices.push_back(notice.text); }
 };
 

@@ -42,20 +42,20 @@ TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
   submit_from_robot(3, Qos::at_least_once);
   acknowledge_all();
   ASSERT_EQ(steps.size(), 1u);
-  EXPECT_EQ(steps[0].kind, DeliveryStep::Kind::published);
+  EXPECT_EQ(steps[0].kind, StepKind::published);
   EXPECT_EQ(steps[0].receipt, (Receipt{Mesh::ble, 3}));
   link_down();
   submit_from_robot(4, Qos::at_least_once);
   serve_store();
   submit_from_robot(0, Qos::at_most_once);
   ASSERT_EQ(steps.size(), 2u);
-  EXPECT_EQ(steps[1].kind, DeliveryStep::Kind::stored);
+  EXPECT_EQ(steps[1].kind, StepKind::stored);
   EXPECT_EQ(steps[1].receipt, (Receipt{Mesh::ble, 4}));
   now += 11s;
   outbox->on_deadline(now);
   drain();
   ASSERT_EQ(steps.size(), 3u);
-  EXPECT_EQ(steps[2].kind, DeliveryStep::Kind::refused);
+  EXPECT_EQ(steps[2].kind, StepKind::refused);
   EXPECT_EQ(steps[2].qos, Qos::at_most_once);
 }
 

@@ -94,7 +94,7 @@ class DeliveryRig : private UpstreamListener {
   void perform(WriteToStore& write) { store_.ask(std::move(write)); }
   void perform(LoadFromStore& load) { store_.ask(std::move(load)); }
   void perform(RetryDeadLetters& retry) { store_.ask(std::move(retry)); }
-  void perform(DeliveryStep&) {}
+  void perform(MessageStep&) {}
   void perform(Notice& notice) { notices.push_back(notice.text); }
 
   void on_link_up(const BrokerLimits& limits) override {

@@ -240,7 +240,7 @@ void SnRig::take(MeshEvent& event) {
                  [&](CommandOutcome& e) { outcomes.push_back(std::move(e)); },
                  [&](SignOfLife&) { ++signs_of_life; },
                  [](LinkChange&) {},
-                 [&](MeshStep& e) { steps.push_back(std::move(e)); },
+                 [&](MessageStep& e) { steps.push_back(std::move(e)); },
                  [&](Notice& e) { notices.push_back(std::move(e)); },
              },
              event);

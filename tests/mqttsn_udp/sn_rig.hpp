@@ -83,7 +83,7 @@ class SnRig {
   /// What the robots' sessions at the broker have.
   std::map<std::string, std::set<std::string>> filters;
   std::vector<CommandOutcome> outcomes;
-  std::vector<MeshStep> steps;
+  std::vector<MessageStep> steps;
   std::vector<Notice> notices;
   unsigned signs_of_life = 0;
 

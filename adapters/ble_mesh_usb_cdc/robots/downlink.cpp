@@ -74,13 +74,13 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
   const auto next = robot.commands.next_transmission(now);
   if (!next) return;
   if (is_traced_) {
-    emit(MeshStep{.kind = MeshStep::Kind::sent,
-                  .mesh = Mesh::ble,
-                  .robot = robot.id,
-                  .topic = topics_.command_topic(robot.id, next->command.type),
-                  .wire = {std::nullopt, next->is_repeat},
-                  .bytes = next->command.access.size(),
-                  .command = next->command.id});
+    emit(MessageStep{.kind = StepKind::sent,
+                     .mesh = Mesh::ble,
+                     .robot = robot.id,
+                     .topic = topics_.command_topic(robot.id, next->command.type),
+                     .wire = {std::nullopt, next->is_repeat},
+                     .bytes = next->command.access.size(),
+                     .command = next->command.id});
   }
   // The queue repeats a message that the radio does not take.
   radio_.send({robot.address, robot.key, next->command.access}, now);

@@ -84,12 +84,12 @@ void Relay::send_due(TimePoint now) {
   if (is_in_segments(next->access)) next_segmented_at_ = now + segmented_pause;
   ++counters_.relayed;
   if (is_traced_)
-    emit(MeshStep{.kind = MeshStep::Kind::sent,
-                  .mesh = Mesh::ble,
-                  .robot = next->robot,
-                  .address = address_text(settings_.relay_group),
-                  .topic = topics_.robot_topic(next->robot, relayed_type),
-                  .bytes = next->access.size()});
+    emit(MessageStep{.kind = StepKind::sent,
+                     .mesh = Mesh::ble,
+                     .robot = next->robot,
+                     .address = address_text(settings_.relay_group),
+                     .topic = topics_.robot_topic(next->robot, relayed_type),
+                     .bytes = next->access.size()});
   radio_.send({.destination = settings_.relay_group, .payload = std::move(next->access)}, now);
   waiting_.erase(next);
 }

@@ -138,7 +138,7 @@ struct MeshPart {
   const LinkState& link_;
   const ServiceGate& gate_;
   MeshActions& actions_;
-  const bool& is_traced_;  ///< each transmission and acknowledgement is a MeshStep
+  const bool& is_traced_;  ///< each transmission and acknowledgement is a MessageStep
 };
 
 }  // namespace slamgw::ble

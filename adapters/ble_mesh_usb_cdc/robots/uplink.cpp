@@ -153,18 +153,18 @@ void Uplink::report(const VendorReport& what, std::uint64_t receipt_id) {
               .wire = {what.number, std::nullopt}});
 }
 
-/// Counts a repeated SET and reports it as a MeshStep; it is not published again.
+/// Counts a repeated SET and reports it as a MessageStep; it is not published again.
 void Uplink::report_repeat(const VendorReport& set) {
   ++counters_.repeats;
   const Robot& robot = set.robot;
-  emit(MeshStep{.kind = MeshStep::Kind::repeat,
-                .mesh = Mesh::ble,
-                .robot = robot.id,
-                .topic = topics_.robot_topic(robot.id, type_of(set.model)),
-                .qos = Qos::at_least_once,
-                .wire = {set.number, std::nullopt},
-                .bytes = set.params.size(),
-                .radio = robot.radio_facts(set.message)});
+  emit(MessageStep{.kind = StepKind::repeat,
+                   .mesh = Mesh::ble,
+                   .robot = robot.id,
+                   .topic = topics_.robot_topic(robot.id, type_of(set.model)),
+                   .qos = Qos::at_least_once,
+                   .wire = {set.number, std::nullopt},
+                   .bytes = set.params.size(),
+                   .radio = robot.radio_facts(set.message)});
 }
 
 void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
@@ -188,11 +188,11 @@ void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePo
   }
   if (!is_traced_) return;
   const bool is_safe = outcome == ReceiptOutcome::safe;
-  emit(MeshStep{.kind = is_safe ? MeshStep::Kind::acknowledged : MeshStep::Kind::refused,
-                .mesh = Mesh::ble,
-                .robot = robot->id,
-                .receipt = {Mesh::ble, receipt_id},
-                .why = is_safe ? "" : no_room});
+  emit(MessageStep{.kind = is_safe ? StepKind::acknowledged : StepKind::refused,
+                   .mesh = Mesh::ble,
+                   .robot = robot->id,
+                   .receipt = {Mesh::ble, receipt_id},
+                   .why = is_safe ? "" : no_room});
 }
 
 void Uplink::send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now) {

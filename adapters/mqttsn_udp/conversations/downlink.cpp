@@ -234,14 +234,14 @@ void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::u
   if (!output_.is_traced) return;
   const bool has_id = outgoing.qos != Qos::at_most_once;
   output_.emit(
-      MeshStep{.kind = MeshStep::Kind::sent,
-               .mesh = Mesh::thread,
-               .robot = session.robot,
-               .topic = outgoing.message->topic,
-               .qos = outgoing.qos,
-               .wire = {has_id ? std::optional(msg_id) : std::nullopt, outgoing.msg_id != 0},
-               .bytes = outgoing.message->payload.size(),
-               .command = outgoing.command ? outgoing.command->id : CommandId::none});
+      MessageStep{.kind = StepKind::sent,
+                  .mesh = Mesh::thread,
+                  .robot = session.robot,
+                  .topic = outgoing.message->topic,
+                  .qos = outgoing.qos,
+                  .wire = {has_id ? std::optional(msg_id) : std::nullopt, outgoing.msg_id != 0},
+                  .bytes = outgoing.message->payload.size(),
+                  .command = outgoing.command ? outgoing.command->id : CommandId::none});
 }
 
 void Downlink::on_address(ClientSession& session) {

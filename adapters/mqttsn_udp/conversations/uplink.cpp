@@ -228,13 +228,13 @@ void Uplink::report(const ClientSession& session, Publish publish, std::string t
 void Uplink::report_repeat(const ClientSession& session, const Publish& publish,
                            std::string topic) {
   output_.count(Count::repeats_suppressed);
-  output_.emit(MeshStep{.kind = MeshStep::Kind::repeat,
-                        .mesh = Mesh::thread,
-                        .robot = session.robot,
-                        .topic = std::move(topic),
-                        .qos = qos_of(publish),
-                        .wire = wire_facts(publish),
-                        .bytes = publish.payload.size()});
+  output_.emit(MessageStep{.kind = StepKind::repeat,
+                           .mesh = Mesh::thread,
+                           .robot = session.robot,
+                           .topic = std::move(topic),
+                           .qos = qos_of(publish),
+                           .wire = wire_facts(publish),
+                           .bytes = publish.payload.size()});
 }
 
 void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open,
@@ -255,10 +255,10 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
     output_.send(session, Pubrec{open.msg_id});
   }
   if (!output_.is_traced) return;
-  output_.emit(MeshStep{.kind = MeshStep::Kind::acknowledged,
-                        .mesh = Mesh::thread,
-                        .robot = session.robot,
-                        .receipt = {Mesh::thread, receipt_id}});
+  output_.emit(MessageStep{.kind = StepKind::acknowledged,
+                           .mesh = Mesh::thread,
+                           .robot = session.robot,
+                           .receipt = {Mesh::thread, receipt_id}});
 }
 
 /// Leaves the message unacknowledged, so that the robot keeps it. Its repetition is a new message.
@@ -273,23 +273,23 @@ void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const 
   if (is_answered && session.is_connected())
     output_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
   if (!output_.is_traced) return;
-  output_.emit(MeshStep{.kind = MeshStep::Kind::refused,
-                        .mesh = Mesh::thread,
-                        .robot = session.robot,
-                        .receipt = {Mesh::thread, receipt_id},
-                        .why = "the gateway has no room for it; the robot keeps it"});
+  output_.emit(MessageStep{.kind = StepKind::refused,
+                           .mesh = Mesh::thread,
+                           .robot = session.robot,
+                           .receipt = {Mesh::thread, receipt_id},
+                           .why = "the gateway has no room for it; the robot keeps it"});
 }
 
 void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode code) {
   if (code == ReturnCode::congestion) output_.count(Count::receipts_refused);
   if (output_.is_traced) {
-    output_.emit(MeshStep{.kind = MeshStep::Kind::refused,
-                          .mesh = Mesh::thread,
-                          .robot = session.robot,
-                          .qos = qos_of(publish),
-                          .wire = wire_facts(publish),
-                          .bytes = publish.payload.size(),
-                          .why = std::string(reason_of(code))});
+    output_.emit(MessageStep{.kind = StepKind::refused,
+                             .mesh = Mesh::thread,
+                             .robot = session.robot,
+                             .qos = qos_of(publish),
+                             .wire = wire_facts(publish),
+                             .bytes = publish.payload.size(),
+                             .why = std::string(reason_of(code))});
   }
   if (code == ReturnCode::congestion && settings_.is_full_silent()) return;
   output_.send(session, Puback{publish.topic_id, publish.msg_id, code});

@@ -71,13 +71,13 @@ TEST_F(Relaying, AnUpdateGoesToTheGroupAsTheRobotSaidIt) {
 TEST_F(Relaying, IsTracedWhileSomebodyWatches) {
   say("lego-1", near);
   rig.run_for(1s);
-  EXPECT_TRUE(rig.all<MeshStep>().empty());
+  EXPECT_TRUE(rig.all<MessageStep>().empty());
   rig.mesh.on_trace(true);
   say("lego-1", near);
   rig.run_for(1s);
-  const auto steps = rig.all<MeshStep>();
+  const auto steps = rig.all<MessageStep>();
   ASSERT_EQ(steps.size(), 1u);
-  EXPECT_EQ(steps[0].kind, MeshStep::Kind::sent);
+  EXPECT_EQ(steps[0].kind, StepKind::sent);
   EXPECT_EQ(steps[0].robot, "lego-1");
   EXPECT_EQ(steps[0].address, "0xc100");
   EXPECT_EQ(steps[0].topic, "ntnu-slam/robot/lego-1/update");

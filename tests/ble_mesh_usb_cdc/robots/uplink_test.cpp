@@ -75,9 +75,9 @@ TEST_F(Uplink, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
   rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
   rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
   rig.receipt(1);
-  auto steps = rig.all<MeshStep>();
+  auto steps = rig.all<MessageStep>();
   ASSERT_EQ(steps.size(), 1u);
-  EXPECT_EQ(steps[0].kind, MeshStep::Kind::repeat);
+  EXPECT_EQ(steps[0].kind, StepKind::repeat);
   EXPECT_EQ(steps[0].topic, "ntnu-slam/robot/nr1/update");
   EXPECT_EQ(steps[0].wire.message_id, 7);
   EXPECT_TRUE(steps[0].radio);
@@ -90,12 +90,12 @@ TEST_F(Uplink, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
   rig.receipt(3, ReceiptOutcome::refused);
   rig.command("nr1/cmd", hex("01 00 02 00"));
   rig.run_for(2s);
-  steps = rig.all<MeshStep>();
+  steps = rig.all<MessageStep>();
   ASSERT_GE(steps.size(), 5u);
-  EXPECT_EQ(steps[1].kind, MeshStep::Kind::acknowledged);
+  EXPECT_EQ(steps[1].kind, StepKind::acknowledged);
   EXPECT_EQ(steps[1].receipt, (Receipt{Mesh::ble, 2}));
-  EXPECT_EQ(steps[2].kind, MeshStep::Kind::refused);
-  EXPECT_EQ(steps[3].kind, MeshStep::Kind::sent);
+  EXPECT_EQ(steps[2].kind, StepKind::refused);
+  EXPECT_EQ(steps[3].kind, StepKind::sent);
   EXPECT_EQ(steps[3].topic, "ntnu-slam/server/nr1/cmd");
   EXPECT_EQ(steps[3].wire.is_dup, false);
   EXPECT_EQ(steps[4].wire.is_dup, true);

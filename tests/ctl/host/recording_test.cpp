@@ -16,12 +16,11 @@ namespace {
 using namespace std::chrono_literals;
 
 TraceEvent arrival(std::chrono::microseconds at, const std::string& topic) {
-  return {.kind = TraceEvent::Kind::arrived,
-          .at = WallTime{1'700'000'000s + at},
-          .robot = "r",
-          .topic = topic,
-          .qos = Qos::at_least_once,
-          .payload = Bytes{1, 0xff}};
+  TraceEvent event{
+      {.kind = StepKind::arrived, .robot = "r", .topic = topic, .qos = Qos::at_least_once},
+      WallTime{1'700'000'000s + at}};
+  event.payload = Bytes{1, 0xff};
+  return event;
 }
 
 std::vector<ctl::RecordedMessage> read(const std::string& text) {
@@ -31,7 +30,7 @@ std::vector<ctl::RecordedMessage> read(const std::string& text) {
 
 TEST(Recording, HoldsRobotsMessagesWithTheirTiming) {
   TraceEvent command = arrival(1s, "p/server/r/cmd");
-  command.kind = TraceEvent::Kind::command;
+  command.kind = StepKind::command;
   std::string text;
   for (const TraceEvent& event :
        {arrival(0us, "p/robot/r/a"), command, arrival(1200ms + 42us, "p/robot/r/b")}) {
@@ -69,8 +68,8 @@ TEST(Recording, RefusesAClockThatWasSetMeanwhile) {
 
 TEST(Recording, LeavesOutWhatBecameOfMessages) {
   TraceEvent event = arrival(0us, "t");
-  for (const auto kind : {TraceEvent::Kind::published, TraceEvent::Kind::acknowledged,
-                          TraceEvent::Kind::repeat, TraceEvent::Kind::outcome}) {
+  for (const auto kind :
+       {StepKind::published, StepKind::acknowledged, StepKind::repeat, StepKind::outcome}) {
     event.kind = kind;
     EXPECT_FALSE(ctl::is_recorded(control::to_json(event)));
   }

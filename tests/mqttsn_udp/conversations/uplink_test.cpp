@@ -55,7 +55,7 @@ TEST(SnGateway, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
       1, encode(Publish{true, WireQos::one, false, TopicIdType::normal, 1, 7, to_bytes("hi")}));
   rig.receipt(1);
   ASSERT_EQ(rig.steps.size(), 1U);
-  EXPECT_EQ(rig.steps[0].kind, MeshStep::Kind::repeat);
+  EXPECT_EQ(rig.steps[0].kind, StepKind::repeat);
   EXPECT_EQ(rig.steps[0].topic, own_topic);
   EXPECT_EQ(rig.steps[0].wire.message_id, 7);
   EXPECT_EQ(rig.steps[0].wire.is_dup, true);
@@ -68,12 +68,12 @@ TEST(SnGateway, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
   rig.publish(1, 1, 1, 10);
   rig.receipt(3, ReceiptOutcome::refused);
   ASSERT_EQ(rig.steps.size(), 3U);
-  EXPECT_EQ(rig.steps[0].kind, MeshStep::Kind::acknowledged);
+  EXPECT_EQ(rig.steps[0].kind, StepKind::acknowledged);
   EXPECT_EQ(rig.steps[0].receipt, (Receipt{Mesh::thread, 2}));
-  EXPECT_EQ(rig.steps[1].kind, MeshStep::Kind::refused);
+  EXPECT_EQ(rig.steps[1].kind, StepKind::refused);
   EXPECT_EQ(rig.steps[1].wire.message_id, 9);
   EXPECT_EQ(rig.steps[1].why, "its topic id is not registered");
-  EXPECT_EQ(rig.steps[2].kind, MeshStep::Kind::refused);
+  EXPECT_EQ(rig.steps[2].kind, StepKind::refused);
   EXPECT_EQ(rig.steps[2].receipt, (Receipt{Mesh::thread, 3}));
 }
 
@@ -84,7 +84,7 @@ TEST(SnGateway, TellsOfEachTransmissionWhileItIsTraced) {
   rig.broker("ntnu-slam/server/r1/cmd", "hi", 1);
   rig.pass_s(3);
   ASSERT_GE(rig.steps.size(), 2U);
-  EXPECT_EQ(rig.steps[0].kind, MeshStep::Kind::sent);
+  EXPECT_EQ(rig.steps[0].kind, StepKind::sent);
   EXPECT_EQ(rig.steps[0].topic, "ntnu-slam/server/r1/cmd");
   EXPECT_NE(rig.steps[0].command, CommandId::none);
   EXPECT_EQ(rig.steps[0].wire.is_dup, false);
