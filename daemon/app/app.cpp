@@ -87,7 +87,8 @@ App::App(Config config, std::string config_file)
                     [this](SubscribeAtBroker& what) { upstream_.subscribe(what.filter); },
                     [this](UnsubscribeAtBroker& what) { upstream_.unsubscribe(what.filter); },
                     [this](DeliverToMesh& down) { meshes_.deliver(down); },
-                    [this](CommandHandedOn& given) { operator_commands_.on_handed_on(given.id); },
+                    [](AnswerAsker& answer) { answer.asker->done(answer.outcome); },
+                    [this](CommandOutcome& it) { trace_.on_outcome(it, read_clocks()); },
                     [this](auto& what) { perform(what); },
                 },
                 action);
@@ -334,11 +335,6 @@ void App::submit(BrokerMessage message, const Receipt& receipt) {
   outbox_driver_->submit(std::move(message), receipt, read_clocks());
 }
 
-void App::perform(CommandOutcome& outcome) {
-  operator_commands_.on_outcome(outcome);
-  trace_.on_outcome(outcome, read_clocks());
-}
-
 void App::perform(TrafficEvent& event) {
   traffic_log_.on_traffic(event);
   trace_.on_traffic(event);
@@ -392,10 +388,7 @@ void App::on_request(const std::string& who, control::Request request, Answer an
                  [&](MqttsnClientsRequest& asked) { done(meshes_.mqttsn_clients(asked.robot)); },
                  [&](ReloadRequest&) { done(reload(who)); },
                  [&](ForgetRequest& order) { done(forget(who, order.robot)); },
-                 [&](SendRequest& command) {
-                   send(who, std::move(command),
-                        [answer](const nlohmann::json& outcome) { answer(result_line(outcome)); });
-                 },
+                 [&](SendRequest& command) { send(who, std::move(command), answer); },
                  [&](PingRequest& asked) { ping(asked.robot, done); },
                  [&](BleOrder& order) { manage_ble(who, std::move(order), done); },
                  [&](StoreOrder& order) { manage_store(who, std::move(order), done); },
@@ -419,16 +412,26 @@ void App::on_watched(bool is_watched) {
   outbox_driver_->on_trace(is_watched);
 }
 
-void App::send(const std::string& who, control::SendRequest command, OperatorCommands::Done done) {
-  // The outcome is performed when `gateway` ends, after `done` is registered.
-  MachineDriver<Gateway>::Input gateway(gateway_driver_);
-  const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
-    return gateway->commands().on_operator_command(who, to, what, std::move(bytes), read_clocks());
+void App::send(const std::string& who, control::SendRequest command, const Answer& answer) {
+  const auto done = [answer](const CommandOutcome& outcome) {
+    answer(control::result_line({{"outcome", to_string(outcome.result)},
+                                 {"after_ms", outcome.after.count()},
+                                 {"why", outcome.why}}));
   };
-  const std::string refusal = operator_commands_.send(
-      command.robot, command.type, std::move(command.payload), submit, std::move(done));
-  if (!refusal.empty())
-    log_notice(audit_notice(who, {"command " + command.type, command.robot}, refusal));
+  if (is_valid_level(command.robot) && is_valid_level(command.type)) {
+    gateway_driver_->commands().on_operator_command({who, done}, command.robot, command.type,
+                                                    std::move(command.payload), read_clocks());
+    return;
+  }
+  const std::string refusal = "robot and type must be one topic level each";
+  log_notice(audit_notice(who, {"command " + command.type, command.robot}, refusal));
+  done({std::nullopt,
+        CommandId::none,
+        command.robot,
+        command.type,
+        CommandResult::refused,
+        {},
+        refusal});
 }
 
 OrderAnswer App::forget(const std::string& who, const std::string& robot) {

@@ -14,7 +14,6 @@
 #include "adapters/thread_border_router/io/border_router.hpp"
 #include "daemon/app/fleet_member.hpp"
 #include "daemon/app/meshes.hpp"
-#include "daemon/app/operator_commands.hpp"
 #include "daemon/app/reload.hpp"
 #include "daemon/app/status_collector.hpp"
 #include "daemon/config/config.hpp"
@@ -70,7 +69,6 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   // Actions of the core (MessageStep: of the outbox, too):
   void perform(PassUp& action);
-  void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
   void perform(MessageStep& step);
   void perform(Notice& notice);
@@ -100,7 +98,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_request(const std::string& who, control::Request request, Answer answer) override;
   void on_watched(bool is_watched) override;
   nlohmann::json status();
-  void send(const std::string& who, control::SendRequest command, OperatorCommands::Done done);
+  void send(const std::string& who, control::SendRequest command, const Answer& answer);
   void ping(const std::string& robot, OrderDone done);
   void manage_ble(const std::string& who, BleOrder order, OrderDone done);
   void manage_store(const std::string& who, StoreOrder order, OrderDone done);
@@ -137,7 +135,6 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   NoticeLines notice_lines_{unproven_lines_};
   Trace trace_;
   std::unique_ptr<ControlServer> control_;
-  OperatorCommands operator_commands_;
   std::uint64_t inbound_dropped_ = 0;  // as the log last reported it
   StatusCollector status_;
 };

@@ -3,6 +3,7 @@
 // a key or an OOB value. Pure.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -15,9 +16,16 @@ struct AuditFacts {
   std::string outcome;  ///< `delivered`, `refused`, `done`, `failed` ...
 };
 
-/// AuditFacts::who of a command; null: `broker`. Shared, because messages are copied into many
-/// queues.
-using Sender = std::shared_ptr<const std::string>;
+struct CommandOutcome;
+
+/// Who sent a command, and what takes its answer.
+struct Asker {
+  std::string who;  ///< AuditFacts::who
+  /// Called once when the command has ended here; may be empty.
+  std::function<void(const CommandOutcome&)> done{};
+};
+/// Null: `broker`. Shared, because messages are copied into many queues.
+using Sender = std::shared_ptr<const Asker>;
 
 inline constexpr std::string_view broker_sender = "broker";
 /// Longer names of senders are left out.
@@ -27,11 +35,11 @@ inline constexpr std::size_t max_sender_name = 64;
 /// empty or too long.
 inline Sender sender_at_broker(std::string_view name) {
   if (name.empty() || name.size() > max_sender_name) return nullptr;
-  return std::make_shared<const std::string>("broker: " + std::string(name));
+  return std::make_shared<const Asker>(Asker{"broker: " + std::string(name)});
 }
 
 inline std::string who_of(const Sender& sender) {
-  return sender ? *sender : std::string(broker_sender);
+  return sender ? sender->who : std::string(broker_sender);
 }
 
 /// True for a sender on this host, false for a client of the broker.

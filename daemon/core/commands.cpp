@@ -28,9 +28,9 @@ void Commands::on_robot_message(RobotMessage message, const Now& now) {
   actions_.push(DeliverToMesh{std::nullopt, std::move(message)});
 }
 
-CommandId Commands::on_operator_command(const std::string& who, const std::string& robot,
+CommandId Commands::on_operator_command(Asker asker, const std::string& robot,
                                         const std::string& type, Bytes payload, const Now& now) {
-  auto sender = std::make_shared<const std::string>(who);
+  auto sender = std::make_shared<const Asker>(std::move(asker));
   if (directory_.places.is_elsewhere(robot) && !directory_.places.is_held(robot)) {
     const CommandId id = ledger_.next_id();
     conclude({std::nullopt,
@@ -107,7 +107,13 @@ void Commands::on_handed_on(CommandId command) {
          fmt::format("- {} {} is handed on to the robot's next gateway", ended->robot, ended->type),
          ended->robot, Occasion::command_outcome},
         ended->type, "handed on", ended->sender);
-  actions_.push(CommandHandedOn{command});
+  answer(ended->sender, {ended->carrier,
+                         command,
+                         ended->robot,
+                         ended->type,
+                         CommandResult::timeout,
+                         {},
+                         "the robot moved to another gateway, which has the command now"});
 }
 
 void Commands::on_session_held(const std::string& robot, bool was_present, const Now& now) {
@@ -230,14 +236,14 @@ void Commands::conclude(CommandOutcome outcome, const Sender& sender) {
                   outcome.why.empty() ? "" : ": ", outcome.why),
       outcome.robot, Occasion::command_outcome, outcome.after};
   report(std::move(notice), outcome.type, to_string(outcome.result), sender);
-  publish(std::move(outcome));
+  publish(std::move(outcome), sender);
 }
 
 /// Writes a line of the audit trail about a command. An operator's command is at least a notice.
 void Commands::report(Notice notice, const std::string& type, std::string_view outcome,
                       const Sender& sender) {
   notice.audit = AuditFacts{who_of(sender), "command " + type, std::string(outcome)};
-  if (sender) notice.text += "; asked by " + *sender;
+  if (sender) notice.text += "; asked by " + sender->who;
   if (is_operator(notice.audit->who)) notice.severity = std::max(notice.severity, Severity::notice);
   actions_.push(std::move(notice));
 }
@@ -255,14 +261,19 @@ void Commands::refuse_unknown(CommandOutcome outcome, const Now& now, const Send
         outcome.robot, Occasion::command_outcome};
     report(std::move(notice), outcome.type, to_string(outcome.result), sender);
   }
-  publish(std::move(outcome));
+  publish(std::move(outcome), sender);
 }
 
-void Commands::publish(CommandOutcome outcome) {
+void Commands::publish(CommandOutcome outcome, const Sender& sender) {
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot), to_bytes(outcome_json(outcome)),
                         Qos::at_least_once, false},
                        no_receipt});
+  answer(sender, outcome);
   actions_.push(std::move(outcome));
+}
+
+void Commands::answer(const Sender& sender, const CommandOutcome& outcome) {
+  if (sender && sender->done) actions_.push(AnswerAsker{sender, outcome});
 }
 
 }  // namespace slamgw

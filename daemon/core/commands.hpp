@@ -30,10 +30,9 @@ class Commands {
   /// Takes a message from the robot's own session, which no other gateway has. Gives it its command
   /// id.
   void on_robot_message(RobotMessage message, const Now& now);
-  /// Sends a command of an operator (`who`, see AuditFacts). Its CommandOutcome has the returned
-  /// id.
-  CommandId on_operator_command(const std::string& who, const std::string& robot,
-                                const std::string& type, Bytes payload, const Now& now);
+  /// Sends a command of an operator. Robot and type must be one topic level each.
+  CommandId on_operator_command(Asker asker, const std::string& robot, const std::string& type,
+                                Bytes payload, const Now& now);
   /// Refuses a command that waited at the broker: for too long while no gateway held the robot's
   /// session, or, if `has_begun_anew`, until the robot began a clean session.
   void on_stale_command(const std::string& robot, BrokerMessage message, bool has_begun_anew);
@@ -77,7 +76,8 @@ class Commands {
   void conclude(CommandOutcome outcome, const Sender& sender);
   void report(Notice notice, const std::string& type, std::string_view outcome,
               const Sender& sender);
-  void publish(CommandOutcome outcome);
+  void publish(CommandOutcome outcome, const Sender& sender);
+  void answer(const Sender& sender, const CommandOutcome& outcome);
 
   const TopicScheme& scheme_;
   RobotDirectory& directory_;

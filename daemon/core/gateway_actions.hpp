@@ -48,16 +48,16 @@ struct DeliverToMesh {
   RobotMessage message;
 };
 
-/// Report to the operator who has sent this command that it has no outcome here.
-struct CommandHandedOn {
-  CommandId id = CommandId::none;
+/// Tell the sender, who has asked for it, how the command has ended here.
+struct AnswerAsker {
+  Sender asker;
+  CommandOutcome outcome;
 };
 
-/// CommandOutcome as an action: report it to the operator who has sent this command.
-using GatewayAction =
-    std::variant<PassUp, FireReceipt, Upload, RobotForgotten, WantSession, SubscribeAtBroker,
-                 UnsubscribeAtBroker, DeliverToMesh, CommandOutcome, CommandHandedOn, TrafficEvent,
-                 MessageStep, Notice>;
+/// CommandOutcome as an action: show it to the observers.
+using GatewayAction = std::variant<PassUp, FireReceipt, Upload, RobotForgotten, WantSession,
+                                   SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
+                                   CommandOutcome, AnswerAsker, TrafficEvent, MessageStep, Notice>;
 using GatewayActions = ActionQueue<GatewayAction>;
 
 }  // namespace slamgw

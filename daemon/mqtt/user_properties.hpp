@@ -29,7 +29,7 @@ inline constexpr std::size_t received_at_bytes = 24;
 inline std::size_t user_property_bytes(const BrokerMessage& message,
                                        const std::string& gateway_id) {
   constexpr std::size_t frame = 1 + 2 + 2;
-  if (message.sender) return frame + sender_property.size() + message.sender->size();
+  if (message.sender) return frame + sender_property.size() + message.sender->who.size();
   if (!message.provenance) return 0;
   return 3 * frame + mesh_property.size() + to_string(message.provenance->mesh).size() +
          gateway_property.size() + gateway_id.size() + received_at_property.size() +

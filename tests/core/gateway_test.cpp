@@ -442,7 +442,7 @@ TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
   for (const std::string robot : {"ble-0100", "r1"}) {
     gateway.commands().on_robot_message(
         {robot, {"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}}, now);
-    gateway.commands().on_operator_command("uid 0", robot, "run", {}, now);
+    gateway.commands().on_operator_command({"uid 0"}, robot, "run", {}, now);
     gateway.on_broker_message({"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}, now);
     std::size_t refused = 0;
     while (const auto action = gateway.next_action()) {
@@ -456,7 +456,7 @@ TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
     EXPECT_EQ(refused, 3U);
   }
   gateway.set_names(RobotNames());
-  gateway.commands().on_operator_command("uid 0", "r1", "run", {}, now);
+  gateway.commands().on_operator_command({"uid 0"}, "r1", "run", {}, now);
   EXPECT_EQ(drain<DeliverToMesh>().size(), 1U);
 }
 
@@ -468,7 +468,7 @@ TEST_F(CommandsTest, AreInTheAuditTrailWithTheirSender) {
   gateway.commands().on_robot_message({"r1", planned}, now);
   gateway.commands().on_robot_message({"r1", {"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once}},
                                       now);
-  gateway.commands().on_operator_command("uid 7 (ann)", "r1", "run", {}, now);
+  gateway.commands().on_operator_command({"uid 7 (ann)"}, "r1", "run", {}, now);
   for (const auto& delivery : drain<DeliverToMesh>())
     gateway.on_mesh_event(
         CommandOutcome{
@@ -498,7 +498,7 @@ TEST_F(CommandsTest, OfAnOperatorAreInTheAuditTrailBesideAFlood) {
     gateway.on_broker_message({"ntnu-slam/server/nobody/cmd", {}, Qos::at_least_once}, now);
     now.mono += 1s;
     gateway.on_deadline(now);
-    gateway.commands().on_operator_command("uid 0 (root)", "nobody", "cmd", {}, now);
+    gateway.commands().on_operator_command({"uid 0 (root)"}, "nobody", "cmd", {}, now);
   }
   std::size_t orders = 0;
   std::size_t others = 0;
@@ -550,8 +550,6 @@ TEST_F(CommandsTest, ThatGoOnToAnotherGatewayEndHereWithoutAnOutcome) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const CommandId handed_on = command_sent();
   gateway.commands().on_handed_on(handed_on);
-  gateway.commands().on_handed_on(handed_on);
-  EXPECT_EQ(drain<CommandHandedOn>().size(), 1u);
   EXPECT_EQ(gateway.commands().open(), 0u);
   pass(1min);
   mesh_ends(handed_on);

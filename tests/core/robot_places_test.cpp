@@ -217,7 +217,7 @@ TEST_F(ContestedTest, KeepsTheTimeSinceWhenTheRobotIsInItsState) {
 class OperatorCommandTest : public RobotPlacesTest {
  protected:
   std::string refusal_of(const std::string& robot) {
-    const CommandId id = gateway.commands().on_operator_command("uid 0", robot, "run", {1}, now);
+    const CommandId id = gateway.commands().on_operator_command({"uid 0"}, robot, "run", {1}, now);
     std::string why;
     while (auto action = gateway.next_action()) {
       if (const auto* outcome = std::get_if<CommandOutcome>(&*action)) {

@@ -12,7 +12,7 @@ const mosquitto_property* PublishProperties::of(const BrokerMessage& message) {
   if (message.sender) {
     provenance_in_list_.reset();
     clear();
-    add(sender_property, *message.sender);
+    add(sender_property, message.sender->who);
     return list_;
   }
   if (!message.provenance) return nullptr;

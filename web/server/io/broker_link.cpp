@@ -50,7 +50,7 @@ std::optional<std::uint64_t> BrokerLink::publish(const CommandRequest& command) 
   upstream_.publish(++commands_, {.topic = command.topic,
                                   .payload = to_bytes(command.payload),
                                   .qos = Qos::at_least_once,
-                                  .sender = std::make_shared<const std::string>(command.sender)});
+                                  .sender = std::make_shared<const Asker>(Asker{command.sender})});
   return commands_;
 }
 
