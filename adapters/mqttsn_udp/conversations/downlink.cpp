@@ -271,7 +271,8 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   const auto is_open = [&](const Registering& open) {
     return open.attempt.msg_id == regack.msg_id;
   };
-  if (std::ranges::any_of(session.delivery.registering, is_open)) on_answer(session, regack.msg_id);
+  if (std::ranges::none_of(session.delivery.registering, is_open)) return;  // R68
+  on_answer(session, regack.msg_id);
   const auto topic = registration_.on_regack(session, regack, now);
   if (topic) output_.mark_changed(session);
   switch (regack.code) {

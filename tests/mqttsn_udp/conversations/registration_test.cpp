@@ -342,6 +342,15 @@ TEST(SnGateway, R68_IgnoresARegackNobodyWaitsFor) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
+/// A late copy of a REGACK, or one that another sender has made up.
+TEST(SnGateway, R68_GoesOnSendingAfterACongestionThatAnswersNothing) {
+  ConnectedRig rig;
+  rig.subscribe(1, "a/x", 0);
+  rig.send(1, Regack{1, 99, ReturnCode::congestion});
+  rig.broker("a/x", "1");
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=31");
+}
+
 TEST(SnGateway, R69_KeepsAMessageWhoseRegisterIsNotAnswered) {
   ConnectedRig rig(false, 600);
   rig.subscribe(1, "a/#", 1);
