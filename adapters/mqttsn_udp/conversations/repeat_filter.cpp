@@ -33,27 +33,30 @@ std::uint64_t fingerprint(const Publish& publish) {
 
 std::uint64_t fingerprint(ByteView bytes) { return never_0(mix(fnv_offset, bytes)); }
 
+/// Searches the two arrays of the buffer, because its iterators take four times as long.
+template <class Predicate>
+RepeatFilter::Entry* RepeatFilter::newest(Predicate is_wanted) {
+  for (const auto& [begin, size] : {entries_.array_two(), entries_.array_one()}) {
+    for (Entry* each = begin + size; each != begin;)
+      if (is_wanted(*--each)) return each;
+  }
+  return nullptr;
+}
+
 /// The last entry stays: it shows whether the next message has its MsgId.
 const RepeatFilter::Entry* RepeatFilter::find(const Publish& publish, std::uint64_t fingerprint,
                                               TimePoint now) {
-  while (size() > 1 && now - entries_[gone_].since > limits::repeat_window &&
-         entries_[gone_].receipt_id == 0) {
-    pop_front();
-  }
-  const auto is_same = [&](const Entry& entry) {
-    const bool is_fresh = entry.receipt_id != 0 || now - entry.since <= limits::repeat_window;
-    return entry.fingerprint == fingerprint && is_fresh;
+  const auto is_over = [&](const Entry& entry) {
+    return entry.receipt_id == 0 && now - entry.since > limits::repeat_window;
   };
+  while (entries_.size() > 1 && is_over(entries_.front())) entries_.pop_front();
   sets_dup_ |= publish.dup;
-  Entry* newest = nullptr;
-  auto from = msg_ids_.begin() + static_cast<std::ptrdiff_t>(gone_);
-  while ((from = std::find(from, msg_ids_.end(), publish.msg_id)) != msg_ids_.end()) {
-    Entry& entry = entries_[static_cast<std::size_t>(from++ - msg_ids_.begin())];
-    if (is_same(entry)) newest = &entry;
-  }
-  if (!newest || !is_repeat(*newest, publish, now)) return nullptr;
-  if (newest->receipt_id == 0 && !publish.dup) ++newest->repeats;
-  return newest;
+  Entry* known = newest([&](const Entry& entry) {
+    return entry.msg_id == publish.msg_id && entry.fingerprint == fingerprint && !is_over(entry);
+  });
+  if (!known || !is_repeat(*known, publish, now)) return nullptr;
+  if (known->receipt_id == 0 && !publish.dup) ++known->repeats;
+  return known;
 }
 
 /// Whether a message that equals `known`, and comes within its window, repeats it.
@@ -78,60 +81,36 @@ void RepeatFilter::on_request(std::uint16_t msg_id) {
 }
 
 void RepeatFilter::add(const Entry& entry) {
-  const auto begin = msg_ids_.begin() + static_cast<std::ptrdiff_t>(gone_);
-  const bool is_reused = std::find(begin, msg_ids_.end(), entry.msg_id) != msg_ids_.end();
+  const bool is_reused = newest([&](const Entry& old) { return old.msg_id == entry.msg_id; });
   if (is_reused && reuses_ids_) counted_ids_ = 0;  // one alone may be a copy made by the network
   reuses_ids_ = is_reused;
   on_request(entry.msg_id);
-  if (size() >= limits::max_repeats) pop_front();
+  if (entries_.full()) {
+    static_assert(limits::max_open_receipts < limits::max_repeats);
+    const auto is_acknowledged = [](const Entry& other) { return other.receipt_id == 0; };
+    const auto oldest = std::find_if(entries_.begin(), entries_.end(), is_acknowledged);
+    if (oldest != entries_.end()) entries_.rerase(oldest);
+  }
   entries_.push_back(entry);
-  msg_ids_.push_back(entry.msg_id);
 }
 
 void RepeatFilter::clear() { *this = {}; }
 
-/// Removes entries in halves, so that each entry is moved a bounded number of times.
-void RepeatFilter::pop_front() {
-  ++gone_;
-  if (2 * gone_ < entries_.size()) return;
-  erase(0, gone_);
-  gone_ = 0;
-}
-
-void RepeatFilter::erase(std::size_t begin, std::size_t end) {
-  const auto of = [](auto& all, std::size_t at) {
-    return all.begin() + static_cast<std::ptrdiff_t>(at);
-  };
-  entries_.erase(of(entries_, begin), of(entries_, end));
-  msg_ids_.erase(of(msg_ids_, begin), of(msg_ids_, end));
-  // A client that goes on as before needs this memory again.
-  if (4 * entries_.size() > entries_.capacity()) return;
-  entries_.shrink_to_fit();
-  msg_ids_.shrink_to_fit();
-}
-
 bool RepeatFilter::on_safe(std::uint64_t receipt_id, TimePoint now) {
-  const auto found = find_receipt(receipt_id);
-  if (found == entries_.rend()) return false;
-  found->receipt_id = 0;
-  found->since = now;
+  Entry* known = newest([&](const Entry& entry) { return entry.receipt_id == receipt_id; });
+  if (!known) return false;
+  known->receipt_id = 0;
+  known->since = now;
   return true;
 }
 
-std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receipt_id) {
-  const auto found = find_receipt(receipt_id);
-  if (found == entries_.rend()) return std::nullopt;
-  const Entry entry = *found;
-  const auto at = static_cast<std::size_t>(&*found - entries_.data());
-  erase(at, at + 1);
-  if (at < gone_) --gone_;
-  return entry;
-}
-
-std::vector<RepeatFilter::Entry>::reverse_iterator RepeatFilter::find_receipt(
-    std::uint64_t receipt_id) {
-  return std::find_if(entries_.rbegin(), entries_.rend(),
-                      [&](const Entry& entry) { return entry.receipt_id == receipt_id; });
+bool RepeatFilter::on_refused(std::uint64_t receipt_id) {
+  const auto known = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) {
+    return entry.receipt_id == receipt_id;
+  });
+  if (known == entries_.end()) return false;
+  entries_.erase(known);
+  return true;
 }
 
 }  // namespace slamgw::mqttsn

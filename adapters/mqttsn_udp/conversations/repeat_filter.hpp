@@ -12,10 +12,10 @@
 // up twice.
 #pragma once
 
+#include <boost/circular_buffer.hpp>
 #include <cstdint>
-#include <span>
-#include <vector>
 
+#include "adapters/mqttsn_udp/limits.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "daemon/core/time.hpp"
 
@@ -41,36 +41,33 @@ class RepeatFilter {
   const Entry* find(const Publish& publish, std::uint64_t fingerprint, TimePoint now);
   /// Call for REGISTER and SUBSCRIBE, which also show how the client makes its MsgIds.
   void on_request(std::uint16_t msg_id);
-  /// Adds a new message.
+  /// Adds a new message. If there is no room, forgets the oldest one that is acknowledged.
   void add(const Entry& entry);
   /// Marks the message as acknowledged. Returns false if none waits for this receipt.
   bool on_safe(std::uint64_t receipt_id, TimePoint now);
-  /// Forgets the message: its repetition is a new message.
-  std::optional<Entry> on_refused(std::uint64_t receipt_id);
+  /// Forgets the message: its repetition is a new message. Returns false as on_safe() does.
+  bool on_refused(std::uint64_t receipt_id);
   void clear();
   /// True if the client gives each message its own MsgId, one after the other. This is kept over a
   /// restart: else the first messages that the client repeats without DUP would go up twice.
   bool counts_ids() const;
   void set_counts_ids();
   /// Oldest first; some may be older than the window.
-  std::span<const Entry> entries() const { return std::span(entries_).subspan(gone_); }
+  const auto& entries() const { return entries_; }
 
  private:
   bool is_repeat(const Entry& known, const Publish& publish, TimePoint now) const;
-  std::size_t size() const { return entries_.size() - gone_; }
-  void pop_front();
-  void erase(std::size_t begin, std::size_t end);
-  /// Returns entries_.rend() when there is none.
-  std::vector<Entry>::reverse_iterator find_receipt(std::uint64_t receipt_id);
+  /// Returns the newest entry for which `is_wanted` holds, or null.
+  template <class Predicate>
+  Entry* newest(Predicate is_wanted);
 
   // Not a std::deque: an empty one has 576 octets, for each of thousands of clients.
-  std::vector<Entry> entries_;          // oldest first
-  std::vector<std::uint16_t> msg_ids_;  // of entries_; searched for each message
-  std::size_t gone_ = 0;                // at the front of both, not yet removed
-  std::uint16_t last_msg_id_ = 0;       // of a request or new message
-  std::uint16_t counted_ids_ = 0;       // small steps to the next one, up to min_counted_ids
-  bool reuses_ids_ = false;             // the last new message had the MsgId of another
-  bool sets_dup_ = false;               // the client marks repetitions
+  using Entries = boost::circular_buffer_space_optimized<Entry>;
+  Entries entries_{Entries::capacity_type(limits::max_repeats)};  // oldest first
+  std::uint16_t last_msg_id_ = 0;                                 // of a request or new message
+  std::uint16_t counted_ids_ = 0;  // small steps to the next one, up to min_counted_ids
+  bool reuses_ids_ = false;        // the last new message had the MsgId of another
+  bool sets_dup_ = false;          // the client marks repetitions
 };
 
 }  // namespace slamgw::mqttsn

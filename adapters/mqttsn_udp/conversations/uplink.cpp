@@ -264,7 +264,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
 /// Leaves the message unacknowledged, so that the robot keeps it. Its repetition is a new message.
 void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
   output_.count(Count::receipts_refused);
-  const bool was_qos1 = session.repeats.on_refused(receipt_id).has_value();
+  const bool was_qos1 = session.repeats.on_refused(receipt_id);
   const auto found = session.inbound_qos2.find(open.msg_id);
   const bool was_qos2 =
       found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;

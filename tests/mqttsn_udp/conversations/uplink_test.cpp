@@ -196,6 +196,21 @@ TEST(SnGateway, R76_ForwardsARepeatedQos1MessageOnce) {
   EXPECT_EQ(rig.reports.size(), 4U) << "the window is over";
 }
 
+TEST(SnGateway, R76_KnowsAWaitingMessageWhateverIsAcknowledgedMeanwhile) {
+  UplinkRig rig;
+  rig.publish(1, 1, 1, 1, "waits");
+  for (std::uint16_t id = 2; id <= limits::max_repeats + 2; ++id) {
+    rig.publish(1, 1, 1, id);
+    rig.receipt(rig.reports.back().receipt.id);
+  }
+  const std::size_t reported = rig.reports.size();
+  rig.publish(1, 1, 1, 1, "waits");
+  EXPECT_EQ(rig.reports.size(), reported);
+  rig.sent_to(1);
+  rig.receipt(rig.reports.front().receipt.id);
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBACK id=1 msg=1 code=0"});
+}
+
 /// One message of a client that repeats until it is answered: what it sends and is answered.
 struct EqualMessages : UplinkRig {
   void send_one(WireQos qos, std::uint16_t msg_id, bool dup = false) {
