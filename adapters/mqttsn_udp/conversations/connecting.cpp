@@ -32,7 +32,7 @@ void Connecting::on_connect(const Arrival& arrival, const Connect& connect) {
     return output_.send(session, Connack{ReturnCode::accepted});
   }
   const bool is_known = clients_.find(connect.client_id) != nullptr;
-  if (!is_known && !lifecycle_.make_room(peer, now)) return refuse_for_room(arrival);
+  if (!is_known && !lifecycle_.make_room(peer, now)) return refuse_for_place(arrival);
   Attempt attempt{
       arrival.local, connect, std::move(*robot), arrival.fingerprint, Stage::topic, {}, 0, {}};
   if (connect.will) return begin(arrival, std::move(attempt));
@@ -134,7 +134,9 @@ void Connecting::on_deadline(TimePoint now) {
 void Connecting::begin(const Arrival& arrival, Attempt attempt) {
   const Peer& peer = arrival.peer;
   if (is_open(peer)) take(peer);  // R28: from the beginning
-  if (!make_room()) return refuse_for_room(arrival);
+  if (!make_room())
+    return refuse_for_room(arrival, fmt::format("{} clients with wills are connecting already",
+                                                limits::max_handshakes));
   const bool is_stranger = !clients_.find(attempt.connect.client_id);
   Attempt& added = attempts_[peer] = std::move(attempt);
   if (is_stranger) strangers_.emplace(added.stranger = ++last_stranger_, peer);
@@ -186,7 +188,7 @@ void Connecting::complete(const Arrival& arrival, const Attempt& attempt,
   ClientSession* session = clients_.find(connect.client_id);
   const bool begins_anew = connect.clean_session || (session && !can_resume(*session));
   if (!session) {
-    if (!lifecycle_.make_room(peer, now)) return refuse_for_room(arrival);
+    if (!lifecycle_.make_room(peer, now)) return refuse_for_place(arrival);
     session = &clients_.create(connect.client_id, *robot);
   }
   if (session->state() == ClientState::active && session->peer && *session->peer != peer)
@@ -262,12 +264,15 @@ void Connecting::answer_refused(const Arrival& arrival, ReturnCode code) {
   output_.send(arrival.peer, arrival.local, Connack{code});
 }
 
-void Connecting::refuse_for_room(const Arrival& arrival) {
-  refusals_.on_refusal(
-      Count::connects_refused, {},
-      fmt::format("{} and others can't connect: all {} places (mqttsn.max_clients) are taken",
-                  to_string(arrival.peer), settings_.max_clients),
-      {}, arrival.now);
+void Connecting::refuse_for_place(const Arrival& arrival) {
+  refuse_for_room(
+      arrival, fmt::format("all {} places (mqttsn.max_clients) are taken", settings_.max_clients));
+}
+
+void Connecting::refuse_for_room(const Arrival& arrival, const std::string& why) {
+  refusals_.on_refusal(Count::connects_refused, why,
+                       fmt::format("{} and others can't connect: {}", to_string(arrival.peer), why),
+                       {}, arrival.now);
   if (settings_.is_full_silent()) return;  // the client tries again (R33)
   answer_refused(arrival, ReturnCode::congestion);
 }

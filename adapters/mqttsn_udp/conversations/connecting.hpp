@@ -64,7 +64,8 @@ class Connecting : Conversation {
   void on_takeover(ClientSession& session, const Peer& peer, TimePoint now);
   void refuse_name(const Arrival& arrival, const Connect& connect);
   void answer_refused(const Arrival& arrival, ReturnCode code);
-  void refuse_for_room(const Arrival& arrival);
+  void refuse_for_place(const Arrival& arrival);
+  void refuse_for_room(const Arrival& arrival, const std::string& why);
 
   Lifecycle& lifecycle_;
   Downlink& downlink_;

@@ -4,6 +4,7 @@
 
 #include <set>
 
+#include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -301,6 +302,19 @@ TEST(SnGateway, R31_RefusesTheNamesOfRobotsOnOtherMeshes) {
   elsewhere.insert("lego-2");  // taken in meanwhile
   rig.send(3, WillTopic{WireQos::zero, false, ""});
   EXPECT_EQ(rig.last_to(3), "CONNACK code=3");
+}
+
+TEST(SnGateway, SaysThatTooManyWillHandshakesAreOpen) {
+  SnRig rig;
+  for (unsigned n = 0; n <= limits::max_handshakes; ++n) {
+    const std::string id = "c" + std::to_string(n);
+    rig.connect(n, id);
+    rig.send(n, Connect{true, true, 1, 60, id});
+  }
+  ASSERT_FALSE(rig.notices.empty());
+  EXPECT_NE(rig.notices.back().text.find("1024 clients with wills are connecting already"),
+            std::string::npos)
+      << rig.notices.back().text;
 }
 
 TEST(SnGateway, R81_NobodyPublishesForARobotOfAnotherMesh) {
