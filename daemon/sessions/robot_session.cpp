@@ -355,12 +355,10 @@ void RobotSession::blame_unanswered() {
 void RobotSession::read_note(TimePoint now) {
   const bool is_asked = note_until_.has_value();
   note_until_ = now + longest_note_wait;
-  if (is_asked) return;
-  if (!is_held()) {
-    is_wanted_ = true;
-    return;
-  }
-  subscribe_own(names_.note_topic(robot_), /*wants_retained=*/true);
+  if (!is_held())
+    is_wanted_ = true;  // another gateway may have taken the session since the robot asked before
+  else if (!is_asked)
+    subscribe_own(names_.note_topic(robot_), /*wants_retained=*/true);
 }
 
 /// Ignores notes that are not retained: an UNSUBSCRIBE that was lost with its connection leaves old

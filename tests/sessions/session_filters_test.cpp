@@ -183,6 +183,22 @@ TEST_F(RobotSessionRulesUp, ReadsTheRetainedNoteAndNoneThatWaitedInTheSession) {
   EXPECT_EQ(as_text(read[0].note), "new");
 }
 
+/// The robot's first CONNECT was dropped when another gateway took the session.
+TEST_F(RobotSessionRulesUp, TakesTheSessionAgainForTheNoteOfARobotThatConnectsAgain) {
+  sessions.read_note("r1", now);
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  sessions.on_detached("r1", now);
+  forget_actions();
+  pass(seconds{1});
+  sessions.read_note("r1", now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  arrives({note_topic, to_bytes("new"), Qos::at_least_once, /*retain=*/true});
+  const auto read = drain<NoteRead>();
+  ASSERT_EQ(read.size(), 1U);
+  EXPECT_EQ(as_text(read[0].note), "new");
+}
+
 TEST_F(RobotSessionRulesUp, AnUnsubscribedFilterForAllCommandsIsTheGatewaysAfterwards) {
   const std::string everything = "ntnu-slam/server/r1/#";
   resume(everything);
