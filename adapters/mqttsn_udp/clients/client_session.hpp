@@ -61,20 +61,24 @@ struct PendingAnswer {
   std::string filter;  ///< not empty: the filter of a SUBACK that waits for the broker
 };
 
-class ClientSession {
+/// The part of a session that a snapshot copies as it is.
+struct SessionTerms {
+  LocalAddress local;
+  bool is_clean = true;
+  bool uses_client_id = false;  ///< the client is renamed, and its topics contain its client id
+  std::chrono::seconds keep_alive{0};
+  std::chrono::seconds sleep_duration{0};  ///< 0 if the client was active since it last slept
+};
+
+class ClientSession : public SessionTerms {
  public:
   std::string client_id;
   std::string robot;
 
   std::optional<Peer> peer;
-  LocalAddress local;
-  bool is_clean = true;
   /// The client has answered something that only the owner of its address can have read. Clients
   /// without such an answer lose their places first.
   bool has_answered = false;
-  bool uses_client_id = false;  ///< the client is renamed, and its topics contain its client id
-  std::chrono::seconds keep_alive{0};
-  std::chrono::seconds sleep_duration{0};  ///< 0 if the client was active since it last slept
   TimePoint last_heard{};
   TimePoint sign_of_life_reported{};      ///< when a sign of life was last reported
   std::uint64_t connect_fingerprint = 0;  ///< of the last CONNECT; 0 once something else came (R35)

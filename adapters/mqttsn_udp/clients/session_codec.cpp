@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <concepts>
+#include <tuple>
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 
@@ -90,125 +91,164 @@ class CborBounds {
   std::vector<std::uint64_t> open_;  // for each level the items that are still to come
 };
 
-/// Reads a time of the monotonic clock; a time that the type can't hold becomes `latest_ms`.
-TimePoint clock_time(const Json& json) {
-  constexpr std::uint64_t latest_ms = 1'000'000'000'000;  // 31 years after the host's start
-  return TimePoint(milliseconds(std::min(json.get<std::uint64_t>(), latest_ms)));
+[[noreturn]] void refuse(const char* what) { throw Json::other_error::create(501, what, nullptr); }
+
+// The fields of a session, each listed once for reading and writing. members() lists the members of
+// a map, items() the elements of an array, in the order in which they are written.
+
+void members(auto& io, Peer& peer) {
+  io("address", peer.endpoint.address);
+  io("port", peer.endpoint.port);
+  io("scope", peer.endpoint.scope_id);
+  Bytes node = to_bytes(peer.node_id);
+  io("node", node);
+  peer.node_id = as_text(node);
+  if (io.has("identity", !peer.identity.empty())) io("identity", peer.identity);
 }
 
-Bytes octets(const Json& json) { return json.get_binary(); }
-
-template <class Enum>
-Enum checked(const Json& json, Enum last) {
-  const auto value = json.get<unsigned>();
-  if (value > static_cast<unsigned>(last)) throw Json::other_error::create(501, "range", nullptr);
-  return static_cast<Enum>(value);
+void members(auto& io, Will& will) {
+  io("topic", will.topic);
+  io("message", will.message);
+  io("qos", will.qos);
+  io("retain", will.retain);
 }
 
-IpAddress address(const Json& json) {
-  const Bytes read = octets(json);
-  IpAddress out{};
-  if (read.size() != out.size()) throw Json::other_error::create(501, "address", nullptr);
-  std::copy(read.begin(), read.end(), out.begin());
-  return out;
+void members(auto& io, MessageSnapshot& message) {
+  io("topic", message.message.topic);
+  io("payload", message.message.payload);
+  io("sent_qos", message.message.qos);
+  io("retain", message.message.retain);
+  io("qos", message.qos);
+  io("type", message.topic_id_type);
+  io("predefined", message.predefined_id);
+  io("msg_id", message.msg_id);
+  io.optional("command_ms", message.command_age);
 }
 
-Peer to_peer(const Json& json) {
-  const Bytes node = octets(json.at("node"));
-  return {{address(json.at("address")), json.at("port"), json.at("scope")},
-          std::string(node.begin(), node.end()),
-          json.value("identity", std::string())};
+auto items(SubscriptionSnapshot& s) {
+  return std::tie(s.filter, s.qos, s.topic_id_type, s.topic_id);
+}
+auto items(TopicTable::Topic& t) { return std::tie(t.name, t.is_known, t.is_own, t.id); }
+auto items(RepeatSnapshot& r) { return std::tie(r.msg_id, r.topic_id, r.fingerprint, r.age); }
+auto items(std::pair<std::uint16_t, std::uint64_t>& inbound) {
+  return std::tie(inbound.first, inbound.second);
 }
 
-Will to_will(const Json& json) {
-  return {json.at("topic"), octets(json.at("message")), checked(json.at("qos"), Qos::exactly_once),
-          json.at("retain")};
+void members(auto& io, SessionSnapshot& s) {
+  unsigned written_version = version;
+  io("version", written_version);
+  if (written_version != version) refuse("version");
+  io("client_id", s.client_id);
+  io("robot", s.robot);
+  io("state", s.state);
+  io("local", s.local.address);
+  io("interface", s.local.interface);
+  io("socket", s.local.socket);
+  io("clean", s.is_clean);
+  io("uses_client_id", s.uses_client_id);
+  io("keep_alive_s", s.keep_alive);
+  io("sleep_s", s.sleep_duration);
+  io("topics", s.topics);
+  io("subscriptions", s.subscriptions);
+  io("messages", s.messages);
+  io("released", s.released);
+  if (io.has("abandoned", true)) io("abandoned", s.abandoned);
+  io("inbound_qos2", s.inbound_qos2);
+  io("repeats", s.repeats);
+  io("counts_ids", s.counts_ids);
+  io("last_msg_id", s.last_msg_id);
+  io("answered", s.has_answered);
+  s.is_validated = !io.has("allowance", !s.is_validated);
+  if (!s.is_validated) io("allowance", s.allowance);
+  io.optional("saved_ms", s.saved_at);
+  io.optional("peer", s.peer);
+  io.optional("will", s.will);
 }
 
-SubscriptionSnapshot to_subscription(const Json& json) {
-  return {json.at(0), checked(json.at(1), Qos::exactly_once),
-          checked(json.at(2), TopicIdType::short_name), json.at(3)};
-}
+template <class Value>
+concept Listed = requires(Value& value) {
+  items(value);
+};
 
-MessageSnapshot to_message(const Json& json) {
-  MessageSnapshot m;
-  m.message = {json.at("topic"), octets(json.at("payload")),
-               checked(json.at("sent_qos"), Qos::exactly_once), json.at("retain")};
-  m.qos = checked(json.at("qos"), Qos::exactly_once);
-  m.topic_id_type = checked(json.at("type"), TopicIdType::short_name);
-  m.predefined_id = json.at("predefined");
-  m.msg_id = json.at("msg_id");
-  if (json.contains("command_ms"))
-    m.command_age = std::chrono::milliseconds(json.at("command_ms").get<std::uint32_t>());
-  return m;
-}
+template <class Value>
+concept Enum = std::is_enum_v<Value>;
 
-TopicTable::Topic to_topic(const Json& json) {
-  return {json.at(0), json.at(3), json.at(1), json.at(2)};
-}
+constexpr Qos last_of(Qos) { return Qos::exactly_once; }
+constexpr TopicIdType last_of(TopicIdType) { return TopicIdType::short_name; }
+constexpr ClientState last_of(ClientState) { return ClientState::lost; }
 
-SessionSnapshot to_session(const Json& json) {
-  SessionSnapshot out;
-  out.client_id = json.at("client_id");
-  out.robot = json.at("robot");
-  out.state = checked(json.at("state"), ClientState::lost);
-  if (json.contains("peer")) out.peer = to_peer(json.at("peer"));
-  out.local = {address(json.at("local")), json.at("interface"), json.at("socket")};
-  out.is_clean = json.at("clean");
-  out.keep_alive = std::chrono::seconds(json.at("keep_alive_s").get<std::uint32_t>());
-  out.sleep_duration = std::chrono::seconds(json.at("sleep_s").get<std::uint32_t>());
-  if (json.contains("will")) out.will = to_will(json.at("will"));
-  for (const Json& topic : json.at("topics")) out.topics.push_back(to_topic(topic));
-  for (const Json& s : json.at("subscriptions")) out.subscriptions.push_back(to_subscription(s));
-  for (const Json& message : json.at("messages")) out.messages.push_back(to_message(message));
-  out.released = json.at("released").get<decltype(out.released)>();
-  out.abandoned = json.value("abandoned", out.abandoned);
-  for (const Json& inbound : json.at("inbound_qos2"))
-    out.inbound_qos2.emplace_back(inbound.at(0), inbound.at(1));
-  for (const Json& repeat : json.at("repeats")) {
-    out.repeats.push_back({repeat.at(0), repeat.at(1), repeat.at(2),
-                           std::chrono::milliseconds(repeat.at(3).get<std::uint32_t>())});
+/// Reads the members of a map. Throws Json::exception when one is missing or unreadable.
+class JsonReader {
+ public:
+  explicit JsonReader(const Json& map) : map_(map) {}
+
+  void operator()(const char* name, auto& value) { take(map_.at(name), value); }
+  bool has(const char* name, bool) const { return map_.contains(name); }
+  template <class Value>
+  void optional(const char* name, std::optional<Value>& value) {
+    if (has(name, {})) take(map_.at(name), *(value = Value{}));
   }
-  out.counts_ids = json.at("counts_ids");
-  out.last_msg_id = json.at("last_msg_id");
-  out.has_answered = json.at("answered");
-  out.is_validated = !json.contains("allowance");
-  out.allowance = json.value("allowance", 0U);
-  out.uses_client_id = json.at("uses_client_id");
-  if (json.contains("saved_ms")) out.saved_at = clock_time(json.at("saved_ms"));
-  return out;
-}
+
+  static void take(const Json& map, auto& record) {
+    JsonReader reader(map);
+    members(reader, record);
+  }
+
+ private:
+  static void take(const Json& json, std::string& text) { json.get_to(text); }
+  static void take(const Json& json, std::integral auto& number) { json.get_to(number); }
+  static void take(const Json& json, Bytes& octets) { octets = json.get_binary(); }
+  static void take(const Json& json, IpAddress& address) {
+    const Bytes& octets = json.get_binary();
+    if (octets.size() != address.size()) refuse("address");
+    std::ranges::copy(octets, address.begin());
+  }
+  static void take(const Json& json, Enum auto& value) {
+    const auto number = json.get<unsigned>();
+    if (number > static_cast<unsigned>(last_of(value))) refuse("range");
+    value = static_cast<std::remove_reference_t<decltype(value)>>(number);
+  }
+  template <class Period>
+  static void take(const Json& json, std::chrono::duration<std::int64_t, Period>& duration) {
+    duration = std::chrono::duration<std::int64_t, Period>(json.get<std::uint32_t>());
+  }
+  /// A time that the type can't hold becomes `latest_ms`.
+  static void take(const Json& json, TimePoint& time) {
+    constexpr std::uint64_t latest_ms = 1'000'000'000'000;  // 31 years after the host's start
+    time = TimePoint(milliseconds(std::min(json.get<std::uint64_t>(), latest_ms)));
+  }
+  template <class Value>
+  static void take(const Json& json, std::vector<Value>& values) {
+    for (const Json& each : json) take(each, values.emplace_back());
+  }
+  static void take(const Json& array, Listed auto& record) {
+    std::size_t at = 0;
+    std::apply([&](auto&... each) { (take(array.at(at++), each), ...); }, items(record));
+  }
+
+  const Json& map_;
+};
 
 /// Writes CBOR (RFC 8949) without a tree of values, because each connection saves a session. Maps
-/// and arrays have no length in front (section 3.2.2); end() closes the innermost.
+/// and arrays have no length in front (section 3.2.2); an octet ends them.
 class CborWriter {
  public:
   CborWriter() { out_.reserve(short_text); }
 
-  void begin_array() { out_.push_back(0x9f); }
-  void begin_map() { out_.push_back(0xbf); }
-  void end() { out_.push_back(0xff); }
-
-  void write(bool value) { out_.push_back(value ? 0xf5 : 0xf4); }
-  template <std::unsigned_integral Number>
-  void write(Number value) {
-    write_head(unsigned_type, value);
+  void operator()(std::string_view name, auto& value) {
+    put(name);
+    put(value);
   }
-  void write(std::string_view text) {
-    write_head(text_type, text.size());
-    append(as_bytes(text));
-  }
-  void write(const char* text) { write(std::string_view(text)); }
-  void write(ByteView octets) {
-    write_head(octets_type, octets.size());
-    append(octets);
-  }
-
-  /// Writes a member of a map.
+  static bool has(std::string_view, bool is_set) { return is_set; }
   template <class Value>
-  void write(std::string_view name, const Value& value) {
-    write(name);
-    write(value);
+  void optional(std::string_view name, std::optional<Value>& value) {
+    if (value) (*this)(name, *value);
+  }
+
+  void put(auto& record) {
+    out_.push_back(begin_map);
+    members(*this, record);
+    out_.push_back(end);
   }
 
   /// Returns the octets without spare memory, because thousands of sessions may wait for the disk.
@@ -224,8 +264,39 @@ class CborWriter {
   static constexpr std::uint8_t unsigned_type = 0x00;
   static constexpr std::uint8_t octets_type = 0x40;
   static constexpr std::uint8_t text_type = 0x60;
+  static constexpr std::uint8_t begin_array = 0x9f;
+  static constexpr std::uint8_t begin_map = 0xbf;
+  static constexpr std::uint8_t end = 0xff;
 
-  void write_head(std::uint8_t type, std::uint64_t argument) {
+  void put(bool& value) { out_.push_back(value ? 0xf5 : 0xf4); }
+  void put(std::unsigned_integral auto& number) { put_head(unsigned_type, number); }
+  void put(std::string_view text) { put_octets(text_type, as_bytes(text)); }
+  void put(std::string& text) { put(std::string_view(text)); }
+  void put(ByteView octets) { put_octets(octets_type, octets); }
+  void put(Bytes& octets) { put(ByteView(octets)); }
+  void put(IpAddress& address) { put(ByteView(address)); }
+  void put(Enum auto& value) { put_head(unsigned_type, static_cast<unsigned>(value)); }
+  template <class Period>
+  void put(std::chrono::duration<std::int64_t, Period>& duration) {
+    put_head(unsigned_type, static_cast<std::uint64_t>(duration.count()));
+  }
+  void put(TimePoint& time) {
+    auto since_start = std::chrono::duration_cast<milliseconds>(time.time_since_epoch());
+    put(since_start);
+  }
+  template <class Value>
+  void put(std::vector<Value>& values) {
+    out_.push_back(begin_array);
+    for (Value& each : values) put(each);
+    out_.push_back(end);
+  }
+  void put(Listed auto& record) {
+    out_.push_back(begin_array);
+    std::apply([&](auto&... each) { (put(each), ...); }, items(record));
+    out_.push_back(end);
+  }
+
+  void put_head(std::uint8_t type, std::uint64_t argument) {
     constexpr unsigned in_head = 24;  // smaller arguments are part of the first octet
     unsigned size_code = 0;           // 2 to this power: octets that follow
     while (size_code < 3 && argument >> (8U << size_code) != 0) ++size_code;
@@ -234,147 +305,28 @@ class CborWriter {
     for (unsigned shift = 8U << size_code; shift > 0; shift -= 8)
       out_.push_back(static_cast<std::uint8_t>(argument >> (shift - 8)));
   }
-  void append(ByteView octets) { out_.insert(out_.end(), octets.begin(), octets.end()); }
+  void put_octets(std::uint8_t type, ByteView octets) {
+    put_head(type, octets.size());
+    out_.insert(out_.end(), octets.begin(), octets.end());
+  }
 
   Bytes out_;
 };
 
-template <class Duration>
-std::uint64_t count_of(Duration duration) {
-  return static_cast<std::uint64_t>(duration.count());
-}
-
-template <class Enum>
-unsigned number_of(Enum value) {
-  return static_cast<unsigned>(value);
-}
-
-void write(CborWriter& out, const Peer& peer) {
-  out.begin_map();
-  out.write("address", ByteView(peer.endpoint.address));
-  out.write("port", peer.endpoint.port);
-  out.write("scope", peer.endpoint.scope_id);
-  out.write("node", as_bytes(peer.node_id));
-  if (!peer.identity.empty()) out.write("identity", std::string_view(peer.identity));
-  out.end();
-}
-
-void write(CborWriter& out, const Will& will) {
-  out.begin_map();
-  out.write("topic", std::string_view(will.topic));
-  out.write("message", ByteView(will.message));
-  out.write("qos", number_of(will.qos));
-  out.write("retain", will.retain);
-  out.end();
-}
-
-void write(CborWriter& out, const SubscriptionSnapshot& subscription) {
-  out.begin_array();
-  out.write(std::string_view(subscription.filter));
-  out.write(number_of(subscription.qos));
-  out.write(number_of(subscription.topic_id_type));
-  out.write(subscription.topic_id);
-  out.end();
-}
-
-void write(CborWriter& out, const MessageSnapshot& message) {
-  out.begin_map();
-  out.write("topic", std::string_view(message.message.topic));
-  out.write("payload", ByteView(message.message.payload));
-  out.write("sent_qos", number_of(message.message.qos));
-  out.write("retain", message.message.retain);
-  out.write("qos", number_of(message.qos));
-  out.write("type", number_of(message.topic_id_type));
-  out.write("predefined", message.predefined_id);
-  out.write("msg_id", message.msg_id);
-  if (message.command_age) out.write("command_ms", count_of(*message.command_age));
-  out.end();
-}
-
-void write(CborWriter& out, const TopicTable::Topic& topic) {
-  out.begin_array();
-  out.write(std::string_view(topic.name));
-  out.write(topic.is_known);
-  out.write(topic.is_own);
-  out.write(topic.id);
-  out.end();
-}
-
-void write(CborWriter& out, const RepeatSnapshot& repeat) {
-  out.begin_array();
-  out.write(repeat.msg_id);
-  out.write(repeat.topic_id);
-  out.write(repeat.fingerprint);
-  out.write(count_of(repeat.age));
-  out.end();
-}
-
-void write(CborWriter& out, const std::pair<std::uint16_t, std::uint64_t>& inbound) {
-  out.begin_array();
-  out.write(inbound.first);
-  out.write(inbound.second);
-  out.end();
-}
-
-void write(CborWriter& out, std::uint16_t msg_id) { out.write(msg_id); }
-
-template <class Range>
-void write_all(CborWriter& out, std::string_view name, const Range& range) {
-  out.write(name);
-  out.begin_array();
-  for (const auto& element : range) write(out, element);
-  out.end();
-}
-
 }  // namespace
 
-Bytes encode_session(const SessionSnapshot& snapshot) {
+Bytes encode_session(SessionSnapshot snapshot) {
   CborWriter out;
-  out.begin_map();
-  out.write("version", version);
-  out.write("client_id", std::string_view(snapshot.client_id));
-  out.write("robot", std::string_view(snapshot.robot));
-  out.write("state", number_of(snapshot.state));
-  out.write("local", ByteView(snapshot.local.address));
-  out.write("interface", snapshot.local.interface);
-  out.write("socket", snapshot.local.socket);
-  out.write("clean", snapshot.is_clean);
-  out.write("uses_client_id", snapshot.uses_client_id);
-  out.write("keep_alive_s", count_of(snapshot.keep_alive));
-  out.write("sleep_s", count_of(snapshot.sleep_duration));
-  write_all(out, "topics", snapshot.topics);
-  write_all(out, "subscriptions", snapshot.subscriptions);
-  write_all(out, "messages", snapshot.messages);
-  write_all(out, "released", snapshot.released);
-  write_all(out, "abandoned", snapshot.abandoned);
-  write_all(out, "inbound_qos2", snapshot.inbound_qos2);
-  write_all(out, "repeats", snapshot.repeats);
-  out.write("counts_ids", snapshot.counts_ids);
-  out.write("last_msg_id", snapshot.last_msg_id);
-  out.write("answered", snapshot.has_answered);
-  if (!snapshot.is_validated) out.write("allowance", snapshot.allowance);
-  if (snapshot.saved_at)
-    out.write(
-        "saved_ms",
-        count_of(std::chrono::duration_cast<milliseconds>(snapshot.saved_at->time_since_epoch())));
-  if (snapshot.peer) {
-    out.write("peer");
-    write(out, *snapshot.peer);
-  }
-  if (snapshot.will) {
-    out.write("will");
-    write(out, *snapshot.will);
-  }
-  out.end();
+  out.put(snapshot);
   return out.take();
 }
 
 std::optional<SessionSnapshot> decode_session(ByteView content) {
   if (!CborBounds(content).hold()) return std::nullopt;
   try {
-    const Json json = Json::from_cbor(content.begin(), content.end());
-    if (json.at("version").get<unsigned>() != version) return std::nullopt;
-    return to_session(json);
+    SessionSnapshot snapshot;
+    JsonReader::take(Json::from_cbor(content.begin(), content.end()), snapshot);
+    return snapshot;
   } catch (const Json::exception&) {
     return std::nullopt;
   }

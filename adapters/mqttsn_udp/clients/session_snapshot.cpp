@@ -69,16 +69,12 @@ bool leave_out_young_commands(SessionSnapshot& snapshot) {
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   SessionSnapshot out;
+  static_cast<SessionTerms&>(out) = session;
   out.client_id = session.client_id;
   out.robot = session.robot;
   out.state = session.state() == ClientState::awake ? ClientState::asleep : session.state();
   out.peer = session.peer;
-  out.local = session.local;
-  out.is_clean = session.is_clean;
   out.has_answered = session.has_answered;
-  out.uses_client_id = session.uses_client_id;
-  out.keep_alive = session.keep_alive;
-  out.sleep_duration = session.sleep_duration;
   if (session.will) out.will = *session.will;
   out.topics = session.topics.topics();
   for (const auto& [filter, s] : session.subscriptions)
@@ -116,13 +112,9 @@ SessionSnapshot to_note(const SessionSnapshot& snapshot) {
 }
 
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
-  session.local = snapshot.local;
+  static_cast<SessionTerms&>(session) = snapshot;
   // Interface indices may have changed; only link-local addresses are useless without one.
   if (!is_link_local(session.local.address)) session.local.interface = 0;
-  session.is_clean = snapshot.is_clean;
-  session.uses_client_id = snapshot.uses_client_id;
-  session.keep_alive = snapshot.keep_alive;
-  session.sleep_duration = snapshot.sleep_duration;
   session.last_heard = now;
   if (snapshot.will && is_valid_topic_name(snapshot.will->topic))
     session.will = std::make_unique<Will>(*snapshot.will);

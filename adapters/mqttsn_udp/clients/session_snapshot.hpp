@@ -41,19 +41,14 @@ struct RepeatSnapshot {
   std::chrono::milliseconds age{0};  ///< when the snapshot was taken
 };
 
-struct SessionSnapshot {
+struct SessionSnapshot : SessionTerms {
   std::string client_id;
   std::string robot;
   ClientState state = ClientState::disconnected;  ///< never awake
   std::optional<Peer> peer;
-  LocalAddress local;
   bool is_validated = true;     ///< its address has shown that it receives
   std::uint32_t allowance = 0;  ///< if not: octets that may be sent there
-  bool is_clean = true;
   bool has_answered = false;
-  bool uses_client_id = false;
-  std::chrono::seconds keep_alive{0};
-  std::chrono::seconds sleep_duration{0};
   std::optional<Will> will;
   std::vector<TopicTable::Topic> topics;
   std::vector<SubscriptionSnapshot> subscriptions;
@@ -84,7 +79,7 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
 
 /// Encodes a session for the store and for notes: CBOR (RFC 8949) of a map with a `version`. The
 /// decoder ignores members that it does not know.
-Bytes encode_session(const SessionSnapshot& snapshot);
+Bytes encode_session(SessionSnapshot snapshot);
 /// Returns nothing if the octets are damaged or of another version.
 std::optional<SessionSnapshot> decode_session(ByteView content);
 

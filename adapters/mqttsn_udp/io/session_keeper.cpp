@@ -88,7 +88,7 @@ void SessionKeeper::save_some() {
     std::optional<Bytes> content;
     if (auto snapshot = gateway_.snapshot(id, now)) {
       if (!is_stopping_ && leave_out_young_commands(*snapshot)) save_again_later(id);
-      content = encode_session(*snapshot);
+      content = encode_session(std::move(*snapshot));
     }
     changes.push_back({std::move(id), std::move(content)});
   }

@@ -468,6 +468,65 @@ TEST(SnGateway, TakesSomeOfTheChangedSessionsAtATime) {
   EXPECT_FALSE(rig.gateway.has_changed());
 }
 
+/// A session with a value for each field.
+SessionSnapshot whole_session() {
+  SessionSnapshot session;
+  session.client_id = "nrf-7";
+  session.robot = "r7";
+  session.state = ClientState::asleep;
+  session.peer = Peer{{{0xfd, 1}, 47193, 3}, "\x0a\xff", "nrf-7"};
+  session.local = {{0xfd, 2}, 4, 1};
+  session.is_validated = false;
+  session.allowance = 300;
+  session.is_clean = false;
+  session.has_answered = true;
+  session.uses_client_id = true;
+  session.keep_alive = std::chrono::seconds(60);
+  session.sleep_duration = std::chrono::seconds(70'000);
+  session.will = Will{"w/x", to_bytes("bye"), Qos::at_least_once, true};
+  session.topics = {{"a/1", 5, true, false}, {"a/2", 0xfffe, false, true}};
+  session.subscriptions = {{"a/#", Qos::exactly_once, TopicIdType::short_name, 9}};
+  session.messages = {{{"a/1", to_bytes("go"), Qos::exactly_once, true},
+                       Qos::at_least_once,
+                       TopicIdType::predefined,
+                       7,
+                       8,
+                       std::chrono::milliseconds(1500)},
+                      {{"a/2", {}, Qos::at_least_once}}};
+  session.released = {1, 400};
+  session.abandoned = {2};
+  session.inbound_qos2 = {{3, 0xfedcba9876543210U}};
+  session.repeats = {{4, 5, 6, std::chrono::milliseconds(70)}};
+  session.counts_ids = true;
+  session.last_msg_id = 0x1234;
+  session.saved_at = TimePoint(std::chrono::milliseconds(5'000'000'000));
+  return session;
+}
+
+/// What version 0.1.0 writes of it.
+constexpr std::string_view whole_record =
+    "bf6776657273696f6e0169636c69656e745f6964656e72662d3765726f626f7462723765737461746501656c"
+    "6f63616c50fd02000000000000000000000000000069696e746572666163650466736f636b65740165636c65"
+    "616ef46e757365735f636c69656e745f6964f56c6b6565705f616c6976655f73183c67736c6565705f731a00"
+    "01117066746f706963739f9f63612f31f5f405ff9f63612f32f4f519fffeffff6d737562736372697074696f"
+    "6e739f9f63612f23020209ffff686d657373616765739fbf65746f70696363612f31677061796c6f61644267"
+    "6f6873656e745f716f73026672657461696ef563716f73016474797065016a707265646566696e656407666d"
+    "73675f6964086a636f6d6d616e645f6d731905dcffbf65746f70696363612f32677061796c6f616440687365"
+    "6e745f716f73016672657461696ef463716f73016474797065006a707265646566696e656400666d73675f69"
+    "6400ffff6872656c65617365649f01190190ff696162616e646f6e65649f02ff6c696e626f756e645f716f73"
+    "329f9f031bfedcba9876543210ffff67726570656174739f9f0405061846ffff6a636f756e74735f696473f5"
+    "6b6c6173745f6d73675f696419123468616e737765726564f569616c6c6f77616e636519012c687361766564"
+    "5f6d731b000000012a05f2006470656572bf676164647265737350fd01000000000000000000000000000064"
+    "706f727419b8596573636f706503646e6f6465420aff686964656e74697479656e72662d37ff6477696c6cbf"
+    "65746f70696363772f78676d6573736167654362796563716f73016672657461696ef5ffff";
+
+TEST(SessionCodec, WritesAndReadsTheOctetsOfARelease) {
+  EXPECT_EQ(to_hex(encode_session(whole_session())), whole_record);
+  const auto read = decode_session(*from_hex(whole_record));
+  ASSERT_TRUE(read);
+  EXPECT_EQ(to_hex(encode_session(*read)), whole_record);
+}
+
 /// Whatever became of the octets, restoring them harms nothing.
 TEST(SessionCodec, SurvivesDamage) {
   SnRig before;
