@@ -2,8 +2,8 @@
 // The names of predefined and short topics, and the rules for the client id that a peer may use.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -36,13 +36,17 @@ std::string short_name(std::uint16_t topic_id);
 /// Returns the id field of a short topic; `name` has exactly two octets.
 std::uint16_t short_name_id(std::string_view name);
 
+/// Returns true if a robot of another mesh has this name.
+using NameCheck = std::function<bool(const std::string& robot)>;
+
 /// The members that are not const may change (SnGateway::reconfigure).
 struct NameRules {
   TopicPolicy policy;
   RobotNames names;
   const PredefinedTopics predefined;
   const RequireIdentity required = RequireIdentity::none;
-  Identities identities{};  ///< client ids that have a key
+  Identities identities{};   ///< client ids that have a key
+  NameCheck is_elsewhere{};  ///< may be empty
 
   /// Returns the name of a predefined or short topic; nothing for an id that has none.
   std::optional<std::string> topic_of(std::string_view client_id, TopicIdType type,
@@ -63,13 +67,14 @@ struct NameRules {
     if (peer.identity.empty()) return !needs_identity(client_id);
     return peer.identity == client_id && identities.contains(client_id);
   }
-  /// Whether `peer` may use the client id of the robot with this name.
-  bool may_speak_for(const std::string& robot, const Peer& peer) const {
-    const auto& configured = names.configured();
-    const auto known = std::ranges::find(configured, robot, &RobotName::id);
-    const bool is_renamed = known != configured.end() && known->mqttsn_client_id;
-    return may_speak(is_renamed ? *known->mqttsn_client_id : robot, peer);
+  /// Returns the name of this client's robot; nothing when the client may not connect.
+  std::optional<std::string> robot_of(const std::string& client_id) const;
+  /// Like robot_of(), but also returns nothing when `peer` may not use this client id.
+  std::optional<std::string> robot_at(const Peer& peer, const std::string& client_id) const {
+    return may_speak(client_id, peer) ? robot_of(client_id) : std::nullopt;
   }
+  /// Returns the client id of the robot with this name; robot_of() says whether it exists.
+  std::string client_of(const std::string& robot) const;
 };
 
 }  // namespace slamgw::mqttsn

@@ -58,9 +58,8 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       roaming_(common_),
       notes_(common_),
       connecting_(common_, lifecycle_, downlink_, wills_, guard_),
-      renaming_(common_, subscriptions_, lifecycle_, connecting_),
-      restoring_(common_, subscriptions_, commands_, downlink_, lifecycle_, connecting_,
-                 supervision_),
+      renaming_(common_, subscriptions_, lifecycle_),
+      restoring_(common_, subscriptions_, commands_, downlink_, lifecycle_, supervision_),
       discovery_(common_, guard_),
       pings_(common_) {}
 

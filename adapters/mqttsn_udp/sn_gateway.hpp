@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "adapters/mqttsn_udp/conversations/connecting.hpp"
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
 #include "adapters/mqttsn_udp/conversations/operator_pings.hpp"
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
@@ -42,10 +43,7 @@ class SnGateway {
 
   /// Refuses clients whose robot's name belongs to another mesh (a device speaks only for itself),
   /// unless the configuration allows it.
-  void refuse_names(const NameCheck& is_elsewhere) {
-    uplink_.refuse_names(is_elsewhere);
-    connecting_.refuse_names(is_elsewhere);
-  }
+  void refuse_names(NameCheck is_elsewhere) { rules_.is_elsewhere = std::move(is_elsewhere); }
 
   /// Sets the client ids that have a key. Call before the first input; later, call reconfigure().
   void use_identities(Identities identities) { rules_.identities = std::move(identities); }

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <utility>
 
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
@@ -23,7 +22,7 @@ bool can_resume(const ClientSession& session) {
 void Connecting::on_connect(const Arrival& arrival, const Connect& connect) {
   const Peer& peer = arrival.peer;
   const TimePoint now = arrival.now;
-  auto robot = robot_at(peer, connect.client_id);
+  auto robot = rules_.robot_at(peer, connect.client_id);
   if (!robot || connect.protocol != protocol_id) return refuse_name(arrival, connect);
   if (is_repetition(arrival, connect)) {
     ClientSession& session = *clients_.find(peer);
@@ -42,25 +41,6 @@ void Connecting::on_connect(const Arrival& arrival, const Connect& connect) {
   const bool may_keep = known && can_resume(*known) && !connect.clean_session;  // R45
   if (may_keep && known->will) kept = *known->will;
   complete(arrival, attempt, std::move(kept));
-}
-
-/// A client that the configuration names may have an address on another mesh, too. Other clients
-/// must not use the name of a robot there.
-std::optional<std::string> Connecting::robot_of(const std::string& client_id) const {
-  if (!is_valid_level(client_id)) return std::nullopt;
-  auto robot = rules_.names.of_client(client_id);
-  if (!robot || !is_valid_level(*robot)) return std::nullopt;
-  const auto& configured = rules_.names.configured();
-  const bool is_configured = std::ranges::any_of(
-      configured, [&](const RobotName& name) { return name.mqttsn_client_id == client_id; });
-  if (!is_configured && is_elsewhere_ && is_elsewhere_(*robot)) return std::nullopt;
-  return robot;
-}
-
-std::optional<std::string> Connecting::robot_at(const Peer& peer,
-                                                const std::string& client_id) const {
-  if (!rules_.may_speak(client_id, peer)) return std::nullopt;
-  return robot_of(client_id);
 }
 
 /// Returns true if the CONNECT is a copy because its CONNACK was lost. CONNACK is sent again, and
@@ -177,7 +157,8 @@ void Connecting::complete(const Arrival& arrival, const Attempt& attempt,
   const Peer& peer = arrival.peer;
   const TimePoint now = arrival.now;
   const Connect& connect = attempt.connect;
-  const auto robot = robot_at(peer, connect.client_id);  // names may change during the handshake
+  const auto robot =
+      rules_.robot_at(peer, connect.client_id);  // names may change during the handshake
   if (!robot) return refuse_name(arrival, connect);
   if (will && *robot != attempt.robot) {
     auto own = replace_robot(rules_.policy.scheme(), will->topic, attempt.robot, *robot);

@@ -22,12 +22,6 @@ class Connecting : Conversation {
         guard_(guard) {}
 
   void on_connect(const Arrival& arrival, const Connect& connect);
-  /// Returns the name of this client's robot; nothing when the client may not connect.
-  std::optional<std::string> robot_of(const std::string& client_id) const;
-  /// Like robot_of(), but also returns nothing when the address or identity of `peer` may not use
-  /// this client id.
-  std::optional<std::string> robot_at(const Peer& peer, const std::string& client_id) const;
-  void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
   /// Call these only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
   void on_willtopic(const Arrival& arrival, const WillTopic& will);
@@ -71,7 +65,6 @@ class Connecting : Conversation {
   Downlink& downlink_;
   Wills& wills_;
   FloodGuard& guard_;
-  NameCheck is_elsewhere_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
   std::map<std::uint64_t, Peer> strangers_;  // attempts whose client has no session; oldest first
   std::uint64_t last_stranger_ = 0;

@@ -127,7 +127,7 @@ void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) 
 }
 
 bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
-  const auto robot = connecting_.robot_of(snapshot.client_id);
+  const auto robot = rules_.robot_of(snapshot.client_id);
   const bool is_elsewhere =
       snapshot.peer &&
       !rules_.names.may_come_from(snapshot.client_id, snapshot.peer->endpoint.address);
@@ -174,7 +174,7 @@ void Renaming::on_names(TimePoint now) {
       continue;
     }
     if (rules_.names.of_client(id) != session->robot) {
-      auto robot = connecting_.robot_of(id);
+      auto robot = rules_.robot_of(id);
       if (!robot) {
         gone.push_back(session.get());
         continue;

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
-#include "adapters/mqttsn_udp/conversations/connecting.hpp"
+#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
 #include "adapters/mqttsn_udp/conversations/sleep.hpp"
 
 namespace slamgw::mqttsn {
@@ -75,14 +75,12 @@ class Notes : Conversation {
 class Restoring : Conversation {
  public:
   Restoring(const Conversation& common, Subscriptions& subscriptions, CommandOutcomes& commands,
-            Downlink& downlink, Lifecycle& lifecycle, const Connecting& connecting,
-            Supervision& supervision)
+            Downlink& downlink, Lifecycle& lifecycle, Supervision& supervision)
       : Conversation(common),
         subscriptions_(subscriptions),
         commands_(commands),
         downlink_(downlink),
         lifecycle_(lifecycle),
-        connecting_(connecting),
         supervision_(supervision) {}
 
   /// Returns nothing if there is no such session.
@@ -102,7 +100,6 @@ class Restoring : Conversation {
   CommandOutcomes& commands_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
-  const Connecting& connecting_;
   Supervision& supervision_;
 };
 
@@ -110,12 +107,8 @@ class Restoring : Conversation {
 /// Each session goes on under the new name, unnoticed by its client.
 class Renaming : Conversation {
  public:
-  Renaming(const Conversation& common, Subscriptions& subscriptions, Lifecycle& lifecycle,
-           const Connecting& connecting)
-      : Conversation(common),
-        subscriptions_(subscriptions),
-        lifecycle_(lifecycle),
-        connecting_(connecting) {}
+  Renaming(const Conversation& common, Subscriptions& subscriptions, Lifecycle& lifecycle)
+      : Conversation(common), subscriptions_(subscriptions), lifecycle_(lifecycle) {}
 
   /// Call when NameRules has new names. Disconnects a client whose id is now another robot's name.
   void on_names(TimePoint now);
@@ -132,7 +125,6 @@ class Renaming : Conversation {
 
   Subscriptions& subscriptions_;
   Lifecycle& lifecycle_;
-  const Connecting& connecting_;
 };
 
 }  // namespace slamgw::mqttsn

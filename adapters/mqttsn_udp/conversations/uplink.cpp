@@ -71,7 +71,7 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
   std::string robot = session ? session->robot : std::string(parsed ? parsed->robot : "");
   const bool is_allowed =
       settings_.allow_unconnected_publish && is_valid_topic_name(topic) &&
-      (session || robot.empty() || (!is_foreign(robot) && rules_.may_speak_for(robot, peer))) &&
+      (session || robot.empty() || rules_.robot_at(peer, rules_.client_of(robot)) == robot) &&
       rules_.policy.may_publish(client_id, robot, topic);
   if (!is_allowed) {
     const std::string who = session ? robot : to_string(peer);
@@ -92,16 +92,6 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
                       .retain = publish.retain,
                       .receipt = no_receipt,
                       .is_proven = session && session->has_answered});
-}
-
-/// Returns true if the name belongs to a robot elsewhere: by the configuration, by its form, or
-/// because another mesh has it.
-bool Uplink::is_foreign(const std::string& robot) const {
-  if (robot.empty()) return false;
-  const auto& configured = rules_.names.configured();
-  const auto known = std::ranges::find(configured, robot, &RobotName::id);
-  if (known != configured.end()) return !known->mqttsn_client_id;
-  return !rules_.names.of_client(robot) || (is_elsewhere_ && is_elsewhere_(robot));
 }
 
 void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {

@@ -14,9 +14,6 @@
 
 namespace slamgw::mqttsn {
 
-/// Returns true if a robot of another mesh has this name.
-using NameCheck = std::function<bool(const std::string& robot)>;
-
 class Uplink : Conversation {
  public:
   Uplink(const Conversation& common, Answers& answers) : Conversation(common), answers_(answers) {}
@@ -28,7 +25,6 @@ class Uplink : Conversation {
   /// Handles QoS -1 from any address; `session` may be null. Never answered (R81).
   void on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
                               TimePoint now);
-  void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   /// Call for a new session: its MsgIds start again.
@@ -47,7 +43,6 @@ class Uplink : Conversation {
   bool may_listen_to(const ClientSession& session, const std::string& topic) const;
   std::string own_root(const ClientSession& session) const;
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
-  bool is_foreign(const std::string& robot) const;
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
                                            TimePoint now);
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
@@ -63,7 +58,6 @@ class Uplink : Conversation {
   void report_repeat(const ClientSession& session, const Publish& publish, std::string topic);
 
   Answers& answers_;
-  NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;
   std::unordered_map<std::uint64_t, Open, std::hash<std::uint64_t>, std::equal_to<>,
                      RecyclingAllocator<std::pair<const std::uint64_t, Open>>>

@@ -45,7 +45,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::optional<MeshPlaces> places() const override { return driver().machine().places(); }
 
   /// Call before start(). Clients may not use the names of other meshes' robots.
-  void refuse_names(const NameCheck& is_elsewhere) { gateway_.refuse_names(is_elsewhere); }
+  void refuse_names(NameCheck is_elsewhere) { gateway_.refuse_names(std::move(is_elsewhere)); }
   /// See SnGateway.
   void ask_where_served(Roaming::ServedElsewhere ask) { gateway_.ask_where_served(std::move(ask)); }
 

@@ -336,5 +336,22 @@ TEST(SnGateway, R81_NobodyPublishesForARobotOfAnotherMesh) {
   EXPECT_EQ(rig.counter("unconnected_refused"), 3U);
 }
 
+TEST(SnGateway, R81_NobodyPublishesForABannedRobotOrUnderAnotherRobotsClientId) {
+  Settings settings;
+  settings.allow_unconnected_publish = true;
+  settings.predefined_topics = {{1, "ntnu-slam/robot/tank/adv", {}},
+                                {2, "ntnu-slam/robot/c2/adv", {}}};
+  const std::vector<RobotName> names = {{"tank", {}, "c2"}};
+  SnRig rig(settings, names, {"ntnu-slam/robot/#"});
+  const auto publish = [&](std::uint16_t id) {
+    rig.send(1, Publish{false, WireQos::minus_one, false, TopicIdType::predefined, id, 0, {}});
+    return rig.reports.size();
+  };
+  EXPECT_EQ(publish(1), 1U);
+  EXPECT_EQ(publish(2), 1U) << "the client is tank";
+  rig.gateway.reconfigure(rig.policy, RobotNames(names, Bans({"tank"})), {}, rig.now);
+  EXPECT_EQ(publish(1), 1U);
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn
