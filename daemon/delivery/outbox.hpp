@@ -139,7 +139,10 @@ class Outbox {
     statistics_.lost += lost.count;
     actions_.push(Notice{Severity::error, std::move(lost.text), {}});
   }
-  void handle(DeadLettersChanged& changed, TimePoint) { backlog_.on_dead_letters(changed); }
+  void handle(DeadLettersChanged& changed, TimePoint) {
+    backlog_.on_dead_letters(changed);
+    for (const FormerLetter& letter : changed.discarded) refused_.on_taken_away(letter);
+  }
   void handle(DeadLettersRevived& revived, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void trace(StepKind kind, const Item& item, std::string why = {});

@@ -298,13 +298,17 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
   }
 }
 
+void RefusedTopics::on_taken_away(const FormerLetter& letter) {
+  Topic* const known = find(letter.topic);
+  if (!known || !letter.was_retried) return;
+  if (known->waiting > 0) --known->waiting;
+  if (known->asked_of.value_or(0) > 0) --*known->asked_of;
+}
+
 void RefusedTopics::on_resent(const FormerLetter& letter, TimePoint now) {
+  on_taken_away(letter);
   Topic* const known = find(letter.topic);
   if (!known) return;
-  if (letter.was_retried) {
-    if (known->waiting > 0) --known->waiting;
-    if (known->asked_of.value_or(0) > 0) --*known->asked_of;
-  }
   if (known->phase == Phase::resting) rest(*known, now);
   tries_put_off_.reset();
 }

@@ -137,6 +137,8 @@ class RefusedTopics {
   /// it was given all dead letters, because it answers in order.
   std::optional<RetryDeadLetters> next_to_ask(const Backlog& backlog, TimePoint now);
   void on_revived(const DeadLettersRevived& revived, TimePoint now);
+  /// Call when an operator has discarded a dead letter, or it is lost.
+  void on_taken_away(const FormerLetter& letter);
   /// Call when an operator has revived a dead letter: its topic is tried at once.
   void on_resent(const FormerLetter& letter, TimePoint now);
   /// Call when a page of the store was read: the next page of dead letters may follow.

@@ -7,6 +7,7 @@
 #include <deque>
 #include <map>
 #include <set>
+#include <utility>
 #include <variant>
 
 #include "daemon/delivery/message_store.hpp"
@@ -78,6 +79,13 @@ class FakeStore {
     std::vector<std::uint64_t> ids;
     for (const auto& [id, letter] : dead_letters) ids.push_back(id);
     return revive(ids, {}, now);
+  }
+  DeadLettersChanged discard_all() {
+    DeadLettersChanged changed;
+    for (const auto& [id, letter] : std::exchange(dead_letters, {}))
+      changed.discarded.push_back({id, letter.message.topic, cost_of(letter.message),
+                                   is_retried(letter.why.code, letter.why.tries)});
+    return changed;
   }
   DeadLettersRevived revive_one(std::uint64_t id, TimePoint now) { return revive({id}, {}, now); }
 

@@ -441,6 +441,33 @@ TEST_F(OutboxRefusalTest, WhatAnOperatorResendsIsTriedAtOnce) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
+TEST_F(OutboxRefusalTest, DiscardedLettersDoNotWaitAnyMore) {
+  be_refused(100);
+  ASSERT_EQ(outbox->list_refused(1)[0].waiting, 100u);
+  outbox->on_store_event(store.discard_all(), now);
+  drain();
+  EXPECT_EQ(outbox->list_refused(1)[0].waiting, 0u);
+  now += 1s;  // the pause is over, and the store is not asked yet
+  submit("t", 101);
+  EXPECT_EQ(under_way.size(), 1u) << "the new message is the try";
+  settle();
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"101"});
+}
+
+/// Letters 1 and 2 were asked for when the operator discards them; letter 3 was not yet written.
+TEST_F(OutboxRefusalTest, ALetterIsFetchedThoughEarlierOnesAreDiscardedMeanwhile) {
+  be_refused(2);
+  is_store_quick = false;
+  pass(1s);  // the store is asked for a letter
+  outbox->on_store_event(store.discard_all(), now);
+  drain();
+  submit("t", 3);
+  EXPECT_EQ(outbox->list_refused(1)[0].waiting, 1u);
+  settle();
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"3"});
+  EXPECT_TRUE(store.dead_letters.empty());
+}
+
 TEST_F(OutboxRefusalTest, ALetterIsTriedAgainThoughAnotherOneOfItsTopicWasResentInVain) {
   is_store_quick = true;
   link_up();
