@@ -65,7 +65,7 @@ void RefusedTopics::rest(Topic& topic, TimePoint due) {
 }
 
 /// Ends refusal and accusation. Keeps the topic until the store has answered, and its dead letters
-/// have been fetched.
+/// have been fetched. The last refused topic of a flow frees the flow's other topics.
 void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
   Topic& topic = known->second;
   enter(topic, Phase::accepted);
@@ -73,8 +73,13 @@ void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
   topic.pause = {};
   topic.due = now;
   wake_ = now;
+  const std::string_view flow = flow_of(known->first);
+  const auto is_refused_in_flow = [&](const auto& other) {
+    return other.second.is_refused() && flow_of(other.first) == flow;
+  };
+  if (!flows_.empty() && std::ranges::none_of(topics_, is_refused_in_flow))
+    flows_.erase(TopicCounts::slot(flow));
   if (topic.waiting == 0 && !topic.asked_of) topics_.erase(known);
-  if (topics_.empty()) flows_.clear();
 }
 
 void RefusedTopics::on_rows_lost(TimePoint now) {
@@ -251,10 +256,11 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
 
 /// Returns the topic for which the store is asked next, or null, and sets `wake_`.
 RefusedTopics::Topics::value_type* RefusedTopics::next_due(const Backlog& backlog, TimePoint now) {
+  for (auto known = topics_.begin(); known != topics_.end();)
+    if (const auto one = known++; is_over(one->second, now)) accept(one, now);
   if (tries_put_off_ && now >= *tries_put_off_) tries_put_off_.reset();
   wake_ = tries_put_off_;
   Topics::value_type* next = nullptr;
-  std::erase_if(topics_, [&](const auto& known) { return is_over(known.second, now); });
   for (auto& known : topics_) {
     Topic& topic = known.second;
     if (topic.phase == Phase::accused && now >= topic.due + forgotten_after)

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 
 #include "daemon/delivery/outbox.hpp"
@@ -67,6 +68,19 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
     EXPECT_EQ(depth(), 0u);
     EXPECT_TRUE(outbox->refused_topics().empty());
     test::expect_promises_kept(*this, topic_of, closings);
+  }
+  /// The broker refuses messages of robots that are not allowed, and then closes the connection.
+  void serve_broker_that_closes_after_refusing(const std::set<std::string>& allowed) {
+    while (!under_way.empty()) {
+      if (allowed.contains(std::string(flow_of(under_way.front().message.topic)))) {
+        acknowledge_first();
+        continue;
+      }
+      refuse_first();
+      link_down();
+      ++closings;
+      link_up();
+    }
   }
   bool all_dead_letters_are_retried() const {
     return std::ranges::all_of(store.dead_letters, [](const auto& known) {
@@ -323,6 +337,38 @@ TEST_F(OutboxClosingTest, OneRobotsForbiddenTopicsCostTheOthersFewConnections) {
   EXPECT_EQ(depth(), 0u) << "the list was corrected";
   EXPECT_TRUE(store.dead_letters.empty());
   test::expect_promises_kept(*this, topic_of, closings);
+}
+
+TEST_F(OutboxClosingTest, ARobotWithCorrectedRightsSendsNewTopicsThoughAnotherIsStillRefused) {
+  link_up();
+  say("r/a/t");
+  say("r/b/t");
+  serve_broker_that_closes_after_refusing({});
+  say("r/a/u");
+  EXPECT_TRUE(under_way.empty()) << "counted as refused without a try";
+  for (int i = 0; i < 300; ++i, pass(1s)) serve_broker_that_closes_after_refusing({"r/a"});
+  ASSERT_EQ(received_of("r/a/u").size(), 1u);
+  ASSERT_EQ(outbox->refused_topics().count(), 1u) << "the other robot's topic";
+  say("r/a/new");
+  EXPECT_EQ(published_topics.back(), "r/a/new");
+  say("r/b/new");
+  EXPECT_EQ(published_topics.back(), "r/a/new") << "the other robot's rights are as before";
+}
+
+TEST_F(OutboxClosingTest, ARobotWhoseRefusalIsForgottenSendsNewTopics) {
+  link_up();
+  say("r/a/t");
+  say("r/b/t");
+  serve_broker_that_closes_after_refusing({});
+  outbox->on_store_event(store.discard_all(), now);
+  drain();
+  for (int minutes = 0; minutes < 130; ++minutes, pass(1min)) {
+    say("r/b/t");
+    serve_broker_that_closes_after_refusing({});
+  }
+  ASSERT_EQ(outbox->refused_topics().count(), 1u) << "the other robot's topic";
+  say("r/a/new");
+  EXPECT_EQ(published_topics.back(), "r/a/new");
 }
 
 TEST_F(OutboxClosingTest, OthersDoNotWaitForATrialThatIsNotAnswered) {
