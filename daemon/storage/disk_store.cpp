@@ -38,7 +38,8 @@ json to_json(const ListedDeadLetter& letter, bool with_payload) {
     out["received_at"] = to_iso8601_ms(message.provenance->received_at);
   }
   if (letter.is_unreadable)
-    out["stored_at"] = out["set_aside_at"] = nullptr;
+    for (const char* key : {"stored_at", "set_aside_at", "qos", "retain", "code", "tries"})
+      out[key] = nullptr;
   else if (with_payload)
     out["payload_hex"] = to_hex(message.payload);
   return out;
@@ -126,19 +127,25 @@ void DiskStore::perform(const RetryDeadLetters& retry) {
   try {
     while (true) {
       const auto ids = log_->retried(retry.topic, retry.max_letters + max_unreadable);
-      if (revive(ids, retry.max_letters, retry.topic) > 0) return;
+      std::span<const std::uint64_t> left(ids);
+      if (revive(left, retry.max_letters, retry.topic) > 0) return;
       if (ids.empty()) return post(DeadLettersRevived{{}, retry.topic});
     }
   } catch (const LogError& error) {
     post(DeadLettersRevived{{}, retry.topic, error.what()});
+    if (log_->retried(retry.topic, 1).empty())
+      notify(Severity::error,
+             fmt::format("dead letters on {} wait for an operator: {}", retry.topic, error.what()));
   }
 }
 
-/// Returns the number of letters that are messages again.
-std::size_t DiskStore::revive(std::span<const std::uint64_t> ids, std::size_t most,
+/// Returns the number of letters that are messages again. Removes the ids from `ids` that it has
+/// tried.
+std::size_t DiskStore::revive(std::span<const std::uint64_t>& ids, std::size_t most,
                               const std::string& topic) {
   restore_files();
-  MessageLog::Revival revival = log_->revive(ids, most);
+  MessageLog::Revival revival = log_->revive(ids, most, patience_.unreadable);
+  ids = ids.subspan(revival.tried);
   const std::size_t count = revival.messages.size();
   report_damaged(revival.damaged.size());
   if (count > 0) post(DeadLettersRevived{std::move(revival.messages), topic});
@@ -171,11 +178,7 @@ OrderAnswer DiskStore::answer(const ResendOrder& order) {
   std::span<const std::uint64_t> left(ids);
   std::size_t resent = 0;
   try {
-    while (!left.empty()) {
-      const auto page = left.first(std::min(left.size(), revived_at_once));
-      resent += revive(page, page.size(), {});
-      left = left.subspan(page.size());
-    }
+    while (!left.empty()) resent += revive(left, revived_at_once, {});
   } catch (const LogError&) {
     // The disk fails: the other dead letters stay.
   }

@@ -62,7 +62,7 @@ class DiskStore {
   OrderAnswer answer(const ListDeadLetters& order) const;
   OrderAnswer answer(const DiscardOrder& order);
   OrderAnswer answer(const ResendOrder& order);
-  std::size_t revive(std::span<const std::uint64_t> ids, std::size_t most,
+  std::size_t revive(std::span<const std::uint64_t>& ids, std::size_t most,
                      const std::string& topic);
   void open();
   void on_opened();

@@ -142,15 +142,17 @@ std::optional<ListedDeadLetter> MessageLog::find_letter(std::uint64_t id) const 
                           std::move(*record->dead)};
 }
 
-/// Returns a dead letter that the disk cannot read with its topic alone: an operator may discard
-/// it.
+/// Returns a dead letter that the disk cannot read with its topic, and zeros as its payload: an
+/// operator may discard it.
 std::optional<ListedDeadLetter> MessageLog::show_letter(std::uint64_t id) const {
   try {
     return find_letter(id);
   } catch (const LogError& error) {
     ListedDeadLetter unreadable;
     unreadable.id = id;
-    unreadable.message.topic = letters_.at(id).topic->first;
+    const Letter& letter = letters_.at(id);
+    unreadable.message.topic = letter.topic->first;
+    unreadable.message.payload.resize(letter.bytes - cost_of(unreadable.message));
     unreadable.facts.reason = error.what();
     unreadable.is_unreadable = true;
     return unreadable;
@@ -262,18 +264,26 @@ std::vector<std::uint64_t> MessageLog::retried(const std::string& topic, std::si
   return page;
 }
 
-MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::size_t most) {
+MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::size_t most,
+                                       Duration patience) {
+  Revival revival;
   std::map<std::uint64_t, MessageRecord> intact;
   std::vector<std::uint64_t> read;
   std::optional<LogError> unreadable;
   for (const std::uint64_t id : ids) {
     if (intact.size() == most) break;
+    ++revival.tried;
     try {
       if (auto listed = find_letter(id))
         intact[id] = {listed->stored_at, std::move(listed->message)};
       read.push_back(id);
     } catch (const LogError& error) {
       unreadable = error;
+      Letter& letter = letters_.at(id);
+      const TimePoint now = std::chrono::steady_clock::now();
+      if (!letter.unreadable_since) letter.unreadable_since = now;
+      if (now - *letter.unreadable_since < patience) continue;
+      for (const bool is_later : {false, true}) letter.topic->second.retried.erase({is_later, id});
     }
   }
   if (read.empty() && unreadable) throw *unreadable;
@@ -282,7 +292,6 @@ MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::
     found == intact.end() ? log_.erase(id) : put(id, found->second);
   }
   log_.commit(true);
-  Revival revival;
   for (const std::uint64_t id : read) {
     auto& list = intact.contains(id) ? revival.messages : revival.damaged;
     list.push_back(drop_letter(id));

@@ -48,7 +48,8 @@ struct ListedDeadLetter {
   WallTime stored_at{};
   BrokerMessage message;
   DeadLetterFacts facts;
-  bool is_unreadable = false;  ///< the disk cannot read it: `facts.reason` says why
+  /// The disk cannot read it: `facts.reason` says why. Only topic and size are known.
+  bool is_unreadable = false;
 };
 
 class MessageLog {
@@ -84,10 +85,12 @@ class MessageLog {
   struct Revival {
     std::vector<FormerLetter> messages;
     std::vector<FormerLetter> damaged;  ///< they are lost
+    std::size_t tried = 0;              ///< of the ids
   };
   /// Turns dead letters into messages again, in their rows: the first ones, at most `most`. Letters
-  /// that the disk cannot read stay. Throws LogError if it can read none.
-  Revival revive(std::span<const std::uint64_t> ids, std::size_t most);
+  /// that the disk cannot read stay; after `patience` they are no longer among retried(). Throws
+  /// LogError if it can read none.
+  Revival revive(std::span<const std::uint64_t> ids, std::size_t most, Duration patience);
   std::vector<FormerLetter> discard(const std::vector<std::uint64_t>& ids);
 
   RecordLog& log() { return log_; }
@@ -104,6 +107,7 @@ class MessageLog {
     std::uint64_t bytes = 0;  ///< stored_cost()
     std::uint64_t reason_bytes = 0;
     Topics::iterator topic;
+    std::optional<TimePoint> unreadable_since = {};
   };
 
   void read_all(bool skips_unreadable);

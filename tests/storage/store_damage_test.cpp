@@ -387,6 +387,48 @@ TEST_F(StoreDamage, ADeadLetterThatTheDiskDoesNotReadHidesNoOther) {
   EXPECT_EQ(user.perform(DiscardOrder{{{1}, "", false}}).json, R"({"discarded":1})");
 }
 
+/// More of them than one commit sends again.
+TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotReadKeepNoLaterOnesFromBeingResent) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 200, 100));
+  std::vector<std::uint64_t> rows;
+  for (std::uint64_t row = 1; row <= 200; ++row) rows.push_back(row);
+  ASSERT_TRUE(user.make_dead_letters(rows, "refused"));
+  const std::string file = read_file(segment());
+  const auto end_of = [&](std::uint64_t row) {
+    return file.rfind(std::string(as_text(StoreUser::message(row, 100).payload))) + 100;
+  };
+  FaultyDisk::make_unreadable(segment(), end_of(1) - 50, end_of(100));
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":100,"resent":100})");
+  EXPECT_EQ(user.load(0)->messages.size(), 100u);
+  const std::string listed = user.perform(ListDeadLetters{0, "", true}).json;
+  EXPECT_NE(listed.find(R"({"bytes":100,"code":null,"id":1,)"), std::string::npos)
+      << listed.substr(0, 300);
+  EXPECT_NE(listed.find(R"("qos":null)"), std::string::npos);
+  EXPECT_EQ(listed.find("payload_hex"), std::string::npos);
+}
+
+TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableWaitsForAnOperator) {
+  const std::string topic = "ntnu-slam/robot/r1/update";
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 1, 100));
+  ASSERT_TRUE(user.make_dead_letters({1}, "refused"));
+  const std::uint64_t size = std::filesystem::file_size(segment());
+  FaultyDisk::make_unreadable(segment(), size - 50, size - 49);
+  std::size_t failures = 0;
+  ASSERT_TRUE(eventually([&] {
+    user.store().ask(RetryDeadLetters{topic, 1});
+    const auto revived = user.await<DeadLettersRevived>();
+    EXPECT_TRUE(revived->messages.empty());
+    failures += revived->why_failed.empty() ? 0 : 1;
+    return revived->why_failed.empty();
+  }));
+  EXPECT_GT(failures, 1u) << "the disk may fail for a moment only";
+  EXPECT_TRUE(user.says("dead letters on " + topic + " wait for an operator")) << user.notices();
+  FaultyDisk::make_unreadable(segment(), 0, 0);
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":0,"resent":1})");
+}
+
 TEST_F(StoreDamage, AMessageThatIsLostInsteadOfADeadLetterIsNotCountedAsOne) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
