@@ -271,6 +271,7 @@ enum class Occasion : std::uint8_t {
   rejected_payload,
   mesh_link,
   broker_link,
+  broker_refusal,  ///< of messages; the journal has no MESSAGE_ID for it
 };
 
 /// A log line for operators. Pure code makes the text, shells write it. Never holds keys, passwords

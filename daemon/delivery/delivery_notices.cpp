@@ -17,6 +17,10 @@ std::string advice_for(const Refusal& refusal) {
   return refusal.code == not_authorised ? "; check the broker's access control list" : "";
 }
 
+Notice of_refusal(Severity severity, std::string text) {
+  return {severity, std::move(text), {}, Occasion::broker_refusal};
+}
+
 }  // namespace
 
 Notice no_room_notice(const NoRoom& no_room) {
@@ -36,74 +40,41 @@ Notice no_room_notice(const NoRoom& no_room) {
   return {Severity::warning, std::move(text), {}};
 }
 
-std::optional<Notice> RefusalNotices::within_budget(Severity severity, std::string text,
-                                                    TimePoint now) {
-  if (lines_ == 0 || now - begin_ >= interval) {
-    begin_ = now;
-    lines_ = 0;
-  }
-  if (lines_ == most_lines) {
-    ++left_out_;
-    return std::nullopt;
-  }
-  ++lines_;
-  if (const std::size_t more = std::exchange(left_out_, 0); more > 0)
-    text += fmt::format(" ({} more lines like this were left out)", more);
-  return Notice{severity, std::move(text), {}};
-}
-
-std::optional<Notice> RefusalNotices::on_deadline(TimePoint now) {
-  const auto due = deadline();
-  if (!due || now < *due) return std::nullopt;
-  begin_ = now;
-  lines_ = 1;
-  return Notice{Severity::warning,
-                fmt::format("{} more lines about messages that the broker refuses were left out",
-                            std::exchange(left_out_, 0)),
-                {}};
-}
-
-std::optional<Notice> RefusalNotices::on_refused_topic(const std::string& topic,
-                                                       const Refusal& refusal, TimePoint now) {
-  return within_budget(
+Notice RefusalNotices::on_refused_topic(const std::string& topic, const Refusal& refusal) {
+  return of_refusal(
       Severity::warning,
       fmt::format("the broker refuses messages on {}: {}; they are kept and retried{}", topic,
-                  words_of(refusal), advice_for(refusal)),
-      now);
+                  words_of(refusal), advice_for(refusal)));
 }
 
-std::optional<Notice> RefusalNotices::on_accepted(const std::string& topic, TimePoint now) {
-  return within_budget(Severity::notice,
-                       fmt::format("the broker accepts messages on {} again", topic), now);
+Notice RefusalNotices::on_accepted(const std::string& topic) {
+  return of_refusal(Severity::notice,
+                    fmt::format("the broker accepts messages on {} again", topic));
 }
 
-std::optional<Notice> RefusalNotices::on_dead_letter(const std::string& topic, std::size_t bytes,
-                                                     const Refusal& refusal, TimePoint now) {
-  return within_budget(
+Notice RefusalNotices::on_dead_letter(const std::string& topic, std::size_t bytes,
+                                      const Refusal& refusal) {
+  return of_refusal(
       Severity::error,
       fmt::format(
           "a message of {} octets on {} is a dead letter now: {}; `slam-gatewayctl store list` "
           "shows it, `store resend` sends it again",
-          bytes, topic, words_of(refusal)),
-      now);
+          bytes, topic, words_of(refusal)));
+}
+
+Notice RefusalNotices::on_dropped(const std::string& topic, std::size_t bytes,
+                                  const Refusal& refusal) {
+  return of_refusal(
+      Severity::error,
+      fmt::format("a message of {} octets on {} was not delivered: {}; it was not acknowledged",
+                  bytes, topic, words_of(refusal)));
 }
 
 std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& message,
-                                                        const Refusal& refusal, TimePoint now) {
+                                                        const Refusal& refusal) {
   if (!unacknowledged_.insert(TopicCounts::slot(message.topic)).second) return std::nullopt;
-  return within_budget(
-      Severity::warning,
-      fmt::format("messages of QoS 0 on {} are dropped: {}", message.topic, words_of(refusal)),
-      now);
-}
-
-std::optional<Notice> RefusalNotices::on_dropped(const std::string& topic, std::size_t bytes,
-                                                 const Refusal& refusal, TimePoint now) {
-  return within_budget(
-      Severity::error,
-      fmt::format("a message of {} octets on {} was not delivered: {}; it was not acknowledged",
-                  bytes, topic, words_of(refusal)),
-      now);
+  return of_refusal(Severity::warning, fmt::format("messages of QoS 0 on {} are dropped: {}",
+                                                   message.topic, words_of(refusal)));
 }
 
 std::optional<Notice> StoreTrouble::on_write_failed(const std::string& why, TimePoint now) {

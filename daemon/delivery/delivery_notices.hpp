@@ -26,39 +26,20 @@ struct NoRoom {
 };
 Notice no_room_notice(const NoRoom& no_room);
 
-/// Reports each topic and reason once, and at most `most_lines` lines in each interval.
+/// Notices of Occasion::broker_refusal, whose number the log bounds.
 class RefusalNotices {
  public:
-  /// The first line of the next interval reports how many lines were left out; without such a line,
-  /// on_deadline() does.
-  static constexpr std::size_t most_lines = 20;
-  static constexpr std::chrono::seconds interval{10};
-
-  std::optional<Notice> on_refused_topic(const std::string& topic, const Refusal& refusal,
-                                         TimePoint now);
-  std::optional<Notice> on_accepted(const std::string& topic, TimePoint now);
+  static Notice on_refused_topic(const std::string& topic, const Refusal& refusal);
+  static Notice on_accepted(const std::string& topic);
   /// Reports a message of `bytes` octets that has become a dead letter and is not tried again.
-  std::optional<Notice> on_dead_letter(const std::string& topic, std::size_t bytes,
-                                       const Refusal& refusal, TimePoint now);
-  /// Reports dropped QoS 0 messages, each topic once.
-  std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal,
-                                          TimePoint now);
+  static Notice on_dead_letter(const std::string& topic, std::size_t bytes, const Refusal& refusal);
   /// Reports a message that was not acknowledged to a robot and cannot become a dead letter.
-  std::optional<Notice> on_dropped(const std::string& topic, std::size_t bytes,
-                                   const Refusal& refusal, TimePoint now);
-
-  std::optional<TimePoint> deadline() const {
-    return left_out_ > 0 ? std::optional(begin_ + interval) : std::nullopt;
-  }
-  std::optional<Notice> on_deadline(TimePoint now);
+  static Notice on_dropped(const std::string& topic, std::size_t bytes, const Refusal& refusal);
+  /// Reports dropped QoS 0 messages, each topic once.
+  std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal);
 
  private:
-  std::optional<Notice> within_budget(Severity severity, std::string text, TimePoint now);
-
   std::unordered_set<std::size_t> unacknowledged_;  // reported topics, by TopicCounts::slot
-  TimePoint begin_{};
-  std::size_t lines_ = 0;
-  std::size_t left_out_ = 0;
 };
 
 /// Reports why the store cannot be written or read: a failure once a minute, its end once.

@@ -194,7 +194,7 @@ void Outbox::refuse_with_its_flow(const Item& next, TimePoint now) {
   const Refusal* const reason = refused_.refusal_of_flow(next.message.topic);
   if (!reason || next.is_unacknowledged() || turn_of(next, now) != Turn::open) return;
   if (refused_.refuse(next.message.topic, *reason, now))
-    notify(refusal_notices_.on_refused_topic(next.message.topic, *reason, now));
+    notify(refusal_notices_.on_refused_topic(next.message.topic, *reason));
 }
 
 /// Waits for the answers to everything under way, for a bounded time. After that an accused topic
@@ -231,13 +231,13 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
     item.is_durable() ? queue_.erase(item) : queue_.withdraw(item);
     ++statistics_.dead_letters;
     if (will_be_tried) return refused_.on_dead_letter(topic);
-    return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal, now));
+    return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal));
   }
   if (item.message.provenance && !item.receipt.is_owed()) {  // a will: its robot may be gone
     if (!will_be_tried) refused_.refuse(topic, refusal, now);
     return withhold(item, now);
   }
-  if (!will_be_tried) notify(refusal_notices_.on_dropped(topic, bytes, refusal, now));
+  if (!will_be_tried) notify(refusal_notices_.on_dropped(topic, bytes, refusal));
   refuse(item, now);
 }
 
@@ -290,10 +290,10 @@ void Outbox::on_lost_alone(Item& item, TimePoint now) {
                                ? "the connection was lost each time the message was sent alone"
                                : "the connection is lost when messages of this topic are sent"};
   if (item.is_unacknowledged()) {
-    notify(refusal_notices_.on_unacknowledged(item.message, refusal, now));
+    notify(refusal_notices_.on_unacknowledged(item.message, refusal));
     return drop(item, "the connection is lost when it is sent", now);
   }
-  if (refused_.tries(topic) == 1) notify(refusal_notices_.on_refused_topic(topic, refusal, now));
+  if (refused_.tries(topic) == 1) notify(refusal_notices_.on_refused_topic(topic, refusal));
   make_dead_letter(item, refusal, is_at_fault ? losses_at_fault : 1, now);
 }
 
@@ -315,7 +315,7 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (!item->is_unacknowledged() || item->is_probe) {
     note_answer(sequence);
     if (refused_.on_accepted(item->message.topic, now))
-      notify(refusal_notices_.on_accepted(item->message.topic, now));
+      notify(refusal_notices_.on_accepted(item->message.topic));
   } else {
     refused_.on_written(sequence, SpareBuffers<std::string>::copy(item->message.topic));
   }
@@ -335,9 +335,9 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   note_answer(sequence);
   const bool is_news = refused_.on_refused(topic, refusal, now);
   if (is_news && !item->is_unacknowledged())
-    notify(refusal_notices_.on_refused_topic(topic, refusal, now));
+    notify(refusal_notices_.on_refused_topic(topic, refusal));
   if (item->is_unacknowledged()) {
-    notify(refusal_notices_.on_unacknowledged(item->message, refusal, now));
+    notify(refusal_notices_.on_unacknowledged(item->message, refusal));
   } else {
     is_stalled_ = false;
     trace(StepKind::refused, *item, "the broker: " + refusal.why);
@@ -358,7 +358,6 @@ void Outbox::on_deadline(TimePoint now) {
   }
   if (overdue_check_ && now >= *overdue_check_) check_overdue(now);
   if (trial_ && now >= trial_->until) trial_.reset();
-  notify(refusal_notices_.on_deadline(now));
   const bool has_waited_to_be_alone = trial_waits_until_ && now >= *trial_waits_until_;
   if (stop_check_ && now >= *stop_check_) {
     stop_check_.reset();
@@ -372,8 +371,7 @@ std::optional<TimePoint> Outbox::deadline() const {
   const auto trial = trial_ ? std::optional(trial_->until) : trial_waits_until_;
   const auto retry = is_up_ && !is_stopping_ ? refused_.deadline() : std::nullopt;
   return earlier(earlier(earlier(expiry_check_, overdue_check_), retry),
-                 earlier(earlier(stop_check_, trial),
-                         earlier(refusal_notices_.deadline(), backlog_.deadline())));
+                 earlier(earlier(stop_check_, trial), backlog_.deadline()));
 }
 
 void Outbox::expire_unacknowledged(TimePoint now) {

@@ -20,7 +20,8 @@ std::string content(const TrafficEvent& event) {
 
 std::string_view message_id_of(Occasion occasion) {
   switch (occasion) {
-    case Occasion::other: break;
+    case Occasion::other:
+    case Occasion::broker_refusal: break;
     case Occasion::robot_message: return "484a36d2a3e146a38d044d92fa5db048";
     case Occasion::robot_presence: return "5c715c34f25146bca3f57ad82eb02071";
     case Occasion::command_outcome: return "3e090f5168f446d1bdd92c7835c03661";

@@ -14,7 +14,7 @@
 
 namespace slamgw {
 
-/// 32 hex digits (sd-id128(3)); empty for Occasion::other.
+/// 32 hex digits (sd-id128(3)); empty for `other` and `broker_refusal`.
 std::string_view message_id_of(Occasion occasion);
 LogFields notice_fields(const Notice& notice);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bounds the log's lines about robots that come and go, and about commands. A whole fleet passes; a
-// flood from many unknown clients or from a faulty server does not. Pure.
+// Bounds the log's lines about robots that come and go, about commands, and about messages that the
+// broker refuses. A whole fleet passes; a flood from many unknown clients or from a faulty server
+// does not. Pure.
 #pragma once
 
 #include <fmt/format.h>
@@ -49,15 +50,18 @@ class NoticeLines {
   static constexpr unsigned presence_per_second = 20;
   static constexpr unsigned commands_at_once = 1000;
   static constexpr unsigned commands_per_second = 50;
+  static constexpr unsigned refusals_at_once = 20;
+  static constexpr unsigned refusals_per_second = 2;
 
   /// `unproven` must outlive this object.
   explicit NoticeLines(UnprovenLines& unproven) : unproven_(unproven) {}
 
   /// Returns false when there were too many such lines. Lines about an operator's commands, and
-  /// notices that are about neither presence nor commands, always pass if their client is proven.
+  /// notices of other occasions, always pass if their client is proven.
   bool may_write(const Notice& notice, TimePoint now) {
     if (!notice.is_proven) return unproven_.may_write(notice.robot, now);
     if (notice.occasion == Occasion::robot_presence) return presence_.may_write(now);
+    if (notice.occasion == Occasion::broker_refusal) return refusals_.may_write(now);
     const bool is_brokers_command = notice.occasion == Occasion::command_outcome && notice.audit &&
                                     !is_operator(notice.audit->who);
     return !is_brokers_command || commands_.may_write(now);
@@ -66,6 +70,9 @@ class NoticeLines {
   std::vector<Notice> summaries() {
     std::vector<Notice> all;
     if (auto notice = presence_.summary("robots came or went", Occasion::robot_presence))
+      all.push_back(std::move(*notice));
+    if (auto notice = refusals_.summary("lines about messages that the broker refuses",
+                                        Occasion::broker_refusal))
       all.push_back(std::move(*notice));
     if (auto notice = unproven_.summary()) all.push_back(std::move(*notice));
     if (auto notice = commands_.summary("commands ended", Occasion::command_outcome)) {
@@ -79,6 +86,7 @@ class NoticeLines {
   UnprovenLines& unproven_;
   BoundedLines presence_{presence_at_once, presence_per_second};
   BoundedLines commands_{commands_at_once, commands_per_second};
+  BoundedLines refusals_{refusals_at_once, refusals_per_second};
 };
 
 }  // namespace slamgw

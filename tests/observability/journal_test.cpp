@@ -114,6 +114,22 @@ TEST(NoticeLines, OfPresenceAreNoFloodFromACrowdAndNothingElseIsLeftOut) {
   EXPECT_TRUE(lines.may_write(presence, now + 1s));
 }
 
+TEST(NoticeLines, AThousandRefusedTopicsDoNotFillTheLog) {
+  UnprovenLines unproven;
+  NoticeLines lines(unproven);
+  const TimePoint now{1h};
+  const Notice refusal{Severity::warning, "the broker refuses it", {}, Occasion::broker_refusal};
+  std::int64_t written = 0;
+  for (int i = 0; i < 1000; ++i) written += lines.may_write(refusal, now) ? 1 : 0;
+  EXPECT_EQ(written, NoticeLines::refusals_at_once);
+  EXPECT_TRUE(lines.may_write(Notice{Severity::warning, "text", {}}, now));
+  const auto summaries = lines.summaries();
+  ASSERT_EQ(summaries.size(), 1u);
+  EXPECT_EQ(summaries[0].text,
+            "980 more lines about messages that the broker refuses: too many to log one by one");
+  EXPECT_TRUE(lines.may_write(refusal, now + 1s));
+}
+
 TEST(NoticeLines, OfCommandsAreNoFloodFromABrokerAndAllOfAnOperator) {
   UnprovenLines unproven;
   NoticeLines lines(unproven);
