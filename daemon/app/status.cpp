@@ -101,9 +101,9 @@ json to_json(const Status::Retained& retained) {
 
 json to_json(const Status::Store& store) {
   json largest;
-  if (!store.largest.flow.empty())
-    largest = {{"robot", store.largest.flow.substr(store.largest.flow.rfind('/') + 1)},
-               {"bytes", store.largest.bytes}};
+  if (!store.largest.name.empty())
+    largest = {{"robot", store.largest.name.substr(store.largest.name.rfind('/') + 1)},
+               {"bytes", store.largest.value}};
   return {{"state", store.state},
           {"why", store.why},
           {"depth", store.depth},

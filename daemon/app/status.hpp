@@ -46,7 +46,7 @@ struct Status {
     std::uint64_t bytes = 0;
     std::uint64_t max_bytes = 0;
     bool is_full = false;
-    StoreShares::Share largest;   ///< of the robot that has stored most
+    SlotSums::Sum largest;        ///< of the robot that has stored most
     bool is_nearly_full = false;  ///< the store is nearly full, half of it from that robot
     std::chrono::seconds oldest_age{0};
     std::uint64_t dead_letters = 0;

@@ -95,8 +95,8 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
 
 Status::Store StatusCollector::store_state(TimePoint now) const {
   const Backlog& backlog = outbox.backlog();
-  StoreShares::Share largest = backlog.largest_share();
-  const bool has_filled = backlog.is_nearly_full() && 2 * largest.bytes >= backlog.taken();
+  SlotSums::Sum largest = backlog.largest_share();
+  const bool has_filled = backlog.is_nearly_full() && 2 * largest.value >= backlog.taken();
   const bool is_failing = backlog.can_keep() && !outbox.store_trouble().empty();
   return {to_string(is_failing ? Backlog::State::failing : backlog.state()),
           outbox.store_trouble(),

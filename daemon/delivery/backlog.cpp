@@ -21,7 +21,7 @@ bool Backlog::keep(Item& item) {
   note_room();
   if (!has_room_for(item.message.topic, cost)) return false;
   bytes_ += cost;
-  shares_.add(item.message.topic, cost);
+  shares_.add(flow_of(item.message.topic), cost);
   if (rows_++ == 0) oldest_ = item.submitted;
   item.disk = Disk::asked;
   to_write_.push_back(item.row);
@@ -58,7 +58,7 @@ void Backlog::note_room() {
 
 void Backlog::forget(const Item& item, TimePoint now) {
   if (item.disk == Disk::none) return;
-  shares_.remove(item.message.topic, cost_of(item));
+  shares_.remove(flow_of(item.message.topic), cost_of(item));
   release(item);
   if (item.disk == Disk::asked) return;
   erasures_.try_emplace(item.row);
@@ -89,7 +89,7 @@ bool Backlog::has_written_dead_letters() const {
 void Backlog::on_left_memory(std::uint64_t row, std::string_view topic) {
   cursor_ = unread_ == 0 ? row - 1 : std::min(cursor_, row - 1);
   ++unread_;
-  unread_topics_.add(topic);
+  unread_topics_.add(topic, 1);
 }
 
 void Backlog::on_opened(StoreOpened opened, TimePoint now) {
@@ -170,7 +170,7 @@ void Backlog::on_write_failed(FairQueue& queue, TimePoint now) {
 }
 
 void Backlog::abandon(Item& item, FairQueue& queue) {
-  shares_.remove(item.message.topic, cost_of(item));
+  shares_.remove(flow_of(item.message.topic), cost_of(item));
   release(item);
   item.disk = Disk::none;
   if (!std::exchange(item.is_dead, false)) return;
@@ -200,7 +200,7 @@ void Backlog::on_loaded(StoreLoaded& loaded, FairQueue& queue, TimePoint now) {
   };
   std::erase_if(loaded.messages, [&](const StoredMessage& stored) {
     const bool is_known = is_passed_over(stored.row);
-    if (!is_known) unread_topics_.remove(stored.message.topic);
+    if (!is_known) unread_topics_.remove(stored.message.topic, 1);
     return is_known;
   });
   const auto lost = static_cast<std::size_t>(
@@ -224,7 +224,8 @@ void Backlog::on_revived(const DeadLettersRevived& revived) {
 
 void Backlog::on_dead_letters(const DeadLettersChanged& changed) {
   dead_letters_ = changed.dead_letters;
-  for (const FormerLetter& letter : changed.discarded) shares_.remove(letter.topic, letter.bytes);
+  for (const FormerLetter& letter : changed.discarded)
+    shares_.remove(flow_of(letter.topic), letter.bytes);
 }
 
 void Backlog::on_load_failed(TimePoint now) {

@@ -61,9 +61,9 @@ class Backlog {
   /// Returns true when an earlier message of its topic may be on disk and unread, so that `item`
   /// has to wait.
   bool is_ahead_of(const Item& item) const {
-    return item.row > cursor_ && unread_topics_.has(item.message.topic);
+    return item.row > cursor_ && unread_topics_.of(item.message.topic) > 0;
   }
-  bool has_unread(std::string_view topic) const { return unread_topics_.has(topic); }
+  bool has_unread(std::string_view topic) const { return unread_topics_.of(topic) > 0; }
 
   /// Queues an unsaved message for the next write. Returns false, and leaves the message as it is,
   /// when the store is full.
@@ -119,7 +119,7 @@ class Backlog {
   }
   /// Bytes of messages and dead letters.
   std::uint64_t taken() const { return bytes_ + dead_letters_.bytes; }
-  StoreShares::Share largest_share() const { return shares_.largest(); }
+  SlotSums::Sum largest_share() const { return shares_.largest(); }
   const DeadLetterCounts& dead_letters() const { return dead_letters_; }
   std::uint64_t stored_total() const { return stored_total_; }
   /// Returns when the oldest row was stored, exact to the page that was read last.
@@ -136,7 +136,7 @@ class Backlog {
     return room_for_letters() - std::min(room_for_letters(), dead_letters_.bytes);
   }
   bool has_share_left(std::string_view topic, std::uint64_t free) const {
-    return shares_.bytes_of(topic) < 2 * free;
+    return shares_.of(flow_of(topic)) < 2 * free;
   }
   bool has_room_for(std::string_view topic, std::uint64_t cost);
   void note_room();
@@ -149,7 +149,7 @@ class Backlog {
   std::uint64_t max_bytes_;
   std::uint64_t bytes_ = 0;
   std::size_t rows_ = 0;
-  StoreShares shares_;          // of taken(), and of rows that were lost to damage since
+  SlotSums shares_;             // by flow, of taken(), and of rows that were lost to damage since
   bool is_full_ = false;        // for all robots
   bool is_share_full_ = false;  // for a robot that has stored much
   std::uint64_t stored_total_ = 0;
@@ -162,9 +162,9 @@ class Backlog {
   DeadLetterCounts dead_letters_;
   std::optional<TimePoint> erasure_due_;
 
-  std::uint64_t cursor_ = 0;   // no row up to this one is unread
-  std::size_t unread_ = 0;     // rows that are on disk only
-  TopicCounts unread_topics_;  // too high for topics of damaged rows, until all is read
+  std::uint64_t cursor_ = 0;  // no row up to this one is unread
+  std::size_t unread_ = 0;    // rows that are on disk only
+  SlotSums unread_topics_;    // too high for topics of damaged rows, until all is read
   std::uint64_t loading_after_ = 0;
 
   bool is_writing_ = false;

@@ -30,7 +30,7 @@ Notice no_room_notice(const NoRoom& no_room) {
     text = fmt::format(
         "the store is full ({} bytes, store.max_bytes {}; {} bytes of {}): {} new "
         "messages are not acknowledged; robots keep them",
-        no_room.store_bytes, no_room.store_max_bytes, no_room.largest.bytes, no_room.largest.flow,
+        no_room.store_bytes, no_room.store_max_bytes, no_room.largest.value, no_room.largest.name,
         no_room.count);
   else if (no_room.is_of_refused_topic)
     text = fmt::format(
@@ -72,7 +72,7 @@ Notice RefusalNotices::on_dropped(const std::string& topic, std::size_t bytes,
 
 std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& message,
                                                         const Refusal& refusal) {
-  if (!unacknowledged_.insert(TopicCounts::slot(message.topic)).second) return std::nullopt;
+  if (!unacknowledged_.insert(SlotSums::slot(message.topic)).second) return std::nullopt;
   return of_refusal(Severity::warning, fmt::format("messages of QoS 0 on {} are dropped: {}",
                                                    message.topic, words_of(refusal)));
 }

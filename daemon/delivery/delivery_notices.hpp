@@ -22,7 +22,7 @@ struct NoRoom {
   std::uint64_t store_max_bytes = 0;
   bool is_of_refused_topic = false;
   std::size_t memory_bytes = 0;
-  StoreShares::Share largest{};  ///< the largest share of the store
+  SlotSums::Sum largest{};  ///< the largest share of the store
 };
 Notice no_room_notice(const NoRoom& no_room);
 
@@ -39,7 +39,7 @@ class RefusalNotices {
   std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal);
 
  private:
-  std::unordered_set<std::size_t> unacknowledged_;  // reported topics, by TopicCounts::slot
+  std::unordered_set<std::size_t> unacknowledged_;  // reported topics, by SlotSums::slot
 };
 
 /// Reports why the store cannot be written or read: a failure once a minute, its end once.

@@ -14,11 +14,8 @@ FairQueue::Key FairQueue::key_of(std::string_view topic) {
 }
 
 std::size_t FairQueue::bytes_in_flow(std::string_view topic) const {
-  const Key key = key_of(topic);
-  const auto flow = flows_.find(key);
-  const auto aside = aside_bytes_.find(key);
-  return (flow == flows_.end() ? 0 : flow->second.bytes) +
-         (aside == aside_bytes_.end() ? 0 : aside->second);
+  const auto flow = flows_.find(key_of(topic));
+  return flow == flows_.end() ? 0 : flow->second.bytes;
 }
 
 FairQueue::Item& FairQueue::add(Item item) {
@@ -42,9 +39,7 @@ void FairQueue::erase(Item& item) {
 void FairQueue::enqueue(Item& item, NewFlow turn) {
   if (item.wait == Item::Wait::queued) return;
   withdraw(item);
-  const Key key = key_of(item.message.topic);
-  Flow& flow = flows_[key];
-  flow.key = key;
+  Flow& flow = join_flow(item);
   if (flow.items.empty())
     turn == NewFlow::last ? turns_.push_back(&flow) : turns_.push_front(&flow);
   // New items are the last of their flow; items that come back are near the front.
@@ -53,17 +48,24 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
     after =
         std::ranges::find_if(flow.items, [&](const Item* other) { return other->row > item.row; });
   item.place = flow.items.insert(after, &item);
-  flow.bytes += item.cost();
   ++queued_;
   if (item.is_durable()) ++durable_queued_;
   item.wait = Item::Wait::queued;
+}
+
+FairQueue::Flow& FairQueue::join_flow(Item& item) {
+  const Key key = key_of(item.message.topic);
+  Flow& flow = flows_[key];
+  flow.key = key;
+  flow.bytes += item.cost();
   item.flow = &flow;
+  return flow;
 }
 
 void FairQueue::set_aside(Item& item, Item::Wait why) {
   withdraw(item);
+  join_flow(item);
   aside_.insert(&item);
-  aside_bytes_[key_of(item.message.topic)] += item.cost();
   if (why == Item::Wait::handshake && item.is_durable()) ++durable_queued_;
   item.wait = why;
 }
@@ -72,19 +74,15 @@ void FairQueue::withdraw(Item& item) {
   const Item::Wait wait = std::exchange(item.wait, Item::Wait::none);
   if (wait == Item::Wait::none) return;
   if (item.is_durable() && wait != Item::Wait::aside) --durable_queued_;
-  if (wait != Item::Wait::queued) {
-    aside_.erase(&item);
-    const auto bytes = aside_bytes_.find(key_of(item.message.topic));
-    if ((bytes->second -= item.cost()) == 0) aside_bytes_.erase(bytes);
-    return;
-  }
-  --queued_;
   Flow& flow = *std::exchange(item.flow, nullptr);
-  flow.items.erase(item.place);
-  flow.bytes -= item.cost();
-  if (!flow.items.empty()) return;
-  turns_.erase(std::find(turns_.begin(), turns_.end(), &flow));
-  flows_.erase(flow.key);
+  if (wait == Item::Wait::queued) {
+    --queued_;
+    flow.items.erase(item.place);
+    if (flow.items.empty()) turns_.erase(std::find(turns_.begin(), turns_.end(), &flow));
+  } else {
+    aside_.erase(&item);
+  }
+  if ((flow.bytes -= item.cost()) == 0) flows_.erase(flow.key);
 }
 
 void FairQueue::take_front() {

@@ -43,11 +43,10 @@ struct OutboxItem {
   Receipt receipt = no_receipt;
   TimePoint submitted{};
   Disk disk = Disk::none;
-  Wait wait = Wait::none;  ///< FairQueue sets it
-  // FairQueue sets these two while the message is queued:
-  OutboxFlow* flow = nullptr;
-  OutboxItems::iterator place{};
-  bool is_dead = false;  ///< becomes a dead letter as soon as it is on disk
+  Wait wait = Wait::none;         ///< FairQueue sets it
+  OutboxFlow* flow = nullptr;     ///< FairQueue sets it while the message waits,
+  OutboxItems::iterator place{};  ///< and this one while it is queued
+  bool is_dead = false;           ///< becomes a dead letter as soon as it is on disk
   /// A QoS 0 message of a topic that is tried: published at QoS 1, because QoS 0 gets no answer.
   bool is_probe = false;
 
@@ -61,10 +60,10 @@ struct OutboxItem {
   }
 };
 
-/// The queued messages of one flow, by rising row.
+/// The waiting messages of one flow.
 struct OutboxFlow {
-  OutboxItems items;
-  std::size_t bytes = 0;
+  OutboxItems items;      ///< those that are queued, by rising row
+  std::size_t bytes = 0;  ///< those set aside, too
   std::size_t key = 0;
 };
 
@@ -124,12 +123,12 @@ class FairQueue {
                                    RecyclingAllocator<std::pair<const Key, Flow>>>;
 
   static Key key_of(std::string_view topic);
+  Flow& join_flow(Item& item);
 
   Items items_;
-  Flows flows_;  // none is empty
+  Flows flows_;  // none has 0 bytes
   Rows aside_;
-  std::unordered_map<Key, std::size_t> aside_bytes_;    // by flow; none is 0
-  std::deque<Flow*, RecyclingAllocator<Flow*>> turns_;  // each flow once
+  std::deque<Flow*, RecyclingAllocator<Flow*>> turns_;  // each flow with queued items once
   std::size_t queued_ = 0;
   std::size_t durable_queued_ = 0;
 };

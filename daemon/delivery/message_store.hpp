@@ -19,79 +19,55 @@
 
 namespace slamgw {
 
-/// Counts messages by topic in bounded memory: one counter for each hash of a topic, stored only
-/// while it is not zero. Topics with the same hash share a counter, so has() may return true for
-/// another topic's messages, which only costs a detour through the store. Used by the backlog.
-class TopicCounts {
- public:
-  /// A thousand robots with three topics each rarely share a slot.
-  static constexpr std::size_t slots = 65536;
-
-  static std::size_t slot(std::string_view topic) {
-    return std::hash<std::string_view>{}(topic) % slots;
-  }
-
-  void add(std::string_view topic) { ++counts_[slot(topic)]; }
-  /// Call only for a message that was added.
-  void remove(std::string_view topic) {
-    const auto count = counts_.find(slot(topic));
-    if (count != counts_.end() && --count->second == 0) counts_.erase(count);
-  }
-  bool has(std::string_view topic) const {
-    return !counts_.empty() && counts_.contains(slot(topic));
-  }
-
- private:
-  std::unordered_map<std::size_t, std::uint32_t> counts_;  // by slot
-};
-
 /// Returns the flow of a topic, which is the part before its last level: all types of one robot are
 /// one flow.
 inline std::string_view flow_of(std::string_view topic) {
   return topic.substr(0, topic.rfind('/'));
 }
 
-/// Bytes of each flow in the store, dead letters too, so that no flow takes all of it. Memory is
-/// bounded as in TopicCounts: flows whose names share a slot share one limit. Used by the backlog.
-class StoreShares {
+/// Sums by name in bounded memory: one for each hash of a name, stored only while it is not zero.
+/// Names with the same hash share a sum. Used by the backlog for messages by topic, where a sum of
+/// another topic only costs a detour through the store, and for bytes by flow.
+class SlotSums {
  public:
-  struct Share {
-    std::string flow;
-    std::uint64_t bytes = 0;
+  struct Sum {
+    std::string name;
+    std::uint64_t value = 0;
   };
-  /// The robots that one gateway knows rarely share a slot.
+  /// A thousand robots with three topics each rarely share a slot.
   static constexpr std::size_t slots = 65536;
 
-  void add(std::string_view topic, std::uint64_t bytes) {
-    Share& share = shares_[slot(topic)];
-    if (share.bytes == 0) share.flow = flow_of(topic);
-    share.bytes += bytes;
+  static std::size_t slot(std::string_view name) {
+    return std::hash<std::string_view>{}(name) % slots;
   }
-  /// Removes what was added before; a larger number removes the whole share.
-  void remove(std::string_view topic, std::uint64_t bytes) {
-    const auto share = shares_.find(slot(topic));
-    if (share == shares_.end()) return;
-    share->second.bytes -= std::min(share->second.bytes, bytes);
-    if (share->second.bytes == 0) shares_.erase(share);
+
+  void add(std::string_view name, std::uint64_t value) {
+    Sum& sum = sums_[slot(name)];
+    if (sum.value == 0) sum.name = name;
+    sum.value += value;
   }
-  std::uint64_t bytes_of(std::string_view topic) const {
-    const auto share = shares_.find(slot(topic));
-    return share == shares_.end() ? 0 : share->second.bytes;
+  /// Removes what was added before; a larger number removes the whole sum.
+  void remove(std::string_view name, std::uint64_t value) {
+    const auto sum = sums_.find(slot(name));
+    if (sum == sums_.end()) return;
+    sum->second.value -= std::min(sum->second.value, value);
+    if (sum->second.value == 0) sums_.erase(sum);
   }
-  /// Visits every share.
-  Share largest() const {
-    Share largest;
-    for (const auto& [slot, share] : shares_)
-      if (share.bytes > largest.bytes) largest = share;
+  std::uint64_t of(std::string_view name) const {
+    if (sums_.empty()) return 0;
+    const auto sum = sums_.find(slot(name));
+    return sum == sums_.end() ? 0 : sum->second.value;
+  }
+  /// Visits every sum.
+  Sum largest() const {
+    Sum largest;
+    for (const auto& [slot, sum] : sums_)
+      if (sum.value > largest.value) largest = sum;
     return largest;
   }
 
  private:
-  static std::size_t slot(std::string_view topic) {
-    return std::hash<std::string_view>{}(flow_of(topic)) % slots;
-  }
-
-  std::unordered_map<std::size_t, Share> shares_;  // by slot; none is empty
+  std::unordered_map<std::size_t, Sum> sums_;  // by slot; none is 0
 };
 
 /// `row` is the outbox's number for a stored message: rows rise in the order of storing, and
@@ -165,8 +141,8 @@ struct StoreOpened {
   std::size_t count = 0;
   std::uint64_t bytes = 0;  ///< sum of stored_cost()
   Duration oldest_age{};
-  TopicCounts topics;
-  StoreShares shares = {};
+  SlotSums topics;       ///< messages by topic
+  SlotSums shares = {};  ///< bytes by flow, dead letters too
   DeadLetterCounts dead_letters;
   /// At most `max_dead_topics`.
   std::vector<DeadTopic> dead_topics = {};

@@ -78,7 +78,7 @@ void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
     return other.second.is_refused() && flow_of(other.first) == flow;
   };
   if (!flows_.empty() && std::ranges::none_of(topics_, is_refused_in_flow))
-    flows_.erase(TopicCounts::slot(flow));
+    flows_.erase(SlotSums::slot(flow));
   if (topic.waiting == 0 && !topic.asked_of) topics_.erase(known);
 }
 
@@ -135,8 +135,8 @@ bool RefusedTopics::on_loss_after_refusal(TimePoint now) {
   if (!last_refusal_ || now - last_refusal_->at >= refusal_to_loss) return false;
   const auto& [topic, refusal, at] = *last_refusal_;
   if (!refusal.is_permanent()) {
-    taken_.reset(TopicCounts::slot(topic));
-    flows_[TopicCounts::slot(flow_of(topic))] = {
+    taken_.reset(SlotSums::slot(topic));
+    flows_[SlotSums::slot(flow_of(topic))] = {
         refusal.code, "another topic of this robot is refused: " + refusal.why};
   }
   put_off_tries(now);
@@ -209,7 +209,7 @@ void RefusedTopics::on_published(std::string_view topic) {
 }
 
 bool RefusedTopics::on_accepted(const std::string& topic, TimePoint now) {
-  taken_.set(TopicCounts::slot(topic));
+  taken_.set(SlotSums::slot(topic));
   const auto known = topics_.find(topic);
   if (known == topics_.end()) return false;
   const bool was_refused = known->second.is_refused();

@@ -96,8 +96,8 @@ class RefusedTopics {
   /// Returns the reason to count `topic` as refused, when another topic of its robot has cost the
   /// connection. Returns null when there is no reason.
   const Refusal* refusal_of_flow(std::string_view topic) const {
-    if (flows_.empty() || taken_.test(TopicCounts::slot(topic))) return nullptr;
-    const auto flow = flows_.find(TopicCounts::slot(flow_of(topic)));
+    if (flows_.empty() || taken_.test(SlotSums::slot(topic))) return nullptr;
+    const auto flow = flows_.find(SlotSums::slot(flow_of(topic)));
     return flow == flows_.end() ? nullptr : &flow->second;
   }
 
@@ -222,7 +222,7 @@ class RefusedTopics {
   TimePoint up_since_{};
   std::optional<LastRefusal> last_refusal_;         // of this connection
   std::unordered_map<std::size_t, Refusal> flows_;  // refusals that cost the connection, by slot
-  std::bitset<TopicCounts::slots> taken_;           // topics that were accepted last time, by slot
+  std::bitset<SlotSums::slots> taken_;              // topics that were accepted last time, by slot
 };
 
 }  // namespace slamgw

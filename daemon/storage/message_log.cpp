@@ -102,7 +102,7 @@ void MessageLog::read_all(bool skips_unreadable) {
   bool is_first = true;
   for (auto row = log_.next(0); row; row = log_.next(*row)) {
     const auto record = find(*row, skips_unreadable);
-    if (record) opened_.shares.add(record->message.topic, cost_of(record->message));
+    if (record) opened_.shares.add(flow_of(record->message.topic), cost_of(record->message));
     if (record && record->dead) {
       add_letter(*row, *record);
       continue;
@@ -110,7 +110,7 @@ void MessageLog::read_all(bool skips_unreadable) {
     ++opened_.count;
     if (!record) continue;  // load() finds and reports the damage
     opened_.bytes += cost_of(record->message);
-    opened_.topics.add(record->message.topic);
+    opened_.topics.add(record->message.topic, 1);
     if (std::exchange(is_first, false)) opened_.oldest_age = age_of(*record, now);
   }
   opened_.last_row = log_.last_key();

@@ -569,7 +569,7 @@ TEST_F(OutboxRefusalTest, ARobotWithARefusedTopicLeavesRoomForDeadLettersOfOther
   be_refused(2000, "r/1/bad", 1001);
   EXPECT_TRUE(has_fired(3000, ReceiptOutcome::refused));
   EXPECT_TRUE(outbox->backlog().has_little_room_for_letters());
-  EXPECT_EQ(outbox->backlog().largest_share().flow, "r/1");
+  EXPECT_EQ(outbox->backlog().largest_share().name, "r/1");
   for (std::uint64_t i = 1; i <= 50; ++i) {
     submit("r/2/bad", 4000 + i);
     refuse_all();
@@ -582,7 +582,7 @@ TEST_F(OutboxRefusalTest, ARobotWithARefusedTopicLeavesRoomForDeadLettersOfOther
   refuse_all();
   EXPECT_TRUE(has_fired(5000, ReceiptOutcome::refused)) << "the shares are known after a restart";
   settle();
-  EXPECT_EQ(outbox->backlog().largest_share().bytes, 0u);
+  EXPECT_EQ(outbox->backlog().largest_share().value, 0u);
   EXPECT_FALSE(outbox->backlog().has_little_room_for_letters());
 }
 

@@ -269,7 +269,7 @@ TEST_F(StoreShare, OfAFloodLeavesRoomForTheOthers) {
       EXPECT_TRUE(send(robot)) << robot << " round " << round;
   }
   EXPECT_TRUE(outbox->backlog().is_full()) << "the flood was refused";
-  EXPECT_EQ(outbox->backlog().largest_share().flow, "p/robot/r0");
+  EXPECT_EQ(outbox->backlog().largest_share().name, "p/robot/r0");
   EXPECT_TRUE(is_noticed("bytes of p/robot/r0")) << "it is named";
   EXPECT_LE(outbox->backlog().bytes(), max_bytes);
 
@@ -279,7 +279,7 @@ TEST_F(StoreShare, OfAFloodLeavesRoomForTheOthers) {
   EXPECT_TRUE(send("r1"));
   settle();
   for (const auto& [robot, numbers] : acknowledged) EXPECT_EQ(received_of(topic(robot)), numbers);
-  EXPECT_EQ(outbox->backlog().largest_share().bytes, 0u);
+  EXPECT_EQ(outbox->backlog().largest_share().value, 0u);
   link_down();
   EXPECT_TRUE(send("r0"));
 }

@@ -134,7 +134,8 @@ TEST_F(DeadLetters, CountInTheirRobotsShareUntilTheyAreDiscarded) {
   EXPECT_EQ(changed->discarded[0].topic, topic);
   EXPECT_EQ(changed->discarded[0].bytes, stored_cost(topic.size(), 20));
   start_again();
-  EXPECT_EQ(user->await<StoreOpened>()->shares.bytes_of(topic), 2 * stored_cost(topic.size(), 20))
+  EXPECT_EQ(user->await<StoreOpened>()->shares.of(flow_of(topic)),
+            2 * stored_cost(topic.size(), 20))
       << "of messages 5 and 8";
 }
 

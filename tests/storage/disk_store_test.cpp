@@ -85,9 +85,8 @@ TEST(DiskStore, GivesBackAfterAReopenWhatItKept) {
   EXPECT_EQ(opened->count, 8u);
   EXPECT_EQ(opened->last_row, 10u);
   EXPECT_EQ(opened->bytes, 8 * stored_cost(25, 10));
-  EXPECT_TRUE(opened->topics.has("ntnu-slam/robot/r1/update"));
-  EXPECT_EQ(opened->shares.bytes_of("ntnu-slam/robot/r1/cmd"), 3 * stored_cost(25, 10))
-      << "its three";
+  EXPECT_EQ(opened->topics.of("ntnu-slam/robot/r1/update"), 3u);
+  EXPECT_EQ(opened->shares.of("ntnu-slam/robot/r1"), 3 * stored_cost(25, 10)) << "its three";
   const auto loaded = user.load(3);
   ASSERT_TRUE(loaded);
   ASSERT_EQ(loaded->messages.size(), 7u);
