@@ -5,12 +5,11 @@
 // members that say so may be called on another thread.
 #pragma once
 
-#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <memory>
-#include <thread>
 #include <utility>
 
 namespace slamgw {
@@ -29,15 +28,15 @@ struct StorePatience {
 
 class StoreThread {
  public:
-  explicit StoreThread(boost::asio::io_context& loop);
-  ~StoreThread();
+  explicit StoreThread(boost::asio::io_context& loop) : loop_(loop) {}
+  ~StoreThread() { stop(); }
   StoreThread(const StoreThread&) = delete;
   StoreThread& operator=(const StoreThread&) = delete;
 
   /// Runs `job` on the store's thread.
   template <class Job>
   void run(Job&& job) {
-    boost::asio::post(context_, std::forward<Job>(job));
+    boost::asio::post(pool_, std::forward<Job>(job));
   }
   /// Runs `report` on the loop's thread; drops it when stop() was called first. Call on any thread.
   template <class Report>
@@ -48,17 +47,19 @@ class StoreThread {
                       });
   }
   /// For timers whose handlers run on the store's thread.
-  boost::asio::io_context& context() { return context_; }
+  boost::asio::thread_pool& context() { return pool_; }
 
   /// Runs every job that was given before, and waits for that. Timers are dropped.
-  void stop();
+  void stop() {
+    if (std::exchange(*is_stopped_, true)) return;
+    run([this] { pool_.stop(); });
+    pool_.join();
+  }
 
  private:
   boost::asio::io_context& loop_;
-  boost::asio::io_context context_{1};
-  boost::asio::executor_work_guard<boost::asio::io_context::executor_type> work_;
   std::shared_ptr<bool> is_stopped_ = std::make_shared<bool>(false);  // the loop's thread only
-  std::thread thread_;
+  boost::asio::thread_pool pool_{1};
 };
 
 }  // namespace slamgw
