@@ -43,12 +43,10 @@ bool Outbox::has_memory_for(const Item& item) const {
 
 void Outbox::place(Item& item, TimePoint now) {
   queue_.enqueue(item);
-  if (item.is_unacknowledged()) {
-    if (!expiry_check_) expiry_check_ = item.submitted + max_unacknowledged_age;
-    return;
-  }
-  if (!overdue_check_) overdue_check_ = now + broker_patience;
-  store_if_needed(item, now);
+  const Duration patience =
+      item.is_unacknowledged() ? Duration{max_unacknowledged_age} : Duration{broker_patience};
+  age_check_ = earlier(age_check_, now + patience);
+  if (!item.is_unacknowledged()) store_if_needed(item, now);
 }
 
 /// Stores the message unless it can wait for the broker. Refuses, and so removes, a message that
@@ -98,8 +96,7 @@ void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   window_.on_link_up(receive_maximum, now);
   refused_.on_link_up(now);
-  overdue_check_ = now + broker_patience;
-  expire_unacknowledged(now);
+  check_ages(now);
   proceed(now);
 }
 
@@ -117,7 +114,7 @@ void Outbox::on_link_down(TimePoint now) {
   }
   refused_.on_link_down(now);
   store_all(now);
-  expire_unacknowledged(now);
+  check_ages(now);
   proceed(now);
 }
 
@@ -351,12 +348,11 @@ void Outbox::notify(std::optional<Notice> notice) {
 }
 
 void Outbox::on_deadline(TimePoint now) {
-  if (expiry_check_ && now >= *expiry_check_) expire_unacknowledged(now);
   if (backlog_.on_deadline(now)) {
-    overdue_check_ = now;
+    age_check_ = now;
     store_all(now);
   }
-  if (overdue_check_ && now >= *overdue_check_) check_overdue(now);
+  if (age_check_ && now >= *age_check_) check_ages(now);
   if (trial_ && now >= trial_->until) trial_.reset();
   const bool has_waited_to_be_alone = trial_waits_until_ && now >= *trial_waits_until_;
   if (stop_check_ && now >= *stop_check_) {
@@ -370,22 +366,8 @@ void Outbox::on_deadline(TimePoint now) {
 std::optional<TimePoint> Outbox::deadline() const {
   const auto trial = trial_ ? std::optional(trial_->until) : trial_waits_until_;
   const auto retry = is_up_ && !is_stopping_ ? refused_.deadline() : std::nullopt;
-  return earlier(earlier(earlier(expiry_check_, overdue_check_), retry),
+  return earlier(earlier(age_check_, retry),
                  earlier(earlier(stop_check_, trial), backlog_.deadline()));
-}
-
-void Outbox::expire_unacknowledged(TimePoint now) {
-  std::optional<TimePoint> oldest_left;
-  queue_.for_each([&](Item& item) {
-    if (!item.is_unacknowledged() || item.sequence != 0) return;
-    if (now - item.submitted >= max_unacknowledged_age)
-      return drop(item, "it has waited for the broker for 10 s", now);
-    oldest_left = earlier(oldest_left, item.submitted);
-  });
-  // At most one pass over the whole queue each second.
-  expiry_check_.reset();
-  if (oldest_left)
-    expiry_check_ = std::max(*oldest_left + max_unacknowledged_age, now + std::chrono::seconds{1});
 }
 
 // The store: when messages are stored, and what the store's answers mean for receipts and order.
@@ -410,7 +392,7 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
   queue_.renumber(opened.last_row);
   next_row_ += opened.last_row;
   backlog_.on_opened(std::move(opened), now);
-  overdue_check_ = now;
+  age_check_ = now;
   store_all(now);
 }
 
@@ -494,26 +476,27 @@ void Outbox::trace(StepKind kind, const Item& item, std::string why) {
                             .since = item.submitted});
 }
 
-/// Returns the oldest QoS 1 or 2 message that was not given to the store; it may be under way.
-const Outbox::Item* Outbox::oldest_unsaved() const {
-  const auto& items = queue_.items();
-  const auto oldest =
-      std::ranges::find_if(items, [](const auto& known) { return known.second.is_unsaved(); });
-  return oldest == items.end() ? nullptr : &oldest->second;
-}
-
-void Outbox::check_overdue(TimePoint now) {
-  overdue_check_.reset();
-  // While the broker is away, all messages go to the store anyway. A store that cannot keep
-  // messages is checked again once it can.
-  if (!is_up_ || !backlog_.can_keep()) return;
-  const Item* const oldest = oldest_unsaved();
-  if (oldest && now - oldest->submitted < broker_patience) {
-    overdue_check_ = oldest->submitted + broker_patience;
-  } else if (oldest) {
-    save_all(now);
-    if (oldest_unsaved()) overdue_check_ = now + broker_patience;  // the store is full
-  }
+/// Drops QoS 0 that has waited too long. Stores all unsaved messages when the broker is too slow
+/// for one of them; while the broker is away, they are stored anyway. A store that cannot keep
+/// messages is checked again once it can. Visits the whole queue once a second at most.
+void Outbox::check_ages(TimePoint now) {
+  const bool can_save = is_up_ && backlog_.can_keep();
+  bool is_overdue = false;
+  std::optional<TimePoint> next;
+  queue_.for_each([&](Item& item) {
+    const Duration age = now - item.submitted;
+    if (item.is_unacknowledged() && item.sequence == 0) {
+      if (age >= max_unacknowledged_age)
+        return drop(item, "it has waited for the broker for 10 s", now);
+      next = earlier(next, item.submitted + max_unacknowledged_age);
+    } else if (item.is_unsaved() && can_save) {
+      is_overdue = is_overdue || age >= broker_patience;
+      next = earlier(next, std::max(item.submitted, now - broker_patience) + broker_patience);
+    }
+  });
+  if (is_overdue) save_all(now);
+  age_check_.reset();
+  if (next) age_check_ = std::max(*next, now + std::chrono::seconds{1});
 }
 
 void Outbox::save_all(TimePoint now) {

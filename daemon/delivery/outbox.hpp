@@ -156,9 +156,8 @@ class Outbox {
   void leave_memory(Item& item);
   void store_all(TimePoint now, bool is_overdue = false);
   void store_if_needed(Item& item, TimePoint now, bool is_overdue = false);
-  void check_overdue(TimePoint now);
+  void check_ages(TimePoint now);
   void save_all(TimePoint now);
-  const Item* oldest_unsaved() const;
   void release_set_aside(TimePoint now);
   bool would_overtake(const Item& item) const;
 
@@ -181,7 +180,6 @@ class Outbox {
   static bool is_replaced_by(const Item& older, const Item& newer);
   void drop_older_withheld(const Item& item, TimePoint now);
   void notify(std::optional<Notice> notice);
-  void expire_unacknowledged(TimePoint now);
 
   std::uint64_t store_max_bytes_;
   bool is_up_ = false;
@@ -208,8 +206,7 @@ class Outbox {
   /// Topics whose messages were set aside until a message of QoS 2 is answered.
   std::set<std::string, std::less<>> in_handshake_;
 
-  std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
-  std::optional<TimePoint> overdue_check_;  // while an unsaved message waits or is under way
+  std::optional<TimePoint> age_check_;  // while a message is only in memory
   std::optional<TimePoint> stop_check_;
   Statistics statistics_;
   RefusalNotices refusal_notices_;
