@@ -359,7 +359,8 @@ void write_configuration(const fs::path& directory, const Installation& installa
   for (const Problem& problem : installation.parsed().warnings)
     text += "warning: " + to_string(problem) + "\n";
   write_text(directory / "check-config.txt", text.empty() ? "OK\n" : text);
-  for (const std::string& name : configuration_files(installation.configuration()))
+  std::error_code error;  // check-config.txt has it
+  for (const std::string& name : configuration_files(installation.configuration(), error))
     write_text(directory / fs::path(name).filename(), without_secrets(read_text(name)));
 }
 

@@ -190,6 +190,36 @@ TEST_F(LoadConfig, RootLearnsWhatTheServicesUserMayNotRead) {
   EXPECT_FALSE(may_user_read("nobody", directory_ / "open.json")) << "nor may it pass there";
 }
 
+TEST_F(LoadConfig, RefusesASitesDirectoryThatItCannotRead) {
+  const std::string path = write("g.json", "{}", 0644);
+  write("g.d", "no directory");
+  const ParseResult file = load_config(path);
+  ASSERT_EQ(file.problems.size(), 1U);
+  EXPECT_EQ(to_string(file.problems[0]),
+            (directory_ / "g.d").string() +
+                ":1: file: cannot be read: Not a directory; a readable directory, or none, is "
+                "needed");
+  if (geteuid() != 0) GTEST_SKIP() << "only root can become somebody else";
+  std::filesystem::remove(directory_ / "g.d");
+  std::filesystem::create_directory(directory_ / "g.d");
+  write("g.d/a.json", R"({"bans": ["robot-1"]})", 0644);
+  std::filesystem::permissions(directory_ / "g.d", std::filesystem::perms(0700));
+  std::filesystem::permissions(directory_, std::filesystem::perms(0755));
+  constexpr uid_t nobody = 65534;
+  ASSERT_EQ(seteuid(nobody), 0);
+  const ParseResult closed = load_config(path);
+  const ParseResult shared = load_shared_config(path);
+  ASSERT_EQ(seteuid(0), 0);
+  ASSERT_EQ(closed.problems.size(), 1U) << "the robot would be let in";
+  const std::string words =
+      fmt::format("{0}:1: file: cannot be read: Permission denied; type: sudo chmod 755 {0}",
+                  (directory_ / "g.d").string());
+  EXPECT_EQ(to_string(closed.problems[0]), words);
+  EXPECT_TRUE(shared.problems.empty());
+  ASSERT_EQ(shared.warnings.size(), 1U);
+  EXPECT_EQ(to_string(shared.warnings[0]), words);
+}
+
 TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("gateway.d/10-broker.json", R"({"broker": {"uri": "mqtt://first", "keep_alive_s": 60}})");

@@ -20,6 +20,16 @@ namespace fs = std::filesystem;
 
 bool is_configuration(const fs::path& path) { return path.extension() == ".json"; }
 
+/// Returns the paths of what the directory holds, in order of name.
+std::vector<fs::path> entries_of(const fs::path& directory, std::error_code& error) {
+  std::vector<fs::path> entries;
+  for (fs::directory_iterator entry(directory, error); !error && entry != fs::directory_iterator();
+       entry.increment(error))
+    entries.push_back(entry->path());
+  std::ranges::sort(entries);
+  return entries;
+}
+
 /// The file behind `LoadCredential=broker:slam-gateway.broker`, found as systemd.exec(5) finds it.
 std::string credential_source() {
   for (const char* const store : {"/etc/credstore", "/run/credstore", "/usr/lib/credstore"}) {
@@ -49,30 +59,25 @@ bool is_put_aside(const fs::path& name) {
 void warn_of_misplaced_files(ParseResult& result) {
   const std::vector<NamedFile> named = named_files(result.config);
   std::error_code error;
-  for (const auto& entry :
-       fs::directory_iterator(fs::path(service_configuration).parent_path(), error)) {
-    const std::string name = entry.path().filename().string();
+  for (const fs::path& path : entries_of(fs::path(service_configuration).parent_path(), error)) {
+    const std::string name = path.filename().string();
     const bool is_known = name == "gateway.json" || name.ends_with("credentials.json") ||
                           is_put_aside(name) ||
-                          std::ranges::count(named, entry.path().string(), &NamedFile::path) > 0;
+                          std::ranges::count(named, path.string(), &NamedFile::path) > 0;
     if (is_configuration(name) && !is_known)
-      result.warnings.push_back({entry.path().string(), 1, "file",
+      result.warnings.push_back({path.string(), 1, "file",
                                  "is not read; the site's own keys are read in " +
                                      site_directory(service_configuration).string()});
   }
 }
 
 void warn_of_ignored_files(ParseResult& result, const std::string& configuration) {
-  std::vector<std::string> ignored;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(site_directory(configuration), error))
-    if (!is_configuration(entry.path()) && !is_put_aside(entry.path().filename()))
-      ignored.push_back(entry.path().string());
-  std::sort(ignored.begin(), ignored.end());
-  for (const std::string& path : ignored)
-    result.warnings.push_back(
-        {path, 1, "file",
-         "is not read because its name does not end in .json; rename or remove it"});
+  std::error_code error;  // the files of a directory that cannot be read are a problem already
+  for (const fs::path& path : entries_of(site_directory(configuration), error))
+    if (!is_configuration(path) && !is_put_aside(path.filename()))
+      result.warnings.push_back(
+          {path.string(), 1, "file",
+           "is not read because its name does not end in .json; rename or remove it"});
   if (configuration == service_configuration) warn_of_misplaced_files(result);
 }
 
@@ -99,6 +104,19 @@ std::string fault_of_rights(const std::string& path, unsigned mode) {
   return fmt::format("can be changed by others (mode {:04o}); type: sudo chmod o-w {}", mode, path);
 }
 
+/// Refuses a directory whose files this process cannot list (`error`): without them, the gateway
+/// would run with the defaults of their keys. For programs beside the daemon, this is a warning.
+void refuse_closed_directory(ParseResult& result, const std::string& directory,
+                             std::error_code error, bool is_daemon) {
+  if (!error || error == std::errc::no_such_file_or_directory) return;
+  const bool is_denied = error == std::errc::permission_denied;
+  (is_denied && !is_daemon ? result.warnings : result.problems)
+      .push_back({directory, 1, "file",
+                  fmt::format("cannot be read: {}; {}", error.message(),
+                              is_denied ? "type: sudo chmod 755 " + directory
+                                        : "a readable directory, or none, is needed")});
+}
+
 /// Refuses a directory in which other users could add a file.
 void refuse_open_directory(ParseResult& result, const std::string& configuration) {
   const fs::path directory = site_directory(configuration);
@@ -112,7 +130,16 @@ void refuse_open_directory(ParseResult& result, const std::string& configuration
 /// Reports files that root may read but the service's user may not.
 void check_service_rights(ParseResult& result) {
   constexpr const char* words = "cannot be read by the service's user";
-  for (const std::string& name : configuration_files(service_configuration))
+  const std::string site = site_directory(service_configuration);
+  std::vector<std::string> files{service_configuration};
+  std::error_code error;
+  if (may_user_read(service_user, site))
+    files = configuration_files(service_configuration, error);
+  else
+    result.problems.push_back(
+        {site, 1, "file",
+         fmt::format("{} {}; type: sudo chmod 755 {}", words, service_user, site)});
+  for (const std::string& name : files)
     if (!may_user_read(service_user, name))
       result.problems.push_back({name, 1, "file",
                                  fmt::format("{} {}; type: sudo chgrp {} {} && sudo chmod 640 {}",
@@ -131,7 +158,8 @@ ParseResult load_parts(const std::string& path, const Environment& environment,
                        const SystemFiles& files) {
   std::vector<ConfigFile> parts;
   ParseResult first;  // problems of whole files
-  for (const std::string& name : configuration_files(path)) {
+  std::error_code error;
+  for (const std::string& name : configuration_files(path, error)) {
     const auto file = files.read(name);
     if (file) {
       parts.push_back({name, file->text});
@@ -150,6 +178,7 @@ ParseResult load_parts(const std::string& path, const Environment& environment,
     const bool may_miss = name != path && file.error().is_denied && !environment.is_daemon;
     (may_miss ? first.warnings : first.problems).push_back({name, 1, "file", std::move(text)});
   }
+  refuse_closed_directory(first, site_directory(path), error, environment.is_daemon);
   refuse_open_directory(first, path);
   ParseResult result;
   if (!parts.empty()) result = parse_config(parts, environment, files);
@@ -173,12 +202,10 @@ std::filesystem::path site_directory(const std::string& configuration) {
   return fs::path(configuration).replace_extension(".d");
 }
 
-std::vector<std::string> configuration_files(const std::string& path) {
+std::vector<std::string> configuration_files(const std::string& path, std::error_code& error) {
   std::vector<std::string> paths{path};
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(site_directory(path), error))
-    if (is_configuration(entry.path())) paths.push_back(entry.path().string());
-  std::sort(paths.begin() + 1, paths.end());
+  for (const fs::path& entry : entries_of(site_directory(path), error))
+    if (is_configuration(entry)) paths.push_back(entry.string());
   return paths;
 }
 

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <system_error>
 
 #include "daemon/config/parse.hpp"
 #include "daemon/core/result.hpp"
@@ -18,16 +19,17 @@ inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.
 /// Returns `gateway.d` beside `gateway.json`: the site's own files.
 std::filesystem::path site_directory(const std::string& configuration);
 /// Returns `gateway.json` and the `.json` files in `gateway.d/`, in the order of reading. Backup
-/// files of editors and packages have other endings.
-std::vector<std::string> configuration_files(const std::string& path);
+/// files of editors and packages have other endings. `error`: why those in `gateway.d/` are
+/// missing.
+std::vector<std::string> configuration_files(const std::string& path, std::error_code& error);
 
 /// Never throws because of a file's content; an unreadable file is a problem like any other. A file
 /// in `gateway.d/` with another ending is a warning, unless an editor or dpkg has put it aside.
 ParseResult load_config(const std::string& path);
 
 /// Reads the configuration for a program that runs beside the daemon as another user, without the
-/// daemon's secret files. A file in `gateway.d` that this user may not read is a warning: it may
-/// hold a secret. Where no gateway is installed, all settings have their defaults.
+/// daemon's secret files. What this user may not read in `gateway.d` is a warning: it may hold a
+/// secret. Where no gateway is installed, all settings have their defaults.
 ParseResult load_shared_config(const std::string& path);
 
 /// Reads the credentials again; returns those in `broker` when the file can't be used.

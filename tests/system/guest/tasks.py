@@ -119,7 +119,7 @@ def site_keys_win_and_are_named():
 
 
 def unreadable_file_is_named_before_the_restart():
-    """a file that root reads and the service may not: --check-config, as root, says what to type"""
+    """a file or gateway.d that root reads and the service may not: --check-config, as root, says what to type"""
     with site_settings():
         site(log={"level": "debug"})
         SITE.chmod(0o600)
@@ -127,6 +127,13 @@ def unreadable_file_is_named_before_the_restart():
         demand(f"{SITE}:1: file: cannot be read by the service's user slam-gateway; type: sudo chgrp" in told, told)
         run("sh", "-ec", told.partition("type: ")[2].replace("sudo ", ""))
         demand(check_config().endswith("OK") and SITE.stat().st_mode & 0o777 == 0o640, "what it says does not help")
+        SITE.parent.chmod(0o700)
+        told = check_config(78)
+        words = f"{SITE.parent}:1: file: cannot be read by the service's user slam-gateway; type: sudo chmod 755"
+        demand(words in told and f"{SITE}:1" not in told, told)
+        run("systemctl", "reload", "slam-gateway", status=1)
+        run("sh", "-ec", told.partition("type: ")[2].replace("sudo ", ""))
+        demand(check_config().endswith("OK"), "what it says does not help")
 
 
 def another_program_has_the_port():
