@@ -158,7 +158,8 @@ std::string change_bans(const Installation& installation, const std::string& who
   if (is_banned) bans.push_back(who);
   const fs::path file = installation.site() / "bans.json";
   std::error_code error;
-  fs::create_directory(installation.site(), error);
+  if (fs::create_directory(installation.site(), error))
+    fs::permissions(installation.site(), static_cast<fs::perms>(0755), error);  // not root's umask
   NewFile changed(file);
   changed.write(nlohmann::json{{"bans", bans}}.dump(2) + "\n");
   fs::permissions(changed.path(), static_cast<fs::perms>(0644), error);

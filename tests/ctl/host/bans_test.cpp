@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -35,6 +36,14 @@ TEST_F(Bans, LastUntilTheyAreRemoved) {
   change_bans(installation, "tank", false);
   EXPECT_TRUE(bans().empty());
   EXPECT_THROW(change_bans(installation, "tank", false), Failure);
+}
+
+TEST_F(Bans, LieInADirectoryThatTheServiceMayRead) {
+  const mode_t before = umask(0077);
+  change_bans(Installation(configuration()), "tank", true);
+  umask(before);
+  EXPECT_EQ(std::filesystem::status(directory_ / "gateway.d").permissions(),
+            std::filesystem::perms(0755));
 }
 
 TEST_F(Bans, LoseNoneThatIsAddedAtTheSameTime) {
