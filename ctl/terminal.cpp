@@ -5,6 +5,7 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <iostream>
 
 #include "ctl/show.hpp"
@@ -37,19 +38,33 @@ void LastLine::clear() {
   is_shown_ = false;
 }
 
+namespace {
+
+termios echoing{};  ///< the terminal as it was, for the signal handler
+
+/// Ends the program, but not with a silent terminal.
+void restore_terminal(int signal) {
+  tcsetattr(STDIN_FILENO, TCSANOW, &echoing);
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);
+}
+
+}  // namespace
+
 std::string read_password(const std::string& user) {
-  termios before{};
-  const bool is_terminal = tcgetattr(STDIN_FILENO, &before) == 0;
+  const bool is_terminal = tcgetattr(STDIN_FILENO, &echoing) == 0;
   if (is_terminal) {
     std::cerr << "password of " << user << ": " << std::flush;
-    termios silent = before;
+    termios silent = echoing;
     silent.c_lflag &= ~static_cast<tcflag_t>(ECHO);
+    for (const int end : {SIGINT, SIGTERM}) std::signal(end, restore_terminal);
     tcsetattr(STDIN_FILENO, TCSAFLUSH, &silent);
   }
   std::string password;
   std::getline(std::cin, password);
   if (is_terminal) {
-    tcsetattr(STDIN_FILENO, TCSAFLUSH, &before);
+    tcsetattr(STDIN_FILENO, TCSAFLUSH, &echoing);
+    for (const int end : {SIGINT, SIGTERM}) std::signal(end, SIG_DFL);
     std::cerr << '\n';
   }
   return password;
