@@ -91,7 +91,9 @@ int status_of_letters(const json& request, std::uint64_t found) {
   if (found >= named) return 0;
   std::cerr << "slam-gatewayctl: "
             << (found == 0 ? "there is no such dead letter"
-                           : fmt::format("{} of these dead letters are not there", named - found))
+                           : counted(named - found, "of these dead letters is",
+                                     "of these dead letters are") +
+                                 " not there")
             << "; slam-gatewayctl store list shows all\n";
   return exit_failed;
 }
@@ -218,7 +220,8 @@ int record(Connection& daemon, const Order& order) {
     const auto event = daemon.next_event();
     if (!is_recorded(event)) continue;
     if (text_at(event, "event") == "lost")
-      std::cerr << "slam-gatewayctl: " << count_at(event, "lost") << " events were lost\n";
+      std::cerr << "slam-gatewayctl: "
+                << counted(count_at(event, "lost"), "event was", "events were") << " lost\n";
     file << control::to_line(event) << std::flush;
     if (!file.good()) throw Failure(order.file + " can't be written: is the disk full?");
   }
@@ -244,8 +247,8 @@ int topology(Connection& daemon, const Order& order) {
 
 int hearing(Connection& daemon, const Order& order) {
   json news = ask_patiently(daemon, order);
-  std::cerr << "the gateway measures " << count_at(news, "robots")
-            << " robots, one after the other, which takes about " << count_at(news, "seconds_left")
+  std::cerr << "the gateway measures " << counted(count_at(news, "robots"), "robot", "robots")
+            << ", one after the other, which takes about " << count_at(news, "seconds_left")
             << " s\n";
   while (text_at(news, "state") == "running") {
     std::this_thread::sleep_for(joining_interval);

@@ -169,14 +169,15 @@ int replay(const Order& order) {
     broker.credentials_file.reset();
   }
   const std::chrono::duration<double> length = messages.back().after;
-  std::cerr << fmt::format("publishing {} messages over {:.1f} s to {}:{}\n", messages.size(),
+  std::cerr << fmt::format("publishing {} over {:.1f} s to {}:{}\n",
+                           counted(messages.size(), "message", "messages"),
                            length.count() / order.speed, broker.host, broker.port);
   const Replayed done =
       ctl::replay(std::move(messages), std::move(broker), order.speed, is_user_typed);
   if (order.json) {
     std::cout << control::to_line({{"published", done.published}, {"refused", done.refused}});
   } else {
-    std::cout << done.published << " messages published";
+    std::cout << counted(done.published, "message", "messages") << " published";
     if (done.refused > 0) std::cout << ", " << done.refused << " refused: " << done.why;
     std::cout << '\n';
   }

@@ -213,6 +213,10 @@ std::string Screen::paint(std::string_view state, std::string text) const {
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }
 
+std::string counted(std::uint64_t count, std::string_view one, std::string_view many) {
+  return fmt::format("{} {}", count, count == 1 ? one : many);
+}
+
 namespace show {
 namespace {
 
@@ -323,7 +327,9 @@ std::string absent_lines(const json& robots) {
     if (why.empty() || ++count > most) continue;
     out += fmt::format("{}: {}\n", text_at(robot, "id"), why);
   }
-  if (count > most) out += fmt::format("({} more are offline, deaf or contested)\n", count - most);
+  if (count > most)
+    out += fmt::format("({} offline, deaf or contested)\n",
+                       counted(count - most, "more is", "more are"));
   return out;
 }
 
@@ -336,8 +342,8 @@ std::string deceptive_line(const json& robots) {
   if (names.empty()) return "";
   const std::size_t count = names.size();
   names.resize(std::min(count, most));
-  return fmt::format("{} {} made to look like another (\\u: escaped characters): {}{}\n", count,
-                     count == 1 ? "name is" : "names are", fmt::join(names, ", "),
+  return fmt::format("{} made to look like another (\\u: escaped characters): {}{}\n",
+                     counted(count, "name is", "names are"), fmt::join(names, ", "),
                      count > most ? ", ..." : "");
 }
 
@@ -376,9 +382,9 @@ std::string refresh_line(const json& counters) {
   const std::uint64_t step = count_at(counters, "key_refresh_step");
   if (step == 0) return "";
   return fmt::format(
-      "          keys are refreshed, step {} of 3 lacks {} robots; see slam-gatewayctl ble "
-      "refresh-keys --status\n",
-      step, count_at(counters, "key_refresh_missing"));
+      "          keys are refreshed, step {} of 3 lacks {}; see slam-gatewayctl ble refresh-keys "
+      "--status\n",
+      step, counted(count_at(counters, "key_refresh_missing"), "robot", "robots"));
 }
 
 /// Says why no robot on Thread is heard, if the border router reports a reason.
@@ -449,7 +455,7 @@ std::string event_details(const json& event) {
   if (is_true(event, "dup")) parts.emplace_back("dup");
   if (event.contains("rssi_dbm"))
     parts.push_back(fmt::format("{} dBm", number_at(event, "rssi_dbm")));
-  if (event.contains("hops")) parts.push_back(fmt::format("{} hops", count_at(event, "hops")));
+  if (event.contains("hops")) parts.push_back(counted(count_at(event, "hops"), "hop", "hops"));
   if (event.contains("outcome")) parts.push_back(text_at(event, "outcome"));
   const std::string address = text_at(event, "address");
   if (text_at(event, "mesh") == "ble" && address >= "0xc000")  // a group
@@ -474,11 +480,12 @@ std::string refused_topics(const json& refused, const Screen& screen) {
   std::string out;
   const json& listed = list_at(refused, "list");
   for (const json& topic : listed)
-    out +=
-        fmt::format("          {} {}: {} ({} messages wait)\n", screen.paint("refused", "refused:"),
-                    text_at(topic, "topic"), text_at(topic, "why"), count_at(topic, "waiting"));
+    out += fmt::format("          {} {}: {} ({})\n", screen.paint("refused", "refused:"),
+                       text_at(topic, "topic"), text_at(topic, "why"),
+                       counted(count_at(topic, "waiting"), "message waits", "messages wait"));
   if (const std::uint64_t topics = count_at(refused, "topics"); topics > listed.size())
-    out += fmt::format("          and {} more topics\n", topics - listed.size());
+    out += fmt::format("          and {}\n",
+                       counted(topics - listed.size(), "more topic", "more topics"));
   return out;
 }
 
@@ -515,9 +522,9 @@ std::string status(const json& status, const Screen& screen) {
                   count_at(traffic, "stored"), count_at(traffic, "rejected"));
   if (const std::uint64_t count = count_at(traffic, "inbound_dropped"); count > 0)
     out += fmt::format("          {} of the broker's were lost: they came too fast\n", count);
-  out +=
-      fmt::format("Store     {} messages, {} of {}\n", count_at(store, "depth"),
-                  show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));
+  out += fmt::format(
+      "Store     {}, {} of {}\n", counted(count_at(store, "depth"), "message", "messages"),
+      show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));
   if (const json& largest = group_at(store, "filled_by"); !text_at(largest, "robot").empty())
     out += fmt::format("          nearly full: {} has stored {}\n", text_at(largest, "robot"),
                        show_bytes(count_at(largest, "bytes")));
@@ -525,7 +532,8 @@ std::string status(const json& status, const Screen& screen) {
     out += fmt::format("          most by {}: {}\n", text_at(most, "robot"),
                        show_bytes(count_at(most, "bytes")));
   if (const std::uint64_t count = count_at(store, "dead_letters"); count > 0)
-    out += fmt::format("          {} dead letters: see slam-gatewayctl store list\n", count);
+    out += fmt::format("          {}: see slam-gatewayctl store list\n",
+                       counted(count, "dead letter", "dead letters"));
   if (const std::string trouble = text_at(store, "why"); !trouble.empty())
     out += fmt::format("          {} {}\n", screen.paint("down", text_at(store, "state")), trouble);
   const json& retained = group_at(status, "retained");
@@ -567,8 +575,9 @@ std::string event(const json& event, const Screen& screen) {
   const std::string time = text_at(event, "at");
   const std::string clock = time.size() >= 23 ? time.substr(11, 12) : time;  // milliseconds
   if (kind == "lost")
-    return fmt::format("{} {} {} events: this terminal is too slow for all of them\n", clock,
-                       screen.paint(kind, pad(kind, 12)), count_at(event, "lost"));
+    return fmt::format("{} {} {}: this terminal is too slow for all of them\n", clock,
+                       screen.paint(kind, pad(kind, 12)),
+                       counted(count_at(event, "lost"), "event", "events"));
   const std::string mesh_name = text_at(event, "mesh");
   const std::string details = event_details(event);
   return fmt::format("{} {} {} {} {}{}{}\n", clock, screen.paint(kind, pad(kind, 12)),
@@ -641,9 +650,10 @@ std::string one_client(const json& client, const Screen& screen) {
     out += line("sleeps", fmt::format("{} s", count_at(client, "sleep_s")));
   out += line("clean session", is_true(client, "clean_session") ? "yes" : "no");
   out += line("will", or_dash(text_at(client, "will")));
-  out += line("in flight", fmt::format("{}, repeated {} times; next copy after {}",
-                                       count_at(client, "in_flight"), count_at(client, "repeats"),
-                                       time_of("repeat_after_ms")));
+  out += line("in flight",
+              fmt::format("{}, repeated {}; next copy after {}", count_at(client, "in_flight"),
+                          counted(count_at(client, "repeats"), "time", "times"),
+                          time_of("repeat_after_ms")));
   out += line("not acknowledged", fmt::format("{} of its messages, before the broker has them",
                                               count_at(client, "unacknowledged_up")));
   for (const json& subscription : list_at(client, "subscriptions"))
@@ -685,7 +695,8 @@ std::string clients(const json& clients, const Screen& screen) {
 namespace {
 
 std::string transmissions(const json& of) {
-  return fmt::format("{} times, {} ms apart", count_at(of, "sends"), count_at(of, "interval_ms"));
+  return fmt::format("{}, {} ms apart", counted(count_at(of, "sends"), "time", "times"),
+                     count_at(of, "interval_ms"));
 }
 
 std::string model_line(const json& model) {
@@ -713,7 +724,7 @@ std::string ping(const json& ping, const Screen& screen) {
   out += fmt::format("answered after {:.1f} ms", number_at(ping, "after_ms"));
   if (count_at(ping, "copies") > 1)
     out += fmt::format(", asked {} times", count_at(ping, "copies"));
-  if (ping.contains("hops")) out += fmt::format(", {} hops", count_at(ping, "hops"));
+  if (ping.contains("hops")) out += ", " + counted(count_at(ping, "hops"), "hop", "hops");
   if (ping.contains("ttl")) out += fmt::format(", TTL left {}", count_at(ping, "ttl"));
   if (ping.contains("rssi_dbm")) out += fmt::format(", {:.0f} dBm", number_at(ping, "rssi_dbm"));
   return out + "\n";
@@ -769,8 +780,8 @@ std::string foreign_robots(const json& robots, const json& nodes) {
   const std::size_t count = names.size();
   names.resize(std::min(count, most));
   return fmt::format("{} heard that this gateway did not provision: {}{}\n",
-                     count == 1 ? "1 robot is" : fmt::format("{} robots are", count),
-                     fmt::join(names, ", "), count > most ? ", ..." : "");
+                     counted(count, "robot is", "robots are"), fmt::join(names, ", "),
+                     count > most ? ", ..." : "");
 }
 
 std::string nodes(const json& nodes, const Screen& screen) {
@@ -896,7 +907,8 @@ std::string joining(const json& event, const Screen& screen) {
 
 std::string done(const json& done, const Screen&) {
   if (done.contains("nodes"))
-    return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
+    return fmt::format("imported: the mesh has {}\n",
+                       counted(count_at(done, "nodes"), "robot", "robots"));
   if (done.contains("cleared"))
     return "the radio was cleared and is set up again; robots may ignore the gateway until "
            "they are restarted\n";
@@ -921,7 +933,8 @@ std::string dead_letters_head(const json& first_page) {
   if (count == 0) return "no dead letters\n";
   if (first_page.at("letters").empty())
     return fmt::format("no dead letters of this topic; of others: {}\n", count);
-  return fmt::format("{} dead letters, {}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n", count,
+  return fmt::format("{}, {}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n",
+                     counted(count, "dead letter", "dead letters"),
                      show_bytes(count_at(first_page, "bytes")), "ID", "AGE", "BYTES", "TRIES");
 }
 
@@ -938,13 +951,16 @@ std::string dead_letters(const json& letters, const Screen& screen) {
 
 std::string resent(const json& done, const Screen&) {
   const std::uint64_t left = count_at(done, "left");
-  std::string out = fmt::format("{} dead letters are sent again\n", count_at(done, "resent"));
-  if (left > 0) out += fmt::format("{} remain: the store fails (slam-gatewayctl status)\n", left);
+  std::string out =
+      counted(count_at(done, "resent"), "dead letter is", "dead letters are") + " sent again\n";
+  if (left > 0)
+    out += counted(left, "remains", "remain") + ": the store fails (slam-gatewayctl status)\n";
   return out;
 }
 
 std::string discarded(const json& done, const Screen&) {
-  return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
+  return counted(count_at(done, "discarded"), "dead letter was", "dead letters were") +
+         " discarded\n";
 }
 
 }  // namespace show

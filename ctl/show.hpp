@@ -48,6 +48,9 @@ struct Screen {
   std::string paint(std::string_view state, std::string text) const;
 };
 
+/// Returns the count and the words that agree with it: "1 message", "3 messages".
+std::string counted(std::uint64_t count, std::string_view one, std::string_view many);
+
 /// Shown for a robot with `contested`.
 inline constexpr std::string_view contested_words = "contested: another client uses its name";
 

@@ -293,8 +293,8 @@ class Examination {
           "that they remember");
     if (count_at(counters, "key_refresh_missing") > 0)
       add("ble: keys", Health::warning,
-          fmt::format("the refresh of the mesh's keys waits for {} robots",
-                      count_at(counters, "key_refresh_missing")),
+          "the refresh of the mesh's keys waits for " +
+              counted(count_at(counters, "key_refresh_missing"), "robot", "robots"),
           "slam-gatewayctl ble refresh-keys --status names them: switch them on, or leave them "
           "behind");
   }
@@ -455,18 +455,20 @@ class Examination {
       add("store", Health::problem, fmt::format("{}: {}", state, text_at(store, "why")),
           "/usr/share/doc/slam-gateway/troubleshooting.md");
     else
-      add("store", Health::well, fmt::format("{} messages wait", count_at(store, "depth")));
+      add("store", Health::well,
+          counted(count_at(store, "depth"), "message waits", "messages wait"));
     if (const std::string robot = text_at(group_at(store, "filled_by"), "robot"); !robot.empty())
       add("store: nearly full", Health::warning, robot + " fills it; others still find room",
           "bring the broker back, and look why the robot sends so much");
     if (const auto lost = count_at(group_at(facts_.status, "messages"), "lost"); lost > 0)
       add("store: lost messages", Health::problem,
-          fmt::format("{} stored messages were lost to damage since the start", lost),
+          counted(lost, "stored message was", "stored messages were") +
+              " lost to damage since the start",
           "journalctl -u slam-gateway | grep lost; look at the disk: sudo dmesg | tail");
     const bool have_little_room = is_true(store, "dead_letters_nearly_full");
     if (const std::uint64_t dead = count_at(store, "dead_letters"); dead > 0)
       add("store: dead letters", have_little_room ? Health::problem : Health::warning,
-          fmt::format("{} messages that the broker would not take", dead) +
+          counted(dead, "message", "messages") + " that the broker would not take" +
               (have_little_room
                    ? "; there is nearly no room for more: on topics that the broker refuses, "
                      "robots that send much are not acknowledged; " +
@@ -487,7 +489,7 @@ class Examination {
         "slam-gatewayctl robots; slam-gatewayctl doctor ROBOT");
     if (const std::uint64_t contested = count_at(robots, "contested"); contested > 0)
       add("robots: contested", Health::problem,
-          fmt::format("another client uses the names of {} robots", contested),
+          "another client uses " + counted(contested, "robot's name", "robots' names"),
           "slam-gatewayctl robots names them: are there two robots of one name? who may connect "
           "with their client ids: /usr/share/doc/slam-gateway/security.md");
   }
@@ -501,14 +503,14 @@ class Examination {
     const std::uint64_t here = count_at(robots, "online") + count_at(robots, "asleep");
     const std::uint64_t held = count_at(counters, "sessions");
     if (held >= here)
-      return add("robots: sessions", Health::well, fmt::format("{} are held at the broker", held));
+      return add("robots: sessions", Health::well,
+                 counted(held, "is", "are") + " held at the broker");
     const std::string& prefix = config_.topics.prefix;
     std::string root = prefix;
     std::ranges::replace(root, '/', '-');
     add("robots: sessions", Health::problem,
-        fmt::format("the broker gives this gateway {} for {} robots: commands do not reach the "
-                    "others",
-                    held, here),
+        fmt::format("the broker gives this gateway {} for {}: commands do not reach the others",
+                    held, counted(here, "robot", "robots")),
         fmt::format("look again in 10 s; journalctl -u slam-gateway -p warning; at the broker: who "
                     "may use client ids {}-robot-<id>, topic readwrite {}/fleet/robots/#, its "
                     "limits of connections and open files",
@@ -755,8 +757,10 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
       : is_true(*row, "contested") ? journal + "; /usr/share/doc/slam-gateway/security.md"
                                    : journal);
   add("traffic", Health::well,
-      fmt::format("{} messages up, {} commands down, {} wait for it", count_at(*row, "messages"),
-                  count_at(*row, "commands"), count_at(*row, "queue")));
+      fmt::format("{} up, {} down, {} for it",
+                  counted(count_at(*row, "messages"), "message", "messages"),
+                  counted(count_at(*row, "commands"), "command", "commands"),
+                  counted(count_at(*row, "queue"), "waits", "wait")));
   return findings;
 }
 

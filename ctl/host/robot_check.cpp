@@ -91,7 +91,7 @@ class Judge {
     std::size_t shown = 0;
     for (const auto& [why, times] : reasons_)
       if (++shown <= max_reasons)
-        add("refused", Health::problem, fmt::format("{} times: {}", times, why),
+        add("refused", Health::problem, counted(times, "time", "times") + ": " + why,
             "publish under robot/<its own id>/; the id is the MQTT-SN client id, or what `robots` "
             "says");
   }
@@ -103,9 +103,8 @@ class Judge {
           "set DUP in each repeat of a PUBLISH (MQTT-SN 1.2 section 5.2.3)");
     if (passed_repeats_ > 0)
       add("DUP", Health::problem,
-          fmt::format("{} messages came again with the same message id and content, without DUP, "
-                      "and went up again",
-                      passed_repeats_),
+          counted(passed_repeats_, "message", "messages") +
+              " came again with the same message id and content, without DUP, and went up again",
           "set DUP in each repeat of a PUBLISH, and wait longer before it");
     if (is_lossy() && repeats_ <= arrived_)
       add("losses", Health::warning,
@@ -115,9 +114,9 @@ class Judge {
           "slam-gatewayctl ping -c 10, and ble topology on BLE: move it, or add a relay");
     if (arrived_ < enough_messages || repeats_ <= arrived_) return;
     add("repeats", Health::problem,
-        fmt::format("{} copies for {} messages: it does not hear the acknowledgements, or does "
-                    "not wait long enough for them",
-                    repeats_, arrived_),
+        fmt::format("{} for {}: it does not hear the acknowledgements, or does not wait long "
+                    "enough for them",
+                    counted(repeats_, "copy", "copies"), counted(arrived_, "message", "messages")),
         "is it deaf (slam-gatewayctl robots)? else wait longer before the first repeat, and twice "
         "as long before each next one");
   }

@@ -242,12 +242,12 @@ TEST(CtlShow, NamesEachTopicThatTheBrokerRefuses) {
                     {"why", "the first one"},
                     {"refused", {{"topics", 3}, {"list", list}}}};
   const std::string text = ctl::show::status({{"broker", broker}}, {false, noon});
-  EXPECT_NE(text.find("refused: p/robot/r1/adv: not authorised (1 messages wait)\n"),
+  EXPECT_NE(text.find("refused: p/robot/r1/adv: not authorised (1 message waits)\n"),
             std::string::npos)
       << text;
   EXPECT_NE(text.find("refused: p/robot/r1/update: not authorised (5 messages wait)\n"),
             std::string::npos);
-  EXPECT_NE(text.find("and 1 more topics\n"), std::string::npos);
+  EXPECT_NE(text.find("and 1 more topic\n"), std::string::npos);
   EXPECT_EQ(text.find("the first one"), std::string::npos) << "the list says more";
 }
 
@@ -317,7 +317,7 @@ TEST(CtlShow, Ping) {
                              {"hops", 1},
                              {"rssi_dbm", -60}},
                             screen),
-            "tank (ble) answered after 41.3 ms, asked 2 times, 1 hops, TTL left 3, -60 dBm\n");
+            "tank (ble) answered after 41.3 ms, asked 2 times, 1 hop, TTL left 3, -60 dBm\n");
   EXPECT_EQ(ctl::show::ping({{"robot", "tank"},
                              {"mesh", "thread"},
                              {"answered", false},
@@ -402,7 +402,7 @@ TEST(CtlShow, Config) {
             "tank  0x0100  UUID 00112233445566778899aabbccddeeff\n"
             "  TTL       7\n"
             "  Relay     on, each packet 3 times, 20 ms apart\n"
-            "  Transmit  each packet 1 times, 10 ms apart\n"
+            "  Transmit  each packet 1 time, 10 ms apart\n"
             "  0x0100 pos_cmd server        subscribed to 0xc002, 0xc003\n"
             "  0x0101 min_com client        publishes to 0x0001, TTL 7\n"
             "  Kept for this robot alone: {\"ttl\":7}\n");
