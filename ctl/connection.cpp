@@ -14,6 +14,7 @@
 #include <cstring>
 #include <utility>
 
+#include "ctl/host/installation.hpp"
 #include "daemon/control/wire.hpp"
 
 namespace slamgw::ctl {
@@ -25,12 +26,20 @@ constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
 constexpr const char* stranger_words =
     " does not answer like slam-gatewayd; is it the right socket?";
 
+/// A service that has refused its configuration would refuse it again.
+std::string way_to_start() {
+  constexpr const char* refused = "78\n";  // EX_CONFIG
+  const ProgramResult last =
+      run_program({"systemctl", "show", "-P", "ExecMainStatus", service_unit});
+  return last.output == refused ? "its configuration was refused: sudo slam-gatewayd --check-config"
+                                : "start it with: sudo systemctl start slam-gateway";
+}
+
 [[noreturn]] void fail_to_connect(const std::string& path, int error) {
   struct stat status {};
   const bool is_there = stat(path.c_str(), &status) == 0;
   if (error == ENOENT)
-    throw NotRunning("slam-gatewayd is not running: there is no " + path +
-                     "; start it with: sudo systemctl start slam-gateway");
+    throw NotRunning("slam-gatewayd is not running: there is no " + path + "; " + way_to_start());
   if (error == EACCES)
     throw Failure(
         "no permission for " + path +
@@ -39,8 +48,7 @@ constexpr const char* stranger_words =
   if (is_there && !S_ISSOCK(status.st_mode))
     throw Failure(path + " is not a socket; pass the path of control.socket with --socket");
   if (error == ECONNREFUSED)
-    throw NotRunning("slam-gatewayd is not running: no answer at " + path +
-                     "; start it with: sudo systemctl start slam-gateway");
+    throw NotRunning("slam-gatewayd is not running: no answer at " + path + "; " + way_to_start());
   throw Failure(path + ": " + std::strerror(error));
 }
 

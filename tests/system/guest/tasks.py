@@ -78,6 +78,8 @@ def open_credentials_stop_the_service_for_good():
     run("systemctl", "restart", "slam-gateway", status=1)
     demand(says(f"type: sudo chmod o= {CREDENTIALS}", *since), "the journal does not say what to type")
     demand(service("ActiveState") == "failed" and service("ExecMainStatus") == "78", "the service is started again")
+    told = run("slam-gatewayctl", "status", status=1)
+    demand("its configuration was refused: sudo slam-gatewayd --check-config" in told, told)
     run("chmod", "o=", CREDENTIALS)
     restart()
     wait_for_status("broker up")
