@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
 #include <iostream>
 #include <utility>
@@ -68,11 +69,25 @@ std::string reload(const Order& order) {
   }
 }
 
+/// Says so if no robot has this name: it may be mistyped. Asks nothing about an address.
+std::string words_on_unknown(const Order& order, const Config& config) try {
+  const auto is_named = [&](const RobotName& robot) {
+    return robot.id == order.robot || robot.mqttsn_client_id == order.robot;
+  };
+  if (IpNetwork::parse(order.robot) || std::ranges::any_of(config.robots, is_named)) return "";
+  const auto heard = Connection(order.socket).ask({{"command", "robots"}, {"robot", order.robot}});
+  return heard.empty() ? "No robot of this name is known; it is banned all the same.\n" : "";
+} catch (const Failure&) {
+  return "";
+}
+
 int change_ban(const Order& order, const char* verb, bool is_banned) {
   const Installation installation = installation_of(order);
   return print_words(order, recorded({verb, order.robot}, [&] {
-                       const std::string done = change_bans(installation, order.robot, is_banned);
-                       return done + reload(order);
+                       std::string done = change_bans(installation, order.robot, is_banned);
+                       done += reload(order);
+                       const Config& config = installation.parsed().config;
+                       return is_banned ? done + words_on_unknown(order, config) : done;
                      }));
 }
 
