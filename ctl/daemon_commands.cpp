@@ -25,7 +25,6 @@
 #include "ctl/host/recording.hpp"
 #include "ctl/terminal.hpp"
 #include "daemon/control/wire.hpp"
-#include "daemon/core/operator_order.hpp"
 #include "daemon/core/parse_number.hpp"
 #include "daemon/core/utf8.hpp"
 
@@ -407,77 +406,54 @@ std::string one_node(const json& node, const Screen& screen) {
   return show::nodes(json::array({node}), screen);
 }
 
-/// Adds an option for one of the robot's own values; `default` is sent as null.
-void add_wish(const Verb& config, Order& order, const char* option, const char* key,
-              const char* what, std::function<json(const std::string&)> read) {
-  config->add_option_function<std::string>(
-      option,
-      [&order, option, key, what, read = std::move(read)](const std::string& word) {
-        const json value = word == "default" ? json() : read(word);
-        if (value.is_discarded())
-          throw CLI::ValidationError(option, "'" + word + "' is not allowed; " + what);
-        order.request[key] = value;
-      },
-      what);
-}
+struct NodeOption {
+  const char* name;  ///< after its dashes, the name of the request's member
+  const char* help;
+};
 
-/// Parses a unicast or group address.
-std::optional<std::uint16_t> parse_mesh_address(std::string_view text) {
-  if (!text.starts_with("0x")) return std::nullopt;
-  const auto address = parse_number<std::uint16_t>(text.substr(2), 16);
-  const bool is_valid = address && NodeConfigOrder::Publication::is_valid(*address);
-  return is_valid ? address : std::nullopt;
+constexpr NodeOption node_options[] = {
+    {"--ttl", "TTL of what it sends: 0, 2 to 127, or default"},
+    {"--relay", "Whether it relays: on, off, or default"},
+    {"--transmit",
+     "How it sends each packet, TIMESxMS: 1-8 times, 10, 20 ... 320 ms, as 3x20, or default"},
+    {"--subscribe", "Hear this group, 0xc000-0xfeff, beside ble_mesh.groups"},
+    {"--unsubscribe", "Stop hearing this group, 0xc000-0xfeff"},
+    {"--publish",
+     "MODEL=ADDRESS: where a model publishes to, as sensor_update=0xc00a; or MODEL=default"}};
+
+/// Reads `default`, `on`, `off`, a number, or TIMESxMS; other words are texts.
+json value_of(const std::string& word) {
+  if (word == "default") return nullptr;
+  if (word == "on" || word == "off") return word == "on";
+  const std::string_view text = word;
+  const auto number = text.starts_with("0x") ? parse_number<std::uint64_t>(text.substr(2), 16)
+                                             : parse_number<std::uint64_t>(text);
+  if (number) return *number;
+  const std::size_t by = text.find('x');
+  if (by == text.npos) return word;
+  const auto sends = parse_number<std::uint64_t>(text.substr(0, by));
+  const auto ms = parse_number<std::uint64_t>(text.substr(by + 1));
+  return sends && ms ? json{{"sends", *sends}, {"interval_ms", *ms}} : json(word);
 }
 
 void add_ble_config(CLI::App& app, Order& order) {
-  const json none(json::value_t::discarded);
   Verb config(app, order, "ble config", "How a robot's node is configured; change it");
   config.robot();
   config.asks(show::config, answer, order_patience);
-  add_wish(config, order, "--ttl", "ttl", "TTL of what it sends: 0, 2 to 127, or default",
-           [none](const std::string& word) {
-             const auto ttl = parse_number<std::uint64_t>(word);
-             return ttl && *ttl != 1 && *ttl <= 127 ? json(*ttl) : none;
-           });
-  add_wish(config, order, "--relay", "relay", "Whether it relays: on, off, or default",
-           [none](const std::string& word) {
-             return word == "on" || word == "off" ? json(word == "on") : none;
-           });
-  add_wish(config, order, "--transmit", "transmit",
-           "How it sends each packet, TIMESxMS: 1-8 times, 10, 20 ... 320 ms, as 3x20, or default",
-           [none](const std::string& word) {
-             const std::size_t by = word.find('x');
-             const auto sends = parse_number<std::uint64_t>(std::string_view(word).substr(0, by));
-             const auto ms =
-                 by == word.npos ? std::nullopt : parse_number<std::uint64_t>(word.substr(by + 1));
-             if (!sends || !ms || !Transmissions::is_valid(*sends, *ms)) return none;
-             return json{{"sends", *sends}, {"interval_ms", *ms}};
-           });
-  constexpr std::uint16_t first_group = 0xc000;
-  for (const char* const key : {"subscribe", "unsubscribe"})
-    config->add_option_function<std::string>(
-        fmt::format("--{}", key),
-        [&order, key](const std::string& word) {
-          const auto group = parse_mesh_address(word);
-          if (!group || *group < first_group)
-            throw CLI::ValidationError(fmt::format("--{}", key),
-                                       "'" + word + "' is not a group, 0xc000-0xfeff");
-          order.request[key] = *group;
-        },
-        std::string(key) == "subscribe" ? "Hear this group, 0xc000-0xfeff, beside ble_mesh.groups"
-                                        : "Stop hearing this group");
-  config->add_option_function<std::string>(
-      "--publish",
-      [&order](const std::string& word) {
-        const std::size_t is = word.find('=');
-        const std::string where = is == word.npos ? "" : word.substr(is + 1);
-        const auto address = parse_mesh_address(where);
-        if (is == 0 || (!address && where != "default"))
-          throw CLI::ValidationError("--publish", "'" + word + "' is not MODEL=ADDRESS");
-        order.request["publish"] = {{"model", word.substr(0, is)}, {"address", nullptr}};
-        if (address) order.request["publish"]["address"] = *address;
-      },
-      "MODEL=ADDRESS: where a model publishes to, as sensor_update=0xc00a; or MODEL=default");
+  for (const NodeOption& option : node_options) {
+    const auto set = [&order, option](const std::string& word) {
+      const std::string key = option.name + 2;
+      const std::size_t is = word.find('=');
+      json value = value_of(word);
+      if (key == "publish" && is != word.npos)
+        value = {{"model", word.substr(0, is)}, {"address", value_of(word.substr(is + 1))}};
+      const json request{{"command", "ble config"}, {"robot", "any"}, {key, value}};
+      if (is == 0 || !control::parse_request(control::to_line(request)))
+        throw CLI::ValidationError(option.name, "'" + word + "' is not allowed; " + option.help);
+      order.request[key] = value;
+    };
+    config->add_option_function<std::string>(option.name, set, option.help);
+  }
 }
 
 constexpr const char* reset_board_warning =
