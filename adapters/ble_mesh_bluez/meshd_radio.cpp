@@ -84,9 +84,9 @@ void MeshdRadio::call(MeshdCall call, Done done) {
   requests_.push(CallMeshd{last_call_, std::move(call)});
 }
 
-void MeshdRadio::go_down(const std::string& why) {
+void MeshdRadio::go_down(const std::string& why, bool is_restart) {
   if (stage_ == Stage::up || why != down_reason_) {
-    LinkIsDown down{why, {}};
+    LinkIsDown down{why, {}, is_restart};
     if (join_ && join_->due)
       down.join = JoinEnded{.failure = "the BLE link went down: " + why,
                             .may_have_joined = join_->has_address};
@@ -205,8 +205,8 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
   });
 }
 
-void MeshdRadio::leave(const std::string& why) {
-  go_down(why);
+void MeshdRadio::leave(const std::string& why, bool is_restart) {
+  go_down(why, is_restart);
   stage_ = Stage::leaving;
   call(Leave{*node_->token}, [this](const MeshdAnswer& answer, TimePoint now) {
     const bool is_gone = answer.is_success() || answer.error == not_found;
@@ -228,7 +228,7 @@ void MeshdRadio::clear(TimePoint) {
 
 bool MeshdRadio::restart(TimePoint) {
   if (stage_ != Stage::up) return false;
-  leave("the gateway makes a new node, to hear all robots");
+  leave("the gateway makes a new node, to hear all robots", /*is_restart=*/true);
   return true;
 }
 

@@ -148,14 +148,14 @@ class MeshdRadio final : public Radio {
   void call(MeshdCall call, Done done);
   void begin(TimePoint now);
   void pause(const std::string& why, Duration time, TimePoint now);
-  void go_down(const std::string& why);
+  void go_down(const std::string& why, bool is_restart = false);
   void forget();
   void begin_node(TimePoint now);
   void ask_for_source(std::uint16_t addresses);
   void make_node();
   void attach();
   void on_attached(const MeshdAnswer& answer, TimePoint now);
-  void leave(const std::string& why);
+  void leave(const std::string& why, bool is_restart = false);
   void plan();
   void plan_refresh();
   void configure(Bytes message, Opcode answer, bool has_status = true);

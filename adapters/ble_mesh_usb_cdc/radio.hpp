@@ -136,6 +136,7 @@ struct LinkIsUp {
 struct LinkIsDown {
   std::string why;
   std::optional<JoinEnded> join = {};  ///< set if a device was joining
+  bool is_restart = false;             ///< Radio::restart has asked for it
 };
 /// Radio::clear has ended.
 struct RadioCleared {

@@ -26,19 +26,17 @@ Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState
 // --- Inputs --------------------------------------------------------------------------------------
 
 void Provisioner::on_link_up(const LinkIsUp& up, TimePoint now) {
-  is_restarting_ = false;
   lives_.on_link_up(up);
   refresh_.on_link_up();
   advance(now);
 }
 
 void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
-  const bool is_restart = std::exchange(is_restarting_, false);
   is_scanning_ = false;
   admission_.on_link_down(down, now);
   conversations_.on_link_down();
   survey_.on_link_down();
-  if (is_restart) return;  // on purpose, to hear a robot that has just joined
+  if (down.is_restart) return;  // on purpose: orders go on when the link is up again
   orders_.on_link_down();
   advance(now);
 }
@@ -132,7 +130,7 @@ void Provisioner::scan_or_restart(TimePoint now) {
   }
   if (!conversations_.wants_restart() || !conversations_.is_idle() || !admission_.is_idle()) return;
   conversations_.on_restart();
-  is_restarting_ = radio_.restart(now);
+  radio_.restart(now);
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {

@@ -69,7 +69,6 @@ class Provisioner {
   NodeConversations conversations_;
   OperatorOrders orders_;
   bool is_scanning_ = false;
-  bool is_restarting_ = false;           ///< the radio, because Provisioner has asked for it
   bool is_store_problem_known_ = false;  ///< to the operator
 };
 

@@ -515,6 +515,45 @@ TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWas
   EXPECT_EQ(roomy.board.count(0x0e), 0u) << "the board's replay list has room";
 }
 
+/// The link that goes down later is not taken for the restart.
+void expect_an_order_ends_with_the_link(FullReplayListRig& rig) {
+  rig.pass(120s);
+  ASSERT_GE(rig.board.count(0x0e), 1u);
+  ASSERT_EQ(rig.all<LinkChange>().size(), 1u) << "it never went down";
+  rig.order(RemoveOrder{"ble-0132"});
+  rig.pass(1s);
+  ASSERT_TRUE(rig.answer().is_null()) << rig.answer();
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_EQ(rig.answer(), "the BLE link went down: unplugged");
+}
+
+TEST(Provisioning, AnOrderEndsWithTheLinkOfABoardThatRefusedToRestart) {
+  FullReplayListRig rig;
+  rig.board.status_of[0x0e] = 0x81;
+  expect_an_order_ends_with_the_link(rig);
+}
+
+TEST(Provisioning, AnOrderEndsWithTheLinkOfABoardThatRestartedWithoutAWord) {
+  FullReplayListRig rig;
+  rig.board.forgets = false;
+  rig.spoil = [](Bytes& transfer) {
+    if (transfer == hex("04 81 02 00 fe")) transfer.clear();
+  };
+  expect_an_order_ends_with_the_link(rig);
+}
+
+TEST(Provisioning, AnOrderGoesOnAfterTheRestartOfTheBoard) {
+  FullReplayListRig rig;
+  while (rig.board.count(0x0e) == 0 && rig.now.time_since_epoch() < 120s) {
+    if (rig.last_order == 0 || !rig.answer().is_null()) rig.order(ScanOrder{});
+    rig.pass(100ms);
+  }
+  ASSERT_EQ(rig.board.count(0x0e), 1u);
+  rig.pass(11s);
+  EXPECT_TRUE(rig.answer().is_array()) << rig.answer();
+}
+
 TEST(Provisioning, RestartsTheBoardWhenTheLineIsInStepAgain) {
   FullReplayListRig rig;
   bool is_spoilt = false;
