@@ -25,8 +25,8 @@
 //    "refresh": {"step": STEP, "net_key": KEY, "app_key": KEY} or absent: the key refresh,
 //             and the other keys: the new keys; while finishing, the old keys}
 //
-// KEY and UUID are 32 hex digits; STEP is "distributing", "switching" or "finishing". Version 1
-// held the two keys only and is still read. Called by MeshFile and for imports.
+// KEY and UUID are 32 hex digits; STEP is "distributing", "switching" or "finishing". Called by
+// MeshFile and for imports.
 #pragma once
 
 #include <cstdint>
