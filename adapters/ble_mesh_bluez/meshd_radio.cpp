@@ -252,22 +252,22 @@ void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
 // --- Preparing the node --------------------------------------------------------------------------
 
 /// meshd takes configuration messages to its own node under the node's device key, as for any node.
-void MeshdRadio::configure(Bytes message, Opcode answer, bool has_status) {
-  steps_.push_back({DevKeySend{source_, std::move(message)}, answer, has_status});
+void MeshdRadio::configure(const Exchange& exchange, const auto&... params) {
+  steps_.push_back({DevKeySend{source_, encode_access(exchange.request, octets_of(params...))},
+                    exchange.answer, exchange.has_status});
 }
 
 void MeshdRadio::plan() {
   steps_ = {{ImportSubnet{keys_->keys.net_key}}, {ImportAppKey{keys_->keys.app_key}}};
   if (own_device_key_) steps_.push_back({ImportRemoteNode{source_, *own_device_key_}});
-  configure(encode_appkey_add_message(keys_->keys.app_key), appkey_status);
-  configure(encode_model_app_bind(source_, gateway_model), model_app_status);
-  configure(encode_default_ttl_set(settings_.ttl), default_ttl_status, false);
-  configure(encode_network_transmit_set(transmissions), network_transmit_status, false);
-  configure(encode_model_subscription_delete_all(source_, gateway_model),
-            model_subscription_status);
+  const Bytes model = encode_model_id(gateway_model);
+  configure(appkey_add, key_indexes_0, keys_->keys.app_key);
+  configure(model_app_bind, source_, key_index_0, model);
+  configure(default_ttl_set, settings_.ttl);
+  configure(network_transmit_set, encode_transmissions(transmissions));
+  configure(model_subscription_delete_all, source_, model);
   for (const std::uint16_t group : settings_.groups)
-    configure(encode_model_subscription_add(source_, group, gateway_model),
-              model_subscription_status);
+    configure(model_subscription_add, source_, group, model);
   plan_refresh();
 }
 
@@ -275,8 +275,12 @@ void MeshdRadio::plan() {
 /// it has done already, such as after a beacon of a robot that is ahead.
 void MeshdRadio::plan_refresh() {
   if (!keys_->next) return;
-  configure(encode_netkey_update(keys_->next->net_key), netkey_status, false);
-  configure(encode_appkey_update(keys_->next->app_key), appkey_status, false);
+  const auto unchecked = [](Exchange exchange) {
+    exchange.has_status = false;
+    return exchange;
+  };
+  configure(unchecked(netkey_update), key_index_0, keys_->next->net_key);
+  configure(unchecked(appkey_update), key_indexes_0, keys_->next->app_key);
 }
 
 void MeshdRadio::do_step(TimePoint now) {

@@ -158,7 +158,7 @@ class MeshdRadio final : public Radio {
   void leave(const std::string& why, bool is_restart = false);
   void plan();
   void plan_refresh();
-  void configure(Bytes message, Opcode answer, bool has_status = true);
+  void configure(const Exchange& exchange, const auto&... params);
   void do_step(TimePoint now);
   void on_step_answer(const MeshdAnswer& answer, TimePoint now);
   void on_configured(const AccessMessage& answer, TimePoint now);

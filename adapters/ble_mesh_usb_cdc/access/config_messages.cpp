@@ -45,15 +45,6 @@ Result<Composition, DecodeError> decode_composition(ByteView params) {
   return composition;
 }
 
-Bytes encode_model_publication_set(const Publication& publication) {
-  return encode_access(0x03,
-                       octets_of(publication.element, publication.address,
-                                 key_index_0,  // and no friendship credentials
-                                 std::min(publication.ttl, max_publish_ttl), publication.period,
-                                 publication.retransmit_count,  // and no interval steps
-                                 encode_model_id(publication.model)));
-}
-
 std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model) {
   ByteReader reader(params);
   reader.read(1 + sizeof(std::uint16_t) + encode_model_id(model).size());  // status and element
@@ -87,25 +78,8 @@ Transmissions decode_transmissions(std::uint8_t octet) {
           static_cast<std::uint16_t>(((octet >> count_bits) + 1) * step_ms)};
 }
 
-// Heartbeat counts and periods are powers of two, encoded as the exponent plus one (Mesh Profile
-// 1.0 table 4.1); 0 means none.
-
-Bytes encode_heartbeat_publication_set(std::uint16_t destination, std::uint8_t ttl) {
-  constexpr std::uint8_t count_log = 4;  // eight
-  static_assert(heartbeats == 1U << (count_log - 1));
-  const bool is_on = destination != 0;
-  const std::uint16_t features = 0;
-  return encode_access(0x8039, octets_of(destination, is_on ? count_log : std::uint8_t{0},
-                                         std::uint8_t{is_on},  // 1 s
-                                         std::min(ttl, max_publish_ttl), features, key_index_0));
-}
-
-Bytes encode_heartbeat_subscription_set(std::uint16_t source, std::uint16_t destination) {
-  constexpr std::uint8_t period_log = 9;  // 256 s
-  return encode_access(
-      0x803b, octets_of(source, destination, destination != 0 ? period_log : std::uint8_t{0}));
-}
-
+/// Heartbeat counts are powers of two, encoded as the exponent plus one (Mesh Profile 1.0 table
+/// 4.1); 0 means none.
 std::optional<HeartbeatCount> decode_heartbeat_count(ByteView params) {
   ByteReader reader(params);
   reader.read_u8();  // status

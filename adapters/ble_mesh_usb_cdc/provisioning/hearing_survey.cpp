@@ -15,28 +15,37 @@ constexpr std::uint16_t all_nodes = 0xffff;
 /// Places in the replay list of a robot on Nordic's stack by default; senders keep them for good.
 constexpr std::size_t replay_list_size = 40;
 
+// Heartbeat counts and periods are powers of two, encoded as the exponent plus one (Mesh Profile
+// 1.0 table 4.1); 0 means none.
+
+/// Number of heartbeats that a node publishes on request: the first at once, then one each second.
+constexpr std::uint32_t heartbeats = 8;
+
+/// The node counts heartbeats of this source to this group for 256 s. Zeros end the counting.
 ConfigurationStep subscription_step(std::uint16_t source, std::uint16_t destination) {
-  return {.what = "the heartbeat subscription",
-          .request = encode_heartbeat_subscription_set(source, destination),
-          .answer = heartbeat_subscription_status,
-          .echoed_head = octets_of(source, destination)};
+  constexpr std::uint8_t period_log = 9;  // 256 s
+  return config_step("the heartbeat subscription", heartbeat_subscription_set, source, destination,
+                     destination != 0 ? period_log : std::uint8_t{0});
 }
 
-/// Robots with Nordic's code up to release 3.0 stop on a failed assertion when they are asked to
-/// publish again before they have sent anything. So the request is not repeated until the
-/// heartbeats would be over.
+/// Publishes to this group, without features that trigger further heartbeats. Destination 0 stops
+/// the publication. Robots with Nordic's code up to release 3.0 stop on a failed assertion when
+/// they are asked to publish again before they have sent anything. So the request is not repeated
+/// until the heartbeats would be over.
 ConfigurationStep publication_step(std::uint16_t destination, std::uint8_t ttl) {
-  return {.what = "the heartbeat publication",
-          .request = encode_heartbeat_publication_set(destination, ttl),
-          .answer = heartbeat_publication_status,
-          .echoed_head = octets_of(destination),
-          .is_sent_once = destination != 0};
+  constexpr std::uint8_t count_log = 4;  // eight
+  static_assert(heartbeats == 1U << (count_log - 1));
+  const bool is_on = destination != 0;
+  const std::uint16_t features = 0;
+  auto step = config_step("the heartbeat publication", heartbeat_publication_set, destination,
+                          is_on ? count_log : std::uint8_t{0}, std::uint8_t{is_on},  // 1 s
+                          std::min(ttl, max_publish_ttl), features, key_index_0);
+  step.is_sent_once = is_on;
+  return step;
 }
 
 ConfigurationStep count_step() {
-  return {.what = "the heartbeats that it has counted",
-          .request = encode_heartbeat_subscription_get(),
-          .answer = heartbeat_subscription_status};
+  return config_step("the heartbeats that it has counted", heartbeat_subscription_get);
 }
 
 }  // namespace

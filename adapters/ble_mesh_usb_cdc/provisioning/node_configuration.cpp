@@ -39,23 +39,16 @@ bool ends_with(ByteView bytes, const Bytes& tail) {
   return bytes.size() >= tail.size() && std::ranges::equal(bytes.last(tail.size()), tail);
 }
 
-ConfigurationStep appkey_step(const Key& app_key) {
-  return {.what = "the application key",
-          .request = encode_appkey_add_message(app_key),
-          .answer = appkey_status,
-          .echoed_head = Bytes(3, 0)};
-}
-
-/// Returns a request about one model. Its answer repeats element and model, whatever its status.
-ConfigurationStep model_step(std::string_view what, Bytes request, Opcode answer,
-                             const ModelElement& of) {
-  return {.what = fmt::format("{} of model {}", what, to_string(of.model)),
-          .request = std::move(request),
-          .answer = answer,
-          .echoed_head = octets_of(of.element),
-          .echoed_tail = encode_model_id(of.model),
-          .is_required = false,
-          .about = of};
+/// Returns a request about one model, with `params` between the element and the model. Its answer
+/// repeats element and model, whatever its status.
+ConfigurationStep model_step(std::string_view what, const Exchange& exchange,
+                             const ModelElement& of, const auto&... params) {
+  auto step = config_step(fmt::format("{} of model {}", what, to_string(of.model)), exchange,
+                          of.element, params..., encode_model_id(of.model));
+  step.echoed_tail = encode_model_id(of.model);
+  step.is_required = false;
+  step.about = of;
+  return step;
 }
 
 std::vector<std::uint16_t> groups_of(const ConfigurationSettings& settings, const ModelId& model) {
@@ -72,19 +65,11 @@ bool may_have_groups(const ConfigurationSettings& settings, const ModelId& model
 
 /// Asks for the model's groups. A model without support for groups is right if none are wanted.
 ConfigurationStep list_step(const ConfigurationSettings& settings, const ModelElement& of) {
-  auto step = model_step(
-      "the list of subscriptions", encode_model_subscription_get(of.element, of.model),
-      of.model.company ? vendor_model_subscription_list : sig_model_subscription_list, of);
-  step.echoed_head = octets_of(of.element, std::exchange(step.echoed_tail, {}));
+  auto step =
+      model_step("the list of subscriptions",
+                 of.model.company ? vendor_model_subscription_get : sig_model_subscription_get, of);
+  step.echoed_tail.clear();
   if (groups_of(settings, of.model).empty()) step.also_done = not_a_subscribe_model;
-  return step;
-}
-
-ConfigurationStep group_step(std::string_view what, Bytes request, const ModelElement& of,
-                             std::uint16_t group) {
-  auto step = model_step(fmt::format("{} 0x{:04x}", what, group), std::move(request),
-                         model_subscription_status, of);
-  step.echoed_tail = octets_of(group, encode_model_id(of.model));
   return step;
 }
 
@@ -108,17 +93,16 @@ void add_publication(Steps& steps, const ConfigurationSettings& settings, const 
   const auto wish = settings.wishes.publications.find(to_string(of.model));
   const std::uint16_t destination =
       wish == settings.wishes.publications.end() ? settings.destination : wish->second;
-  const Publication publication{of.element, destination, settings.ttl,
-                                period,     of.model,    settings.retransmit_count};
-  steps.push_back(model_step("the publication", encode_model_publication_set(publication),
-                             model_publication_status, of));
+  steps.push_back(model_step("the publication", model_publication_set, of, destination,
+                             key_index_0,  // and no friendship credentials
+                             std::min(settings.ttl, max_publish_ttl), period,
+                             settings.retransmit_count));  // and no interval steps
 }
 
 /// Binds the application key to the model. A model that sends gets a publication to the gateway; a
 /// model that listens gets groups.
 void add_model(Steps& steps, const ConfigurationSettings& settings, const ModelElement& of) {
-  steps.push_back(model_step("the key binding", encode_model_app_bind(of.element, of.model),
-                             model_app_status, of));
+  steps.push_back(model_step("the key binding", model_app_bind, of, key_index_0));
   add_publication(steps, settings, of);
   if (may_have_groups(settings, of.model)) steps.push_back(list_step(settings, of));
 }
@@ -126,59 +110,41 @@ void add_model(Steps& steps, const ConfigurationSettings& settings, const ModelE
 /// Asks for the model's publication and its groups.
 void add_questions(Steps& steps, const ConfigurationSettings& settings, const ModelElement& of) {
   if (is_one_of(publishers, of.model))
-    steps.push_back(model_step("the publication",
-                               encode_model_publication_get(of.element, of.model),
-                               model_publication_status, of));
+    steps.push_back(model_step("the publication", model_publication_get, of));
   if (may_have_groups(settings, of.model)) steps.push_back(list_step(settings, of));
 }
 
 ConfigurationStep composition_step() {
-  return {.what = "the composition data",
-          .request = encode_composition_data_get(),
-          .answer = composition_data_status,
-          .has_status = false,
-          .echoed_head = Bytes(1, 0)};
+  return config_step("the composition data", composition_data_get, std::uint8_t{0});  // page 0
 }
 
-ConfigurationStep node_reset_step() {
-  return {.what = "the node reset",
-          .request = encode_node_reset(),
-          .answer = node_reset_status,
-          .has_status = false};
-}
-
-ConfigurationStep state_step(std::string what, Bytes request, Opcode answer, Bytes expected) {
-  return {.what = std::move(what),
-          .request = std::move(request),
-          .answer = answer,
-          .has_status = false,
-          .is_required = false,
-          .expected = std::move(expected)};
+/// Returns a request that sets a state, or asks for it without `state`. The answer is the new
+/// state.
+ConfigurationStep state_step(std::string what, const Exchange& exchange, const auto&... state) {
+  auto step = config_step(std::move(what), exchange, state...);
+  step.is_required = false;
+  step.expected = octets_of(state...);
+  return step;
 }
 
 /// Sets the values that an operator has chosen for this node alone.
 void add_wishes(Steps& steps, const NodeWishes& wishes) {
-  if (wishes.ttl)
-    steps.push_back(state_step("the default TTL", encode_default_ttl_set(*wishes.ttl),
-                               default_ttl_status, Bytes{*wishes.ttl}));
+  if (wishes.ttl) steps.push_back(state_step("the default TTL", default_ttl_set, *wishes.ttl));
   if (wishes.relay)
-    steps.push_back(
-        state_step("relaying", encode_relay_set(*wishes.relay), relay_status,
-                   Bytes{std::uint8_t{*wishes.relay}, encode_transmissions(relay_transmissions)}));
+    steps.push_back(state_step("relaying", relay_set, std::uint8_t{*wishes.relay},
+                               encode_transmissions(relay_transmissions)));
   if (wishes.transmit)
-    steps.push_back(state_step("network transmit", encode_network_transmit_set(*wishes.transmit),
-                               network_transmit_status,
-                               Bytes{encode_transmissions(*wishes.transmit)}));
+    steps.push_back(state_step("network transmit", network_transmit_set,
+                               encode_transmissions(*wishes.transmit)));
 }
 
 /// A node that is in another phase than it should be reports that (Mesh Profile 1.0 section
 /// 4.3.2.42), and such an answer does not count.
 ConfigurationStep phase_step(std::uint8_t transition, std::uint8_t phase) {
-  return {.what = fmt::format("key refresh phase {}", transition),
-          .request = encode_key_refresh_phase_set(transition),
-          .answer = key_refresh_phase_status,
-          .echoed_head = Bytes(2, 0),
-          .echoed_tail = Bytes(1, phase)};
+  auto step = config_step(fmt::format("key refresh phase {}", transition), key_refresh_phase_set,
+                          key_index_0, transition);
+  step.echoed_tail = Bytes(1, phase);
+  return step;
 }
 
 /// Each request may be repeated: nodes answer as if it was the first time.
@@ -186,14 +152,9 @@ std::deque<ConfigurationStep> plan_refresh(const RefreshState& refresh) {
   switch (refresh.step) {
     case RefreshStep::none: break;
     case RefreshStep::distributing:
-      return {{.what = "the new network key",
-               .request = encode_netkey_update(refresh.other.net_key),
-               .answer = netkey_status,
-               .echoed_head = Bytes(2, 0)},
-              {.what = "the new application key",
-               .request = encode_appkey_update(refresh.other.app_key),
-               .answer = appkey_status,
-               .echoed_head = Bytes(3, 0)}};
+      return {config_step("the new network key", netkey_update, key_index_0, refresh.other.net_key),
+              config_step("the new application key", appkey_update, key_indexes_0,
+                          refresh.other.app_key)};
     case RefreshStep::switching: return {phase_step(2, 2)};
     case RefreshStep::finishing: return {phase_step(3, 0)};
   }
@@ -203,17 +164,15 @@ std::deque<ConfigurationStep> plan_refresh(const RefreshState& refresh) {
 std::deque<ConfigurationStep> first_steps(NodeConfiguration::Purpose purpose,
                                           const ConfigurationSettings& settings) {
   using Purpose = NodeConfiguration::Purpose;
-  const auto ttl = state_step("its default TTL", encode_default_ttl_get(), default_ttl_status, {});
+  const auto ttl = state_step("its default TTL", default_ttl_get);
   switch (purpose) {
-    case Purpose::reset: return {node_reset_step()};
+    case Purpose::reset: return {config_step("the node reset", node_reset)};
     case Purpose::refresh: return plan_refresh(settings.refresh);
     case Purpose::ping: return {ttl};
     case Purpose::survey: return {settings.questions.begin(), settings.questions.end()};
     case Purpose::inquire:
-      return {ttl, state_step("whether it relays", encode_relay_get(), relay_status, {}),
-              state_step("its network transmit", encode_network_transmit_get(),
-                         network_transmit_status, {}),
-              composition_step()};
+      return {ttl, state_step("whether it relays", relay_get),
+              state_step("its network transmit", network_transmit_get), composition_step()};
     case Purpose::configure:
     case Purpose::move: break;
   }
@@ -232,14 +191,12 @@ Steps plan_groups(const ConfigurationSettings& settings, const ModelElement& of,
   const std::vector<std::uint16_t> wanted = groups_of(settings, of.model);
   for (const std::uint16_t group : has)  // first, to make room
     if (is_group(group) && !is_one_of(wanted, group))
-      steps.push_back(group_step("the end of the subscription to",
-                                 encode_model_subscription_delete(of.element, group, of.model), of,
-                                 group));
+      steps.push_back(model_step(fmt::format("the end of the subscription to 0x{:04x}", group),
+                                 model_subscription_delete, of, group));
   for (const std::uint16_t group : wanted)
     if (!has.contains(group))
-      steps.push_back(group_step("the subscription to",
-                                 encode_model_subscription_add(of.element, group, of.model), of,
-                                 group));
+      steps.push_back(model_step(fmt::format("the subscription to 0x{:04x}", group),
+                                 model_subscription_add, of, group));
   return steps;
 }
 
@@ -277,7 +234,9 @@ std::vector<ConfigurationStep> NodeConfiguration::plan(const Composition& compos
                    : purpose_ == Purpose::move ? add_publication
                                                : add_questions;
   Steps steps;
-  if (is_whole) steps.push_back(appkey_step(settings_.app_key));
+  if (is_whole)
+    steps.push_back(
+        config_step("the application key", appkey_add, key_indexes_0, settings_.app_key));
   ModelElement of{address_, {}};
   for (const auto& models : composition.elements) {
     for (const ModelId& model : models) {
@@ -351,14 +310,14 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
   if (!step.expected.empty() && !std::ranges::equal(message.params, step.expected))
     add_problem(fmt::format("{} was not changed: the node answers {} in place of {}", step.what,
                             to_hex(message.params), to_hex(step.expected)));
-  if (step.answer == composition_data_status) {
+  if (step.answer == composition_data_get.answer) {
     const auto composition = decode_composition(message.params);
     if (!composition.has_value())
       return finish(State::failed, "its composition data can't be read");
     for (auto& next : plan(*composition)) steps_.push_back(std::move(next));
   }
-  const bool lists_groups =
-      step.answer == sig_model_subscription_list || step.answer == vendor_model_subscription_list;
+  const bool lists_groups = step.answer == sig_model_subscription_get.answer ||
+                            step.answer == vendor_model_subscription_get.answer;
   if (purpose_ == Purpose::configure && lists_groups && status == 0) {
     auto groups = plan_groups(settings_, *step.about,
                               decode_subscription_list(message.params, step.about->model));

@@ -49,6 +49,18 @@ struct ConfigurationStep {
   bool is_answered_by(const AccessMessage& message) const;
 };
 
+/// Returns the step with this request; parameters as for octets_of().
+template <class... Values>
+ConfigurationStep config_step(std::string what, const Exchange& exchange, const Values&... values) {
+  const Bytes params = octets_of(values...);
+  const ByteView echoed = ByteView(params).first(exchange.echoed);
+  return {.what = std::move(what),
+          .request = encode_access(exchange.request, params),
+          .answer = exchange.answer,
+          .has_status = exchange.has_status,
+          .echoed_head = Bytes(echoed.begin(), echoed.end())};
+}
+
 struct ConfigurationSettings {
   Key app_key{};
   std::uint16_t destination = 0x0001;  ///< of what the robot publishes: a gateway, or their group

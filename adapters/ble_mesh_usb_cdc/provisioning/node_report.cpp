@@ -64,7 +64,7 @@ OrderedJson& row_of(OrderedJson& models, const ModelElement& about) {
 void add_model_answer(OrderedJson& models, const NodeAnswer& answer) {
   if (answer.params.empty() || answer.params[0] != 0) return;  // the problem names the refusal
   OrderedJson& row = row_of(models, *answer.about);
-  if (answer.opcode == model_publication_status) {
+  if (answer.opcode == model_publication_get.answer) {
     const auto publication = decode_publication(answer.params);
     if (!publication) return;
     row["publishes_to"] = address_text(publication->address);
@@ -80,9 +80,9 @@ void add_answer(OrderedJson& report, OrderedJson& models, const NodeAnswer& answ
   if (answer.about) return add_model_answer(models, answer);
   if (answer.params.empty()) return;
   switch (answer.opcode) {
-    case default_ttl_status: report["ttl"] = answer.params[0]; break;
-    case relay_status: report["relay"] = relay_json(answer.params); break;
-    case network_transmit_status:
+    case default_ttl_get.answer: report["ttl"] = answer.params[0]; break;
+    case relay_get.answer: report["relay"] = relay_json(answer.params); break;
+    case network_transmit_get.answer:
       report["transmit"] = transmissions_json(decode_transmissions(answer.params[0]));
       break;
     default: break;

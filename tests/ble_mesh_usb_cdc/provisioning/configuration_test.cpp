@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What nodes are told, as bytes and as a conversation that loses messages.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
 
 namespace slamgw::ble {
@@ -10,33 +11,46 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr ModelId sensor_update_client{std::uint16_t{0x0059}, 0x0006};
-
-TEST(ConfigMessages, AreWhatNordicsHostScriptWrites) {
-  EXPECT_EQ(encode_composition_data_get(), hex("80 08 00"));
-  Key key;
-  key.fill(0x5a);
-  EXPECT_EQ(encode_appkey_add_message(key), hex("00 00 00 00") + Bytes(16, 0x5a));
-  EXPECT_EQ(encode_model_app_bind(0x0100, sensor_update_client),
-            hex("80 3d 00 01 00 00 59 00 06 00"));
-  EXPECT_EQ(encode_model_app_bind(0x0100, {{}, 0x1000}), hex("80 3d 00 01 00 00 00 10"));
-  EXPECT_EQ(encode_model_publication_set({0x0100, 0x0001, 4, 0, sensor_update_client}),
-            hex("03 00 01 01 00 00 00 04 00 00 59 00 06 00"));
-  EXPECT_EQ(encode_model_subscription_add(0x0100, 0xc004, {std::uint16_t{0x0059}, 0x0009}),
-            hex("80 1b 00 01 04 c0 59 00 09 00"));
-  EXPECT_EQ(encode_model_subscription_delete(0x0100, 0xc004, {{}, 0x1000}),
-            hex("80 1c 00 01 04 c0 00 10"));
-  EXPECT_EQ(encode_model_subscription_get(0x0100, {{}, 0x1000}), hex("80 29 00 01 00 10"));
-  EXPECT_EQ(encode_model_subscription_get(0x0100, {std::uint16_t{0x0059}, 0x0009}),
-            hex("80 2b 00 01 59 00 09 00"));
-  EXPECT_EQ(encode_node_reset(), hex("80 49"));
+/// The octets of this request.
+Bytes request(const ble::Exchange& exchange, const auto&... params) {
+  return config_step("", exchange, params...).request;
 }
 
-TEST(ConfigMessages, NeverPublishWithATtlThatStopsNordicsRobots) {
-  for (const int ttl : {127, 128, 200, 254, 255})
-    EXPECT_EQ(encode_model_publication_set(
-                  {0x0100, 0x0001, static_cast<std::uint8_t>(ttl), 0, sensor_update_client}),
-              hex("03 00 01 01 00 00 00 7f 00 00 59 00 06 00"));
+TEST(ConfigMessages, AreWhatNordicsHostScriptWrites) {
+  constexpr std::uint16_t element = 0x0100;
+  constexpr std::uint16_t group = 0xc004;
+  const Bytes vendor_model = encode_model_id(sensor_update_client);
+  const Bytes sig_model = encode_model_id({{}, 0x1000});
+  EXPECT_EQ(request(composition_data_get, std::uint8_t{0}), hex("80 08 00"));
+  Key key;
+  key.fill(0x5a);
+  EXPECT_EQ(request(appkey_add, key_indexes_0, key), hex("00 00 00 00") + Bytes(16, 0x5a));
+  EXPECT_EQ(request(model_app_bind, element, key_index_0, vendor_model),
+            hex("80 3d 00 01 00 00 59 00 06 00"));
+  EXPECT_EQ(request(model_app_bind, element, key_index_0, sig_model),
+            hex("80 3d 00 01 00 00 00 10"));
+  EXPECT_EQ(request(model_subscription_add, element, group, vendor_model),
+            hex("80 1b 00 01 04 c0 59 00 06 00"));
+  EXPECT_EQ(request(model_subscription_delete, element, group, sig_model),
+            hex("80 1c 00 01 04 c0 00 10"));
+  EXPECT_EQ(request(sig_model_subscription_get, element, sig_model), hex("80 29 00 01 00 10"));
+  EXPECT_EQ(request(vendor_model_subscription_get, element, vendor_model),
+            hex("80 2b 00 01 59 00 06 00"));
+  EXPECT_EQ(request(node_reset), hex("80 49"));
+}
+
+TEST(ConfigMessages, PublishLikeNordicsHostScriptAndNeverWithATtlThatStopsNordicsRobots) {
+  for (const int ttl : {4, 127, 128, 200, 254, 255}) {
+    Settings settings;
+    settings.ttl = static_cast<std::uint8_t>(ttl);
+    ProvisioningRig rig(settings);
+    rig.add(1);
+    rig.start();
+    rig.pass(20s);
+    const std::string set =
+        fmt::format("03000101000000{:02x}000059000600", std::min(ttl, int{max_publish_ttl}));
+    EXPECT_EQ(std::ranges::count(rig.sent_to(0x0100), set), 1) << ttl;
+  }
 }
 
 /// Recorded from Nordic's configuration server, release 3.1.0; parameters, after the opcode.

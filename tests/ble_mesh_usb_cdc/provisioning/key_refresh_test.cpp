@@ -493,7 +493,8 @@ Key counting_from(std::uint8_t first) {
 
 TEST(KeyRefreshRecording, ARobotAnswersWhatIsSaid) {
   const auto recorded = test::read_transcript("configuration.txt", "configuration", "3.1.0");
-  const auto answer_to = [&](const Bytes& request) {
+  const auto answer_to = [&](const ble::Exchange& asked, const auto&... params) {
+    const Bytes request = config_step("", asked, params...).request;
     constexpr std::size_t request_at = 12;
     constexpr std::size_t answer_at = 21;
     std::set<std::string> answers;
@@ -508,11 +509,14 @@ TEST(KeyRefreshRecording, ARobotAnswersWhatIsSaid) {
     }
     return answers;
   };
-  EXPECT_TRUE(answer_to(encode_netkey_update(counting_from(0xa0))).contains("8044000000"));
-  EXPECT_TRUE(answer_to(encode_key_refresh_phase_set(2)).contains("801700000002"));
-  EXPECT_EQ(answer_to(encode_key_refresh_phase_set(3)), std::set<std::string>{"801700000000"});
-  EXPECT_TRUE(answer_to(encode_appkey_update(counting_from(0x90))).contains("800300000000"));
-  EXPECT_TRUE(answer_to(encode_appkey_update(counting_from(0x60))).contains("80030b000000"))
+  EXPECT_TRUE(answer_to(netkey_update, key_index_0, counting_from(0xa0)).contains("8044000000"));
+  EXPECT_TRUE(
+      answer_to(key_refresh_phase_set, key_index_0, std::uint8_t{2}).contains("801700000002"));
+  EXPECT_EQ(answer_to(key_refresh_phase_set, key_index_0, std::uint8_t{3}),
+            std::set<std::string>{"801700000000"});
+  EXPECT_TRUE(
+      answer_to(appkey_update, key_indexes_0, counting_from(0x90)).contains("800300000000"));
+  EXPECT_TRUE(answer_to(appkey_update, key_indexes_0, counting_from(0x60)).contains("80030b000000"))
       << "no refresh was under way";
 }
 
