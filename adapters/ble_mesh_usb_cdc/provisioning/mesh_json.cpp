@@ -29,99 +29,107 @@ constexpr std::uint32_t format_version = 2;
 constexpr std::uint8_t max_ttl = 127;
 constexpr std::uint16_t max_interval_ms = 320;
 
-// Readers of the JSON files of a mesh. A missing or invalid value yields nothing.
+// Readers of the JSON files of a mesh. They throw a Json::exception if a value is invalid; must(),
+// too, if the member is missing.
 
-/// Returns null if the member is missing, or if `json` is not an object.
-const Json& member(const Json& json, const char* name) {
-  static const Json missing;
-  const auto found = json.find(name);
-  return found == json.end() ? missing : *found;
+void require(bool is_valid) {
+  if (!is_valid) throw Json::other_error::create(501, "invalid value", nullptr);
 }
 
-std::optional<std::string> read_text(const Json& json, const char* name) {
-  const Json& value = member(json, name);
-  return value.is_string() ? std::optional(value.get<std::string>()) : std::nullopt;
+/// Returns nothing for an invalid value.
+auto tried(const auto& read, const Json& json) -> std::optional<decltype(read(json))> {
+  try {
+    return read(json);
+  } catch (const Json::exception&) {
+    return std::nullopt;
+  }
 }
 
-/// Reads a name of a robot or a gateway; empty if it is missing or invalid.
-std::string read_name(const Json& json, const char* name) {
-  const auto text = read_text(json, name);
-  return text && is_valid_level(*text) ? *text : std::string();
+auto must(const Json& json, const char* name, const auto& read) { return read(json.at(name)); }
+
+/// Returns nothing for a missing or invalid member.
+auto may(const Json& json, const char* name, const auto& read) {
+  return json.contains(name) ? tried(read, json.at(name)) : decltype(tried(read, json))();
+}
+
+/// Reads a list of at most `max` values, or none if the list is missing.
+auto read_list(const Json& json, const char* name, std::size_t max, const auto& read) {
+  std::vector<decltype(read(json))> values;
+  if (!json.contains(name)) return values;
+  const Json& list = json.at(name);
+  require(list.is_array() && list.size() <= max);
+  for (const Json& each : list) values.push_back(read(each));
+  return values;
+}
+
+std::string text(const Json& json) { return json.get<std::string>(); }
+bool flag(const Json& json) { return json.get<bool>(); }
+
+/// Reads a name of a robot or a gateway.
+std::string level(const Json& json) {
+  require(is_valid_level(text(json)));
+  return text(json);
 }
 
 /// Reads a whole number from 0 to `max`.
 template <class Number>
-std::optional<Number> read_count(const Json& json, const char* name, Number max) {
-  const Json& value = member(json, name);
-  if (!value.is_number_unsigned() || value.get<std::uint64_t>() > max) return std::nullopt;
-  return value.get<Number>();
+auto count(Number max) {
+  return [max](const Json& json) {
+    require(json.is_number_unsigned() && json.get<std::uint64_t>() <= max);
+    return json.get<Number>();
+  };
 }
 
 /// Reads the text of one of these values.
 template <class Value>
-std::optional<Value> read_one_of(const Json& json, const char* name,
-                                 std::initializer_list<Value> values) {
-  const auto text = read_text(json, name);
-  for (const Value value : values)
-    if (text == to_string(value)) return value;
-  return std::nullopt;
-}
-
-/// Calls `read` for each entry of a list, which may be missing. Returns false if the member is not
-/// a list of at most `max` entries, or if `read` does.
-bool read_list(const Json& json, const char* name, std::size_t max, const auto& read) {
-  const auto list = json.find(name);
-  if (list == json.end()) return true;
-  return list->is_array() && list->size() <= max && std::ranges::all_of(*list, read);
+Value one_of(const Json& json, std::initializer_list<Value> values) {
+  const std::string written = text(json);
+  const auto found =
+      std::ranges::find_if(values, [&](const Value value) { return to_string(value) == written; });
+  require(found != values.end());
+  return *found;
 }
 
 /// Reads 32 hex digits, any case; UUIDs also with hyphens.
-std::optional<std::array<std::uint8_t, 16>> read_octets(const Json& json, const char* name) {
-  const auto digits = read_text(json, name);
-  return digits ? parse_uuid(*digits) : std::nullopt;
+Uuid octets(const Json& json) {
+  const auto read = parse_uuid(text(json));
+  require(read.has_value());
+  return *read;
 }
 
 /// Reads up to 4 hex digits with or without 0x.
-std::optional<std::uint16_t> address_of(const Json& text) {
-  if (!text.is_string()) return std::nullopt;
-  const auto written = text.get<std::string>();
+std::uint16_t hex_number(const Json& json) {
+  const std::string written = text(json);
   std::string_view digits = written;
   if (digits.starts_with("0x")) digits.remove_prefix(2);
-  return parse_number<std::uint16_t>(digits, hexadecimal);
+  const auto number = parse_number<std::uint16_t>(digits, hexadecimal);
+  require(number.has_value());
+  return *number;
 }
 
 /// Reads a group address, 0xc000-0xfeff.
-std::optional<std::uint16_t> group_of(const Json& text) {
-  const auto address = address_of(text);
-  return address >= first_group && address <= last_group ? address : std::nullopt;
+std::uint16_t group(const Json& json) {
+  const std::uint16_t address = hex_number(json);
+  require(address >= first_group && address <= last_group);
+  return address;
 }
 
-/// Reads a number, or text as address_of() does; 0x0001-0x7fff.
-std::optional<std::uint16_t> unicast_of(const Json& value) {
-  auto address = address_of(value);
-  if (value.is_number_unsigned() && value.get<std::uint64_t>() <= last_unicast_address)
-    address = value.get<std::uint16_t>();
-  return address > 0 && address <= last_unicast_address ? address : std::nullopt;
-}
-
-std::optional<std::uint16_t> read_unicast(const Json& json, const char* name) {
-  return unicast_of(member(json, name));
+/// Reads a number, or text as hex_number() does; 0x0001-0x7fff.
+std::uint16_t unicast(const Json& json) {
+  const std::uint16_t address =
+      json.is_number() ? count(last_unicast_address)(json) : hex_number(json);
+  require(address > 0 && address <= last_unicast_address);
+  return address;
 }
 
 /// Reads a unicast address, or a group address.
-std::optional<std::uint16_t> read_destination(const Json& json, const char* name) {
-  const auto unicast = read_unicast(json, name);
-  return unicast ? unicast : group_of(member(json, name));
+std::uint16_t destination(const Json& json) {
+  const auto address = tried(unicast, json);
+  return address ? *address : group(json);
 }
 
-std::optional<std::vector<std::uint16_t>> read_groups(const Json& json, const char* name) {
-  std::vector<std::uint16_t> groups;
-  const bool is_read = read_list(json, name, max_groups, [&](const Json& text) {
-    const auto group = group_of(text);
-    if (group) groups.push_back(*group);
-    return group.has_value();
-  });
-  return is_read ? std::optional(std::move(groups)) : std::nullopt;
+RefreshStep refresh_step(const Json& json) {
+  return one_of(json, {RefreshStep::distributing, RefreshStep::switching, RefreshStep::finishing});
 }
 
 OrderedJson wishes_json(const NodeWishes& wishes) {
@@ -171,136 +179,104 @@ OrderedJson life_json(const RadioLife& life) {
   return json;
 }
 
-/// Returns false if `life` is damaged. A file without it predates it: robots heard the gateway.
-bool read_life(const Json& json, RadioLife& life) {
-  life.number = 1;
-  const auto found = json.find("life");
-  if (found == json.end()) return true;
-  const auto number = read_count(*found, "number", UINT32_MAX);
-  if (!number || !read_text(*found, "kind")) return false;
-  life.number = *number;
-  life.source = read_unicast(*found, "source").value_or(0);
-  life.radio = read_text(*found, "board").value_or("");
-  life.kind = read_one_of(*found, "kind", {RadioKind::forgets, RadioKind::keeps})
-                  .value_or(RadioKind::unknown);
-  return true;
+RadioLife read_life(const Json& json) {
+  RadioLife life{.number = must(json, "number", count(UINT32_MAX)),
+                 .source = may(json, "source", unicast).value_or(0),
+                 .radio = may(json, "board", text).value_or("")};
+  const std::string kind = must(json, "kind", text);
+  for (const RadioKind each : {RadioKind::forgets, RadioKind::keeps})
+    if (kind == to_string(each)) life.kind = each;
+  return life;
 }
 
-/// Returns `none` if the step is missing or unknown.
-RefreshStep read_step(const Json& json, const char* name) {
-  return read_one_of(json, name,
-                     {RefreshStep::distributing, RefreshStep::switching, RefreshStep::finishing})
-      .value_or(RefreshStep::none);
+RefreshState read_refresh(const Json& json) {
+  return {must(json, "step", refresh_step),
+          {must(json, "net_key", octets), must(json, "app_key", octets)}};
 }
 
-/// Returns false if the member is damaged.
-bool read_refresh(const Json& json, NodeDatabase& database) {
-  const auto found = json.find("refresh");
-  if (found == json.end()) return true;
-  const RefreshStep step = read_step(*found, "step");
-  const auto net_key = read_octets(*found, "net_key");
-  const auto app_key = read_octets(*found, "app_key");
-  if (step == RefreshStep::none || !net_key || !app_key) return false;
-  database.refresh = RefreshState{step, {*net_key, *app_key}};
-  return true;
+/// Without these settings the node is left as it is.
+std::optional<AppliedSettings> read_applied(const Json& json) {
+  if (!json.contains("gateway") || !json.contains("groups")) return std::nullopt;
+  AppliedSettings applied{must(json, "gateway", destination),
+                          read_list(json, "groups", max_groups, group),
+                          may(json, "changing", flag).value_or(false)};
+  if (json.contains("relay_group")) applied.relay_group = must(json, "relay_group", group);
+  return applied;
 }
 
-/// Returns false if the settings are damaged. Without them the node is left as it is.
-bool read_applied(const Json& json, Node& node) {
-  node.ttl = read_count(json, "ttl", max_ttl);
-  if (!json.contains("gateway") || !json.contains("groups")) return true;
-  const auto destination = read_destination(json, "gateway");
-  auto groups = read_groups(json, "groups");
-  if (!destination || !groups) return false;
-  node.applied =
-      AppliedSettings{*destination, std::move(*groups), member(json, "changing") == true};
-  node.applied->relay_group = group_of(member(json, "relay_group"));
-  return node.applied->relay_group || !json.contains("relay_group");
-}
-
-/// Returns false if the member is damaged.
-bool read_wishes(const Json& node, NodeWishes& wishes) {
-  const auto found = node.find("wanted");
-  if (found == node.end()) return true;
-  if (!found->is_object()) return false;
-  wishes.ttl = read_count(*found, "ttl", max_ttl);
-  if (const Json& relay = member(*found, "relay"); relay.is_boolean())
-    wishes.relay = relay.get<bool>();
-  const auto groups = read_groups(*found, "groups");
-  if (!groups || groups->size() > NodeWishes::max_groups) return false;
-  wishes.groups = *groups;
-  const Json& publications = member(*found, "publications");
+NodeWishes read_wishes(const Json& json) {
+  require(json.is_object());
+  NodeWishes wishes{.ttl = may(json, "ttl", count(max_ttl)),
+                    .relay = may(json, "relay", flag),
+                    .groups = read_list(json, "groups", NodeWishes::max_groups, group)};
+  const Json publications = json.value("publications", Json());
   for (const ModelId& model : publishers)
-    if (const auto address = read_destination(publications, to_string(model).c_str()))
+    if (const auto address = may(publications, to_string(model).c_str(), destination))
       wishes.publications[to_string(model)] = *address;
-  const auto sends = read_count(*found, "transmit", max_ttl);
-  const auto interval_ms = read_count(*found, "transmit_interval_ms", max_interval_ms);
+  const auto sends = may(json, "transmit", count(max_ttl));
+  const auto interval_ms = may(json, "transmit_interval_ms", count(max_interval_ms));
   if (sends && interval_ms && Transmissions::is_valid(*sends, *interval_ms))
     wishes.transmit = Transmissions{*sends, *interval_ms};
-  return true;
+  return wishes;
 }
 
-std::optional<Node> read_node(const Json& json) {
-  const auto uuid = read_octets(json, "uuid");
-  const auto address = read_unicast(json, "address");
-  const auto elements = read_count(json, "elements", max_elements);
-  const auto state = read_one_of(
-      json, "state", {NodeState::reserved, NodeState::provisioned, NodeState::configured});
-  const auto new_address = read_unicast(json, "new_address");
-  if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
-  if (json.contains("new_address") && !new_address) return std::nullopt;
-  Node node{.uuid = *uuid, .address = *address, .elements = *elements, .state = *state};
-  node.new_address = new_address.value_or(0);
-  if (new_address)  // an older file has one count for both addresses
+NodeState node_state(const Json& json) {
+  return one_of(json, {NodeState::reserved, NodeState::provisioned, NodeState::configured});
+}
+
+Node read_node(const Json& json) {
+  Node node{.uuid = must(json, "uuid", octets),
+            .address = must(json, "address", unicast),
+            .elements = must(json, "elements", count(max_elements)),
+            .state = must(json, "state", node_state),
+            .device_key = may(json, "device_key", octets),
+            .name = may(json, "name", level).value_or(""),
+            .ttl = may(json, "ttl", count(max_ttl)),
+            .applied = read_applied(json),
+            .refreshed = may(json, "refreshed", refresh_step).value_or(RefreshStep::none)};
+  require(node.elements > 0);
+  require(node.device_key || node.state == NodeState::reserved || json.at("device_key").is_null());
+  if (json.contains("new_address")) {  // an older file has one count for both addresses
+    node.new_address = must(json, "new_address", unicast);
     node.new_elements = std::max<std::uint8_t>(
-        read_count(json, "new_elements", max_elements).value_or(*elements), 1);
-  node.refreshed = read_step(json, "refreshed");
-  node.name = read_name(json, "name");
-  node.device_key = read_octets(json, "device_key");
-  const bool has_radio_key = json.contains("device_key") && json["device_key"].is_null();
-  if (!node.device_key && !has_radio_key && node.state != NodeState::reserved) return std::nullopt;
-  if (!read_applied(json, node) || !read_wishes(json, node.wishes)) return std::nullopt;
+        may(json, "new_elements", count(max_elements)).value_or(node.elements), 1);
+  }
+  if (json.contains("wanted")) node.wishes = must(json, "wanted", read_wishes);
   return node;
 }
 
-bool read_nodes(const Json& json, NodeDatabase& database) {
-  return read_list(json, "nodes", NodeDatabase::max_nodes, [&](const Json& each) {
-    const auto node = read_node(each);
-    if (!node || database.find(node->uuid) ||
-        !is_address_free(database, node->address, node->elements, {}, node->uuid) ||
-        !is_address_free(database, node->joining_address(), node->joining_elements(), {},
-                         node->uuid))
-      return false;
-    database.nodes.push_back(*node);
-    return true;
-  });
+RemovedNode read_removed(const Json& json) {
+  return {must(json, "uuid", octets), must(json, "address", unicast),
+          must(json, "elements", count(max_elements))};
 }
 
-bool read_removed(const Json& json, NodeDatabase& database) {
-  return read_list(json, "removed", NodeDatabase::max_removed, [&](const Json& each) {
-    const auto uuid = read_octets(each, "uuid");
-    const auto address = read_unicast(each, "address");
-    const auto elements = read_count(each, "elements", max_elements);
-    if (!uuid || !address || !elements) return false;
-    database.removed.push_back({*uuid, *address, *elements});
-    return true;
-  });
-}
-
-/// Returns false if the member is damaged.
-bool read_gateways(const Json& json, NodeDatabase& database) {
-  if (json.contains("guest")) {
-    database.guest_address = read_unicast(json, "guest");
-    if (!database.guest_address) return false;
-    database.guest_addresses =
-        std::max<std::uint16_t>(read_count(json, "guest_addresses", max_sources).value_or(1), 1);
-    database.host = read_name(json, "host");
+NodeDatabase read_database(const Json& json) {
+  require(must(json, "version", count(format_version)) == format_version);
+  NodeDatabase database;
+  database.keys = {must(json, "net_key", octets), must(json, "app_key", octets)};
+  database.iv_index = must(json, "iv_index", count(UINT32_MAX));
+  database.next_address = must(json, "next_address", hex_number);
+  // It is one past the last address when all were handed out.
+  require(database.next_address > 0 && database.next_address <= last_unicast_address + 1);
+  for (const Node& node : read_list(json, "nodes", NodeDatabase::max_nodes, read_node)) {
+    require(
+        !database.find(node.uuid) &&
+        is_address_free(database, node.address, node.elements, {}, node.uuid) &&
+        is_address_free(database, node.joining_address(), node.joining_elements(), {}, node.uuid));
+    database.nodes.push_back(node);
   }
-  return read_list(json, "gateways", first_robot_address, [&](const Json& each) {
-    const auto address = unicast_of(each);
-    if (address) database.gateways.push_back(*address);
-    return address.has_value();
-  });
+  database.removed = read_list(json, "removed", NodeDatabase::max_removed, read_removed);
+  database.gateways = read_list(json, "gateways", first_robot_address, unicast);
+  if (json.contains("guest")) {
+    database.guest_address = must(json, "guest", unicast);
+    database.guest_addresses =
+        std::max<std::uint16_t>(may(json, "guest_addresses", count(max_sources)).value_or(1), 1);
+    database.host = may(json, "host", level).value_or("");
+  }
+  database.life.number = 1;  // a file without a life predates it: robots heard the gateway
+  if (json.contains("life")) database.life = must(json, "life", read_life);
+  if (json.contains("refresh")) database.refresh = must(json, "refresh", read_refresh);
+  return database;
 }
 
 }  // namespace
@@ -335,84 +311,59 @@ std::string encode_node_database(const NodeDatabase& database) {
 }
 
 Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
-  const Json json = Json::parse(text, nullptr, false);
-  if (!json.is_object()) return DecodeError::bad_value;
-  const auto version = read_count(json, "version", format_version);
-  const auto net_key = read_octets(json, "net_key");
-  const auto app_key = read_octets(json, "app_key");
-  if (version != format_version || !net_key || !app_key) return DecodeError::bad_value;
-  NodeDatabase database;
-  database.keys = {*net_key, *app_key};
-  if (!read_life(json, database.life)) return DecodeError::bad_value;
-  const auto iv_index = read_count(json, "iv_index", UINT32_MAX);
-  const auto next_address = read_text(json, "next_address");
-  if (!iv_index || !next_address || !read_nodes(json, database) || !read_removed(json, database) ||
-      !read_gateways(json, database) || !read_refresh(json, database))
-    return DecodeError::bad_value;
-  database.iv_index = *iv_index;
-  // The number is one past the last address when all were handed out.
-  if (*next_address == address_text(last_unicast_address + 1)) {
-    database.next_address = last_unicast_address + 1;
-  } else {
-    const auto address = read_unicast(json, "next_address");
-    if (!address) return DecodeError::bad_value;
-    database.next_address = *address;
-  }
-  return database;
+  auto database = tried(read_database, Json::parse(text, nullptr, false));
+  if (!database) return DecodeError::bad_value;
+  return std::move(*database);
 }
 
 namespace {
 
 /// Returns the key with index 0 in a list of `{"index", "key"}`.
-std::optional<Key> read_key_0(const Json& json, const char* list) {
-  for (const Json& key : member(json, list))
-    if (read_count(key, "index", 0U)) return read_octets(key, "key");
-  return std::nullopt;
+Key read_key_0(const Json& list) {
+  const auto key = std::ranges::find_if(
+      list, [](const Json& each) { return may(each, "index", count(0U)).has_value(); });
+  require(key != list.end());
+  return must(*key, "key", octets);
 }
 
-bool is_configured(const Json& node) {
-  return member(node, "configComplete") == true || !member(node, "appKeys").empty();
-}
-
-std::optional<Node> read_imported_node(const Json& json) {
-  const auto uuid = read_octets(json, "UUID");
-  const auto device_key = read_octets(json, "deviceKey");
-  const auto address = read_unicast(json, "unicastAddress");
-  if (!uuid || !device_key || !address) return std::nullopt;
-  const std::size_t count = std::max<std::size_t>(member(json, "elements").size(), 1);
-  if (count > max_elements) return std::nullopt;
-  Node node{.uuid = *uuid, .address = *address, .elements = static_cast<std::uint8_t>(count)};
-  node.device_key = device_key;
-  node.state = is_configured(json) ? NodeState::configured : NodeState::provisioned;
-  node.name = read_name(json, "name");
+Node read_imported_node(const Json& json) {
+  Node node{.uuid = must(json, "UUID", octets),
+            .address = must(json, "unicastAddress", unicast),
+            .device_key = must(json, "deviceKey", octets),
+            .name = may(json, "name", level).value_or("")};
+  const std::size_t elements = std::max<std::size_t>(json.value("elements", Json()).size(), 1);
+  require(elements <= max_elements);
+  node.elements = static_cast<std::uint8_t>(elements);
+  const bool is_configured =
+      may(json, "configComplete", flag).value_or(false) || !json.value("appKeys", Json()).empty();
+  node.state = is_configured ? NodeState::configured : NodeState::provisioned;
   return node;
 }
 
 Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
-  const auto net_key = read_key_0(json, "netKeys");
-  const auto app_key = read_key_0(json, "appKeys");
+  const auto net_key = may(json, "netKeys", read_key_0);
+  const auto app_key = may(json, "appKeys", read_key_0);
   if (!net_key || !app_key)
     return Refusal{"it has no network key 0 (netKeys) or no application key 0 (appKeys)"};
   NodeDatabase database;
   database.keys = {*net_key, *app_key};
   database.life.number = 1;  // the tool's own radio
-  database.iv_index = read_count(json, "ivIndex", UINT32_MAX).value_or(0);
-  const auto read = [&](const Json& each) {
-    auto node = read_imported_node(each);
-    if (!node) return false;
+  database.iv_index = may(json, "ivIndex", count(UINT32_MAX)).value_or(0);
+  const Json nodes = json.value("nodes", Json::array());
+  if (!nodes.is_array() || nodes.size() > NodeDatabase::max_nodes)
+    return Refusal{
+        fmt::format("`nodes` must be a list with at most {} entries", NodeDatabase::max_nodes)};
+  for (const Json& each : nodes) {
+    auto node = tried(read_imported_node, each);
+    if (!node)
+      return Refusal{fmt::format("nodes[{}] lacks a UUID, a deviceKey or a unicastAddress",
+                                 database.nodes.size())};
     // The robots' names must differ, unlike those in the tool.
     if (std::ranges::find(database.nodes, node->name, &Node::name) != database.nodes.end())
       node->name.clear();
     database.nodes.push_back(std::move(*node));
-    return true;
-  };
-  if (read_list(json, "nodes", NodeDatabase::max_nodes, read)) return database;
-  const Json& nodes = member(json, "nodes");
-  if (nodes.is_array() && nodes.size() <= NodeDatabase::max_nodes)
-    return Refusal{fmt::format("nodes[{}] lacks a UUID, a deviceKey or a unicastAddress",
-                               database.nodes.size())};
-  return Refusal{
-      fmt::format("`nodes` must be a list with at most {} entries", NodeDatabase::max_nodes)};
+  }
+  return database;
 }
 
 }  // namespace
