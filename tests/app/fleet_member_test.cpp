@@ -213,7 +213,11 @@ TEST_F(FleetMemberTest, CountsARobotOfAGatewayThatHasDiedOnceWhenTheRobotIsHeard
   want("r1");
   ASSERT_TRUE(test::eventually(io, [&] { return row_of("r1").at("gateway") == "gw1"; }));
   EXPECT_EQ(fleet.status().at("gateways").at(0).at("robots"), 1);
-  const Report report{Mesh::thread, "r1", "ntnu-slam/robot/r1/update", to_bytes("1234")};
+  const Report report{.mesh = Mesh::thread,
+                      .robot = "r1",
+                      .topic = "ntnu-slam/robot/r1/update",
+                      .payload = to_bytes("1234"),
+                      .receipt = no_receipt};
   fleet.on_mesh_event(report);
   gateway_driver->on_mesh_event(report, read_clocks());
   EXPECT_EQ(fleet.status().at("gateways").at(0).at("robots"), 1);
