@@ -128,15 +128,17 @@ void DiskStore::perform(const RetryDeadLetters& retry) {
     while (true) {
       const auto ids = log_->retried(retry.topic, retry.max_letters + max_unreadable);
       std::span<const std::uint64_t> left(ids);
-      if (revive(left, retry.max_letters, retry.topic) > 0) return;
-      if (ids.empty()) return post(DeadLettersRevived{{}, retry.topic});
+      if (revive(left, retry.max_letters, retry.topic) > 0) break;
+      if (!ids.empty()) continue;
+      post(DeadLettersRevived{{}, retry.topic});
+      break;
     }
   } catch (const LogError& error) {
     post(DeadLettersRevived{{}, retry.topic, error.what()});
-    if (log_->retried(retry.topic, 1).empty())
-      notify(Severity::error,
-             fmt::format("dead letters on {} wait for an operator: {}", retry.topic, error.what()));
   }
+  if (const std::string why = log_->take_why_given_up(); !why.empty())
+    notify(Severity::error,
+           fmt::format("dead letters on {} wait for an operator: {}", retry.topic, why));
 }
 
 /// Returns the number of letters that are messages again. Removes the ids from `ids` that it has
@@ -144,7 +146,8 @@ void DiskStore::perform(const RetryDeadLetters& retry) {
 std::size_t DiskStore::revive(std::span<const std::uint64_t>& ids, std::size_t most,
                               const std::string& topic) {
   restore_files();
-  MessageLog::Revival revival = log_->revive(ids, most, patience_.unreadable);
+  const Duration patience = topic.empty() ? Duration::max() : patience_.unreadable;
+  MessageLog::Revival revival = log_->revive(ids, most, patience);
   ids = ids.subspan(revival.tried);
   const std::size_t count = revival.messages.size();
   report_damaged(revival.damaged.size());

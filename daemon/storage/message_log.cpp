@@ -283,7 +283,8 @@ MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::
       const TimePoint now = std::chrono::steady_clock::now();
       if (!letter.unreadable_since) letter.unreadable_since = now;
       if (now - *letter.unreadable_since < patience) continue;
-      for (const bool is_later : {false, true}) letter.topic->second.retried.erase({is_later, id});
+      auto& retried = letter.topic->second.retried;
+      if (retried.erase({false, id}) + retried.erase({true, id}) > 0) why_given_up_ = error.what();
     }
   }
   if (read.empty() && unreadable) throw *unreadable;

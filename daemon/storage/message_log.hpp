@@ -91,6 +91,9 @@ class MessageLog {
   /// that the disk cannot read stay; after `patience` they are no longer among retried(). Throws
   /// LogError if it can read none.
   Revival revive(std::span<const std::uint64_t> ids, std::size_t most, Duration patience);
+  /// Returns the disk's error when revive() has taken letters out of retried() since the last call;
+  /// else nothing.
+  std::string take_why_given_up() { return std::exchange(why_given_up_, {}); }
   std::vector<FormerLetter> discard(const std::vector<std::uint64_t>& ids);
 
   RecordLog& log() { return log_; }
@@ -124,6 +127,7 @@ class MessageLog {
   std::map<std::uint64_t, Letter> letters_;  // by row
   Topics topics_;                            // of letters; none is empty
   std::uint64_t letter_bytes_ = 0;
+  std::string why_given_up_;
   StoreOpened opened_;
   RecordLog::Summary lost_;
 };

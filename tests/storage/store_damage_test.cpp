@@ -429,6 +429,38 @@ TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableWaitsForAnOperator) {
   EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":0,"resent":1})");
 }
 
+/// Letter 4 is read and refused again and again meanwhile.
+TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableIsReportedBesideAReadableOne) {
+  const std::string topic = "ntnu-slam/robot/r1/update";
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 4, 100));
+  ASSERT_TRUE(user.make_dead_letters({1, 4}, "refused"));
+  const std::string file = read_file(segment());
+  const auto last = file.rfind(std::string(as_text(StoreUser::message(1, 100).payload)));
+  ASSERT_NE(last, std::string::npos);
+  FaultyDisk::make_unreadable(segment(), last + 50, last + 51);
+  EXPECT_TRUE(eventually([&] {
+    user.store().ask(RetryDeadLetters{topic, 1});
+    const auto revived = user.await<DeadLettersRevived>();
+    EXPECT_EQ(revived->messages.size(), 1u) << revived->why_failed;
+    EXPECT_TRUE(user.make_dead_letters({4}, "refused"));
+    return user.notices().find("dead letters on " + topic + " wait for an operator") !=
+           std::string::npos;
+  })) << user.notices();
+}
+
+TEST_F(StoreDamage, WithoutDeadLettersNothingWaitsForAnOperatorThoughTheDiskFails) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 1, 100));
+  std::filesystem::remove(segment());
+  FaultyDisk::fails_writes = true;
+  user.store().ask(RetryDeadLetters{"ntnu-slam/robot/r1/update", 1});
+  EXPECT_FALSE(user.await<DeadLettersRevived>()->why_failed.empty());
+  FaultyDisk::fails_writes = false;
+  ASSERT_TRUE(user.load(0));
+  EXPECT_EQ(user.notices().find("wait for an operator"), std::string::npos) << user.notices();
+}
+
 TEST_F(StoreDamage, AMessageThatIsLostInsteadOfADeadLetterIsNotCountedAsOne) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
