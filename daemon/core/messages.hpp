@@ -236,8 +236,8 @@ constexpr bool is_down(StepKind kind) {
 /// and `refused` of robots' messages while an operator watches. Trace makes the other kinds.
 struct MessageStep {
   StepKind kind = StepKind::arrived;
-  std::optional<Mesh> mesh{};  ///< nothing for a command to a robot that is known on no mesh
-  std::string robot{};         ///< empty for a step of the outbox
+  std::optional<Mesh> mesh;  ///< nothing for a command to a robot that is known on no mesh
+  std::string robot{};       ///< empty for a step of the outbox
   std::string address{};  ///< of the robot on `mesh`, or of a group; empty: the robot's, or unknown
   std::string topic{};    ///< empty: the topic of the receipt or the command, or not known
   std::optional<Qos> qos{};

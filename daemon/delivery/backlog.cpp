@@ -21,7 +21,7 @@ bool Backlog::keep(Item& item) {
   note_room();
   if (!has_room_for(item.message.topic, cost)) return false;
   bytes_ += cost;
-  shares_.add(flow_of(item.message.topic), cost);
+  shares_.add_named(flow_of(item.message.topic), cost);
   if (rows_++ == 0) oldest_ = item.submitted;
   item.disk = Disk::asked;
   to_write_.push_back(item.row);

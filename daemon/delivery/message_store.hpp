@@ -41,7 +41,9 @@ class SlotSums {
     return std::hash<std::string_view>{}(name) % slots;
   }
 
-  void add(std::string_view name, std::uint64_t value) {
+  void add(std::string_view name, std::uint64_t value) { sums_[slot(name)].value += value; }
+  /// Also keeps the name, for largest().
+  void add_named(std::string_view name, std::uint64_t value) {
     Sum& sum = sums_[slot(name)];
     if (sum.value == 0) sum.name = name;
     sum.value += value;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calls a function later, on the thread of its io_context. At most one call is awaited at a time:
-// another one takes its place. After cancel(), and after the end of this object, no call comes,
-// although a handler of Asio that is queued already still runs. Used by every I/O shell.
+// Calls a function later, on the one thread of its io_context or thread pool. At most one call is
+// awaited at a time: another one takes its place. After cancel(), and after the end of this object,
+// no call comes, although a handler of Asio that is queued already still runs. Used by every I/O
+// shell.
 #pragma once
 
 #include <boost/asio/steady_timer.hpp>
@@ -16,7 +17,7 @@ namespace slamgw {
 
 class Timer {
  public:
-  /// `where`: an io_context, or an executor of one.
+  /// `where`: an execution context of one thread, or its executor.
   explicit Timer(auto&& where) : timer_(where) {}
   Timer(const Timer&) = delete;
   Timer& operator=(const Timer&) = delete;

@@ -102,7 +102,7 @@ void MessageLog::read_all(bool skips_unreadable) {
   bool is_first = true;
   for (auto row = log_.next(0); row; row = log_.next(*row)) {
     const auto record = find(*row, skips_unreadable);
-    if (record) opened_.shares.add(flow_of(record->message.topic), cost_of(record->message));
+    if (record) opened_.shares.add_named(flow_of(record->message.topic), cost_of(record->message));
     if (record && record->dead) {
       add_letter(*row, *record);
       continue;
@@ -271,7 +271,7 @@ MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::
   std::vector<std::uint64_t> read;
   std::optional<LogError> unreadable;
   for (const std::uint64_t id : ids) {
-    if (intact.size() == most) break;
+    if (intact.size() == most || revival.tried - read.size() == most_unreadable) break;
     ++revival.tried;
     try {
       if (auto listed = find_letter(id))

@@ -87,6 +87,8 @@ class MessageLog {
     std::vector<FormerLetter> damaged;  ///< they are lost
     std::size_t tried = 0;              ///< of the ids
   };
+  /// Limit of letters that the disk cannot read in one revive(): each may take seconds.
+  static constexpr std::size_t most_unreadable = 256;
   /// Turns dead letters into messages again, in their rows: the first ones, at most `most`. Letters
   /// that the disk cannot read stay; after `patience` they are no longer among retried(). Throws
   /// LogError if it can read none.

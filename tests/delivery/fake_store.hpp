@@ -32,7 +32,7 @@ class FakeStore {
       opened.last_row = row;
       ++opened.count;
       opened.bytes += cost_of(kept.message);
-      opened.shares.add(flow_of(kept.message.topic), cost_of(kept.message));
+      opened.shares.add_named(flow_of(kept.message.topic), cost_of(kept.message));
       opened.oldest_age = std::max(opened.oldest_age, now - kept.stored);
       opened.topics.add(kept.message.topic, 1);
     }
@@ -41,7 +41,7 @@ class FakeStore {
     opened.dead_letters = count_dead_letters();
     for (const auto& [id, letter] : dead_letters) {
       const std::string& topic = letter.message.topic;
-      opened.shares.add(flow_of(topic), cost_of(letter.message));
+      opened.shares.add_named(flow_of(topic), cost_of(letter.message));
       if (!is_retried(letter.why.code, letter.why.tries)) continue;
       const auto known = std::ranges::find(opened.dead_topics, topic, &DeadTopic::topic);
       if (known != opened.dead_topics.end()) {

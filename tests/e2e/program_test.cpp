@@ -107,6 +107,9 @@ TEST(Daemon, TellsTheOperatorHowThingsAre) {
 
   const json outcome = gateway.ctl({"send", "robot1", "cmd", "10,-20"});
   EXPECT_EQ(outcome["outcome"], "delivered") << outcome;
+  const json refused = gateway.ctl({"send", "robot1/x", "cmd", "10,-20"});
+  EXPECT_EQ(refused["outcome"], "refused") << refused;
+  EXPECT_EQ(refused["why"], "robot and type must be one topic level each");
 }
 
 }  // namespace
