@@ -156,7 +156,7 @@ void Meshes::manage_ble(BleOrder order, OrderDone done) {
   const std::string name = provision ? provision->robot : permit ? permit->robot : "";
   if (presence_of(Mesh::thread, name) && !presence_of(Mesh::ble, name))
     return done({{}, name + " is a Thread robot"});
-  ble_->manage(std::move(order), std::move(done));
+  ble_->manage(order, std::move(done));
 }
 
 }  // namespace slamgw

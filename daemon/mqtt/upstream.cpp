@@ -10,6 +10,7 @@
 
 #include "daemon/mqtt/connect_failure.hpp"
 #include "daemon/mqtt/connection_probe.hpp"
+#include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
 #include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {

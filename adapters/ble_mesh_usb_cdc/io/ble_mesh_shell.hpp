@@ -39,12 +39,12 @@ class BleMeshShell : public BleShell<BleMesh> {
   }
   /// Carries out an operator's order about the mesh or its robots. `done` is called at most once,
   /// now or later, and never after stop().
-  void manage(BleOrder order, OrderDone done) {
+  void manage(const BleOrder& order, OrderDone done) {
     if (is_stopped()) return done({{}, "slam-gatewayd is stopping"});
     if (!problem().empty()) return done({{}, problem()});
     const std::uint64_t id = ++last_order_;
     orders_.emplace(id, std::move(done));
-    driver()->on_order(id, std::move(order), read_clocks());
+    driver()->on_order(id, order, read_clocks());
   }
   using OnHeard = std::function<void(const HeardRobot& heard)>;
   /// Call before start(). In a mesh that several gateways share, `may_serve` and `on_heard` are

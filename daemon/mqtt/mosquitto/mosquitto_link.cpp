@@ -14,8 +14,6 @@
 namespace slamgw {
 namespace {
 
-using boost::system::error_code;
-
 /// Returns true when the broker, or its host, has closed the connection.
 bool is_closing(int error) { return error == ECONNRESET || error == EPIPE; }
 
