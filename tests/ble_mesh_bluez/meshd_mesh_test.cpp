@@ -58,10 +58,10 @@ struct MeshdRig : EventLog {
   MeshdRadio& radio() const { return static_cast<MeshdRadio&>(mesh->radio()); }
   void settle() {
     while (true) {
-      if (auto request = radio().next_request()) {
-        perform(*request);
-      } else if (auto action = mesh->next_action()) {
+      if (auto action = mesh->next_action()) {  // in the order of MeshdAdapter
         perform(*action);
+      } else if (auto request = radio().next_request()) {
+        perform(*request);
       } else if (!meshd.events.empty()) {
         MeshdEvent event = std::move(meshd.events.front());
         meshd.events.pop_front();
