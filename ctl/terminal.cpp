@@ -42,9 +42,10 @@ namespace {
 
 termios echoing{};  ///< the terminal as it was, for the signal handler
 
-/// Ends the program, but not with a silent terminal.
+/// Ends the program, but not with a silent terminal. In the background the terminal is the shell's,
+/// and tcsetattr() would stop the program.
 void restore_terminal(int signal) {
-  tcsetattr(STDIN_FILENO, TCSANOW, &echoing);
+  if (tcgetpgrp(STDIN_FILENO) == getpgrp()) tcsetattr(STDIN_FILENO, TCSANOW, &echoing);
   std::signal(signal, SIG_DFL);
   std::raise(signal);
 }

@@ -41,5 +41,52 @@ TEST(CtlTerminal, EchoesAgainAfterCtrlCAtAPassword) {
   close(terminal);
 }
 
+/// Waits until the process stops or ends.
+int status_of(pid_t process) {
+  int status = 0;
+  waitpid(process, &status, WUNTRACED);
+  return status;
+}
+
+/// Runs in a session of its own, as a shell does: stops the program at its prompt, takes the
+/// terminal back, then ends the program. Returns true if the program has ended by SIGTERM.
+bool ends_in_the_background(int terminal) {
+  const pid_t child = fork();
+  if (child == 0) {
+    setpgid(0, 0);
+    std::signal(SIGTTOU, SIG_IGN);
+    tcsetpgrp(STDIN_FILENO, getpid());
+    std::signal(SIGTTOU, SIG_DFL);
+    ctl::read_password("somebody");
+    _exit(0);
+  }
+  const auto is_silent = [terminal] {
+    termios now{};
+    return tcgetattr(terminal, &now) == 0 && (now.c_lflag & ECHO) == 0;
+  };
+  if (!eventually(is_silent)) return false;
+  kill(child, SIGTSTP);
+  if (!WIFSTOPPED(status_of(child))) return false;
+  std::signal(SIGTTOU, SIG_IGN);
+  tcsetpgrp(STDIN_FILENO, getpid());
+  kill(child, SIGTERM);
+  kill(child, SIGCONT);
+  const int status = status_of(child);
+  kill(child, SIGKILL);
+  return WIFSIGNALED(status) && WTERMSIG(status) == SIGTERM;
+}
+
+TEST(CtlTerminal, EndsInTheBackgroundOfAShell) {
+  int keyboard = -1;
+  int terminal = -1;
+  ASSERT_EQ(openpty(&keyboard, &terminal, nullptr, nullptr, nullptr), 0);
+  const pid_t shell = fork();
+  ASSERT_GE(shell, 0);
+  if (shell == 0) _exit(login_tty(dup(terminal)) == 0 && ends_in_the_background(terminal) ? 0 : 1);
+  EXPECT_EQ(status_of(shell), 0);
+  close(keyboard);
+  close(terminal);
+}
+
 }  // namespace
 }  // namespace slamgw::test
