@@ -421,13 +421,15 @@ constexpr NodeOption node_options[] = {
     {"--publish",
      "MODEL=ADDRESS: where a model publishes to, as sensor_update=0xc00a; or MODEL=default"}};
 
-/// Reads `default`, `on`, `off`, a number, or TIMESxMS; other words are texts.
-json value_of(const std::string& word) {
+/// Reads `default`, `on`, `off`, a number, or TIMESxMS; other words are texts. An address is always
+/// hexadecimal: a decimal number is taken for none.
+json value_of(const std::string& word, bool is_address) {
   if (word == "default") return nullptr;
   if (word == "on" || word == "off") return word == "on";
   const std::string_view text = word;
-  const auto number = text.starts_with("0x") ? parse_number<std::uint64_t>(text.substr(2), 16)
-                                             : parse_number<std::uint64_t>(text);
+  if (is_address && !text.starts_with("0x")) return word;
+  const auto number = is_address ? parse_number<std::uint64_t>(text.substr(2), 16)
+                                 : parse_number<std::uint64_t>(text);
   if (number) return *number;
   const std::size_t by = text.find('x');
   if (by == text.npos) return word;
@@ -444,9 +446,9 @@ void add_ble_config(CLI::App& app, Order& order) {
     const auto set = [&order, option](const std::string& word) {
       const std::string key = option.name + 2;
       const std::size_t is = word.find('=');
-      json value = value_of(word);
+      json value = value_of(word, key.ends_with("subscribe"));
       if (key == "publish" && is != word.npos)
-        value = {{"model", word.substr(0, is)}, {"address", value_of(word.substr(is + 1))}};
+        value = {{"model", word.substr(0, is)}, {"address", value_of(word.substr(is + 1), true)}};
       const json request{{"command", "ble config"}, {"robot", "any"}, {key, value}};
       if (is == 0 || !control::parse_request(control::to_line(request)))
         throw CLI::ValidationError(option.name, "'" + word + "' is not allowed; " + option.help);
