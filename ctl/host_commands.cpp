@@ -75,8 +75,12 @@ std::string words_on_unknown(const Order& order, const Config& config) try {
     return robot.id == order.robot || robot.mqttsn_client_id == order.robot;
   };
   if (IpNetwork::parse(order.robot) || std::ranges::any_of(config.robots, is_named)) return "";
-  const auto heard = Connection(order.socket).ask({{"command", "robots"}, {"robot", order.robot}});
-  return heard.empty() ? "No robot of this name is known; it is banned all the same.\n" : "";
+  Connection daemon(order.socket);
+  const auto heard = daemon.ask({{"command", "robots"}, {"robot", order.robot}});
+  const auto fleet = daemon.ask({{"command", "fleet"}});  // also robots that are elsewhere
+  const auto is_shown = [&](const auto& row) { return text_at(row, "robot") == order.robot; };
+  const bool is_known = !heard.empty() || std::ranges::any_of(list_at(fleet, "robots"), is_shown);
+  return is_known ? "" : "No robot of this name is known; it is banned all the same.\n";
 } catch (const Failure&) {
   return "";
 }

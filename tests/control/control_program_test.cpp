@@ -496,5 +496,20 @@ TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {
   EXPECT_NE(result.err.find("g.json:2: log.level"), std::string::npos);
 }
 
+TEST_F(ControlProgramIo, BanKnowsTheRobotsOfOtherGateways) {
+  start();
+  const std::string configuration = directory / "g.json";
+  std::ofstream(configuration) << "{}";
+  chmod(configuration.c_str(), 0644);
+  handler.fleet_answer["robots"] = json::parse(R"([{"robot": "r1", "gateway": "room-b"}])");
+  const auto is_unknown = [&](const std::string& robot) {
+    const Ended result = run({"ban", robot, "--config", configuration});
+    EXPECT_EQ(result.status, 0) << result.err;
+    return result.out.find("No robot of this name is known") != std::string::npos;
+  };
+  EXPECT_FALSE(is_unknown("r1"));
+  EXPECT_TRUE(is_unknown("r2"));
+}
+
 }  // namespace
 }  // namespace slamgw::test
