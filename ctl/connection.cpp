@@ -31,8 +31,10 @@ std::string way_to_start() {
   constexpr const char* refused = "78\n";  // EX_CONFIG
   const ProgramResult last =
       run_program({"systemctl", "show", "-P", "ExecMainStatus", service_unit});
-  return last.output == refused ? "its configuration was refused: sudo slam-gatewayd --check-config"
-                                : "start it with: sudo systemctl start slam-gateway";
+  const std::string start = "sudo systemctl start slam-gateway";
+  return last.output == refused
+             ? "its configuration was refused: sudo slam-gatewayd --check-config; then: " + start
+             : "start it with: " + start;
 }
 
 [[noreturn]] void fail_to_connect(const std::string& path, int error) {
