@@ -16,9 +16,12 @@ namespace {
 using namespace std::chrono_literals;
 
 TraceEvent arrival(std::chrono::microseconds at, const std::string& topic) {
-  TraceEvent event{
-      {.kind = StepKind::arrived, .robot = "r", .topic = topic, .qos = Qos::at_least_once},
-      WallTime{1'700'000'000s + at}};
+  TraceEvent event{{.kind = StepKind::arrived,
+                    .mesh = {},
+                    .robot = "r",
+                    .topic = topic,
+                    .qos = Qos::at_least_once},
+                   WallTime{1'700'000'000s + at}};
   event.payload = Bytes{1, 0xff};
   return event;
 }
