@@ -107,9 +107,11 @@ TEST(Daemon, TellsTheOperatorHowThingsAre) {
 
   const json outcome = gateway.ctl({"send", "robot1", "cmd", "10,-20"});
   EXPECT_EQ(outcome["outcome"], "delivered") << outcome;
-  const json refused = gateway.ctl({"send", "robot1/x", "cmd", "10,-20"});
-  EXPECT_EQ(refused["outcome"], "refused") << refused;
-  EXPECT_EQ(refused["why"], "robot and type must be one topic level each");
+  const Finished refused = run_program({SLAMGW_CTL, "--socket", gateway / "control.sock", "--json",
+                                        "send", "robot1/x", "cmd", "10,-20"});
+  EXPECT_EQ(refused.status, 1);
+  EXPECT_NE(refused.out.find("robot and type must be one topic level each"), std::string::npos)
+      << refused.out;
 }
 
 }  // namespace
