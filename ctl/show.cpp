@@ -318,9 +318,9 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
 
 /// Says why robots are offline, deaf or contested; lists at most ten of them.
 std::string absent_lines(const json& robots) {
-  constexpr int most = 10;
+  constexpr std::uint64_t most = 10;
   std::string out;
-  int count = 0;
+  std::uint64_t count = 0;
   for (const json& robot : robots) {
     const std::string why =
         is_true(robot, "contested") ? std::string(contested_words) : text_at(robot, "why");
