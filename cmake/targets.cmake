@@ -65,10 +65,18 @@ function(slamgw_test name)
   endif()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS} GTest::gtest GTest::gtest_main)
-  gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 300
-                       PROPERTIES LABELS "${arg_LABEL}" TIMEOUT ${arg_TIMEOUT} COST ${cost_${arg_LABEL}})
   if(arg_LABEL STREQUAL "pure")
     add_dependencies(pure_tests ${name})
+  endif()
+  if(SLAMGW_WHOLE_PROGRAMS AND arg_LABEL STREQUAL "pure")
+    foreach(shard 0 1)
+      add_test(NAME ${name}.${shard} COMMAND ${name} --gtest_brief=1)
+      set_tests_properties(${name}.${shard} PROPERTIES LABELS pure TIMEOUT 1200
+                           ENVIRONMENT "GTEST_TOTAL_SHARDS=2;GTEST_SHARD_INDEX=${shard}")
+    endforeach()
+  else()
+    gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 300
+                         PROPERTIES LABELS "${arg_LABEL}" TIMEOUT ${arg_TIMEOUT} COST ${cost_${arg_LABEL}})
   endif()
 endfunction()
 
