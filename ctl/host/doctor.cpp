@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "ctl/host/doctor.hpp"
-
 #include <nlohmann/json.hpp>
+
+#include "ctl/host/doctor.hpp"
 
 #include <fmt/format.h>
 #include <sys/socket.h>
