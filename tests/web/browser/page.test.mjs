@@ -486,12 +486,12 @@ pageTest('* the picture shows whom a Thread border router hears, and which of th
   await world.publish(at + 'robots/near', '{"state":"online","mesh":"thread","address":"[fe80::1322:3344:5566:7788%4]:47193"}', '-r');
   await world.publish(at + 'stats', '{"meshes":{"thread":{"state":"up","role":"router"}}}');
   for (let i = 0; i < 8; i++) {
-    document.neighbours.forEach((node, n) => { node.rssi_last_dbm = -55 - 10 * n - i % 3; });
+    document.neighbours.forEach((node, n) => { node.rssi_last_dbm = -49 - 10 * n - i; });
     await world.publish(at + 'thread', JSON.stringify(document), '-r');
   }
   const mesh = page.locator('#picture .card', { hasText: 'pi' }).locator('.mesh');
   const rows = () => mesh.locator('li').allTextContents();
-  await eventually('both neighbours are drawn', async () => (await rows()).length === 2 && /near/.test((await rows())[0]));
+  await eventually('both neighbours are drawn', async () => (await rows()).length === 2 && /near.*-56 dBm/.test((await rows())[0]));
   const [near, other] = await rows();
   assert.match(near, /near.*child 0x4401 · link quality 2 of 3 · -56 dBm · 1\.2 % of frames lost/);
   assert.match(other, /99aabbccddeeff00.*leader 0x8000 · link quality 3 of 3 · -66 dBm/);
