@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // BlueZ's bluetooth-meshd as the mesh's radio: decides when to make which call, and reads the
 // answers. meshd keeps sequence numbers, IV index and replay list of its node on disk, acknowledges
-// segments and runs the provisioning protocol itself. Called by BleMesh; MeshdAdapter
-// passes it the events of D-Bus, and performs its requests. No D-Bus here.
+// segments and runs the provisioning protocol itself. Called by BleMesh; MeshdAdapter passes it the
+// events of D-Bus, and performs its requests. No D-Bus here.
 #pragma once
 
 #include <deque>

@@ -18,10 +18,10 @@ struct AuditFacts {
 
 struct CommandOutcome;
 
-/// Who sent a command, and what takes its answer.
+/// The sender of a command.
 struct Asker {
   std::string who;  ///< AuditFacts::who
-  /// Called once when the command has ended here; may be empty.
+  /// Gets the outcome: called once, when the command has ended here. May be empty.
   std::function<void(const CommandOutcome&)> done{};
 };
 /// Null: `broker`. Shared, because messages are copied into many queues.

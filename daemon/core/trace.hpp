@@ -18,8 +18,7 @@
 
 namespace slamgw {
 
-/// What `slam-gatewayctl watch` shows of one step. Values only; daemon/control/wire writes the
-/// JSON.
+/// A step as `slam-gatewayctl watch` shows it. Values only; daemon/control/wire writes the JSON.
 struct TraceEvent : MessageStep {
   WallTime at{};
   std::string type{};

@@ -199,14 +199,14 @@ TEST_F(LoadConfig, RefusesASitesDirectoryThatItCannotRead) {
             (directory_ / "g.d").string() +
                 ":1: file: cannot be read: Not a directory; a readable directory, or none, is "
                 "needed");
-  if (geteuid() != 0) GTEST_SKIP() << "only root can become somebody else";
+  if (geteuid() != 0) GTEST_SKIP() << "only root can become another user";
   std::filesystem::remove(directory_ / "g.d");
   std::filesystem::create_directory(directory_ / "g.d");
   write("g.d/a.json", R"({"bans": ["robot-1"]})", 0644);
   std::filesystem::permissions(directory_ / "g.d", std::filesystem::perms(0700));
   std::filesystem::permissions(directory_, std::filesystem::perms(0755));
-  constexpr uid_t nobody = 65534;
-  ASSERT_EQ(seteuid(nobody), 0);
+  constexpr uid_t other_user = 65534;
+  ASSERT_EQ(seteuid(other_user), 0);
   const ParseResult closed = load_config(path);
   const ParseResult shared = load_shared_config(path);
   ASSERT_EQ(seteuid(0), 0);

@@ -495,10 +495,10 @@ TEST_F(CommandsTest, OfAnOperatorAreInTheAuditTrailBesideAFlood) {
   pass(1min);
   drain<Notice>();
   for (int i = 0; i < 100; ++i) {
-    gateway.on_broker_message({"ntnu-slam/server/nobody/cmd", {}, Qos::at_least_once}, now);
+    gateway.on_broker_message({"ntnu-slam/server/stranger/cmd", {}, Qos::at_least_once}, now);
     now.mono += 1s;
     gateway.on_deadline(now);
-    gateway.commands().on_operator_command({"uid 0 (root)"}, "nobody", "cmd", {}, now);
+    gateway.commands().on_operator_command({"uid 0 (root)"}, "stranger", "cmd", {}, now);
   }
   std::size_t orders = 0;
   std::size_t others = 0;

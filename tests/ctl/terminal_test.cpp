@@ -27,7 +27,7 @@ TEST(CtlTerminal, EchoesAgainAfterCtrlCAtAPassword) {
   const pid_t child = fork();
   ASSERT_GE(child, 0);
   if (child == 0) {
-    if (login_tty(dup(terminal)) == 0) ctl::read_password("somebody");
+    if (login_tty(dup(terminal)) == 0) ctl::read_password("robin");
     _exit(0);
   }
   EXPECT_TRUE(eventually([&] { return !echoes(); }));
@@ -57,7 +57,7 @@ bool ends_in_the_background(int terminal) {
     std::signal(SIGTTOU, SIG_IGN);
     tcsetpgrp(STDIN_FILENO, getpid());
     std::signal(SIGTTOU, SIG_DFL);
-    ctl::read_password("somebody");
+    ctl::read_password("robin");
     _exit(0);
   }
   const auto is_silent = [terminal] {

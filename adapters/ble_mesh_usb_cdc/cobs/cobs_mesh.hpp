@@ -159,8 +159,8 @@ class CobsMesh {
   Counters counters() const;
 
  private:
-  /// What goes up of a message that came by ARQ. The robot repeats a message of which a part was
-  /// refused; a part that is safe does not go up again.
+  /// A publication of a message that came by ARQ: whole, or as `update`. When one is refused, the
+  /// robot repeats the message. The one that is safe is not published again.
   struct Part {
     std::uint64_t receipt = 0;  ///< 0: none is open
     std::optional<ReceiptOutcome> outcome = {};
