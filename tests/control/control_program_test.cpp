@@ -69,18 +69,36 @@ TEST_F(ControlProgramIo, IsKnownToTheDaemonByItsUser) {
   EXPECT_EQ(handler.who, std::vector<std::string>(2, user_words(getuid())));
 }
 
-/// `journalctl` is a script here: what it was asked for shows in its answer.
-class AuditTrail : public ControlProgramIo {
+/// Programs of the host are scripts here.
+class HostPrograms : public ControlProgramIo {
  protected:
   void SetUp() override { setenv("PATH", (directory.path() + ":" + path_before).c_str(), 1); }
   void TearDown() override { setenv("PATH", path_before.c_str(), 1); }
-  void make_journal(const std::string& script) {
-    const std::string file = directory / "journalctl";
+  void make_program(const char* name, const std::string& script) {
+    const std::string file = directory / name;
     std::ofstream(file) << "#!/bin/sh\n" << script;
     chmod(file.c_str(), 0755);
   }
 
   const std::string path_before = getenv("PATH");
+};
+
+TEST_F(HostPrograms, ShowWhetherTheServiceHasRefusedItsConfiguration) {
+  make_program("systemctl", "echo 78");
+  EXPECT_NE(run({"status"})
+                .err.find("its configuration was refused: sudo slam-gatewayd "
+                          "--check-config; then: sudo systemctl start slam-gateway"),
+            std::string::npos);
+  make_program("systemctl", "echo 1");
+  const std::string other = run({"status"}).err;
+  EXPECT_NE(other.find("start it with: sudo systemctl start slam-gateway"), std::string::npos);
+  EXPECT_EQ(other.find("refused"), std::string::npos);
+}
+
+/// What `journalctl` was asked for shows in its answer.
+class AuditTrail : public HostPrograms {
+ protected:
+  void make_journal(const std::string& script) { make_program("journalctl", script); }
 };
 
 TEST_F(AuditTrail, IsReadBackFromTheJournal) {
