@@ -19,7 +19,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::uint32_t sequence_block = 8192;
+constexpr std::uint32_t saved_sequence_block = 8192;
 
 std::string to_hex(const Key& key) { return fmt::format("{:02x}", fmt::join(key, "")); }
 
@@ -167,8 +167,9 @@ AppKey app_key_from(const json& from, const NodeConfiguration& configuration) {
 
 json to_json(const Node& node) {
   const NodeConfiguration& configuration = node.configuration();
-  const std::uint32_t blocks = (node.next_sequence() + sequence_block / 2) / sequence_block + 1;
-  json out{{"number", node.number()}, {"sequence", blocks * sequence_block}};
+  const std::uint32_t blocks =
+      (node.next_sequence() + saved_sequence_block / 2) / saved_sequence_block + 1;
+  json out{{"number", node.number()}, {"sequence", blocks * saved_sequence_block}};
   if (!configuration.network) return out;
   const ProvisioningData& network = *configuration.network;
   out["net_key"] = to_hex(network.net_key);
@@ -213,7 +214,7 @@ NodeConfiguration configuration_from(const json& from) {
   return configuration;
 }
 
-[[noreturn]] void fail(const std::string& what) {
+[[noreturn]] void throw_errno(const std::string& what) {
   throw std::system_error(errno, std::generic_category(), what);
 }
 
@@ -244,18 +245,18 @@ std::string read_state(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return "";
   std::ifstream file(path);
-  if (!file) fail("cannot read " + path);
+  if (!file) throw_errno("cannot read " + path);
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
 void write_state(const std::string& path, const std::string& text) {
   const std::string fresh = path + ".new";
   const int file = ::open(fresh.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-  if (file < 0) fail("cannot write " + fresh);
+  if (file < 0) throw_errno("cannot write " + fresh);
   const ssize_t written = ::write(file, text.data(), text.size());
   const bool is_whole = written == static_cast<ssize_t>(text.size());
-  if (::close(file) != 0 || !is_whole) fail("cannot write " + fresh);
-  if (::rename(fresh.c_str(), path.c_str()) != 0) fail("cannot write " + path);
+  if (::close(file) != 0 || !is_whole) throw_errno("cannot write " + fresh);
+  if (::rename(fresh.c_str(), path.c_str()) != 0) throw_errno("cannot write " + path);
 }
 
 }  // namespace slamgw::sim::ble

@@ -28,8 +28,8 @@ constexpr std::uint8_t version_get = 0x09;
 constexpr std::uint8_t housekeeping_get = 0x14;
 constexpr std::uint8_t provision = 0x63;
 constexpr std::uint8_t keypair_set = 0x69;
-constexpr std::uint8_t subnet_add = 0x92;
-constexpr std::uint8_t appkey_add = 0x97;
+constexpr std::uint8_t subnet_add_command = 0x92;
+constexpr std::uint8_t appkey_add_command = 0x97;
 constexpr std::uint8_t devkey_add = 0x9c;
 constexpr std::uint8_t local_unicast_set = 0x9f;
 constexpr std::uint8_t local_unicast_get = 0xa0;
@@ -148,7 +148,8 @@ class LifeReplay : public EventLog {
  public:
   LifeReplay(Transcript transcript, const Settings& settings)
       : transcript_(std::move(transcript)),
-        keys_{octets_of<16>(transcript_, subnet_add, 4), octets_of<16>(transcript_, appkey_add, 6)},
+        keys_{octets_of<16>(transcript_, subnet_add_command, 4),
+              octets_of<16>(transcript_, appkey_add_command, 6)},
         is_done_(transcript_.exchanges.size(), false),
         mesh(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(), std::nullopt,
              make_board_radio(settings, std::nullopt, recorded_private_key(transcript_), 7)) {}

@@ -43,7 +43,7 @@ class RightsProbeTest : public testing::Test {
   std::vector<Severity> notices_;
 };
 
-using Notices = std::vector<Severity>;
+using Severities = std::vector<Severity>;
 
 TEST_F(RightsProbeTest, FindsNothingMissingWhereBothMessagesComeBack) {
   link_is(true);
@@ -65,7 +65,7 @@ TEST_F(RightsProbeTest, NamesTheLineThatGrantsWhatIsMissing) {
   pass(10s);
   ASSERT_EQ(probe_.missing().size(), 1U);
   EXPECT_NE(probe_.missing()[0].grant.find("topic read lab/server/#"), std::string::npos);
-  EXPECT_EQ(notices_, Notices{Severity::warning});
+  EXPECT_EQ(notices_, Severities{Severity::warning});
   pass(11s);
   EXPECT_EQ(notices_.size(), 1U) << "once";
 }
@@ -80,7 +80,7 @@ TEST_F(RightsProbeTest, SeesWhenTheListWasCorrected) {
   EXPECT_EQ(probe_.missing().size(), 1U) << "until it is heard";
   take(sent_[2]);
   EXPECT_TRUE(probe_.missing().empty());
-  EXPECT_EQ(notices_, (Notices{Severity::warning, Severity::notice}));
+  EXPECT_EQ(notices_, (Severities{Severity::warning, Severity::notice}));
 }
 
 TEST_F(RightsProbeTest, TakesARefusedSubscriptionAtItsWord) {

@@ -16,7 +16,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t robot_count = 20;
+constexpr std::size_t mesh_size = 20;
 constexpr const char* stolen = "ble-0105";
 constexpr std::chrono::seconds long_time{240};
 
@@ -55,7 +55,7 @@ TEST(KeyRefreshOfAMesh, LosesNoRobotOnABadRadioAndOverAKill) {
                                     gateway.tty(),
                                     "--unprovisioned",
                                     "--robots",
-                                    std::to_string(robot_count),
+                                    std::to_string(mesh_size),
                                     "--rate",
                                     "1",
                                     "--acknowledged",
@@ -67,7 +67,7 @@ TEST(KeyRefreshOfAMesh, LosesNoRobotOnABadRadioAndOverAKill) {
   {
     SimulatorProcess good_radio(robots_with_loss("0"));
     const auto are_configured = [&] {
-      return nodes_with(mesh_of(gateway), "state", "configured") == robot_count;
+      return nodes_with(mesh_of(gateway), "state", "configured") == mesh_size;
     };
     ASSERT_TRUE(eventually(are_configured, long_time)) << gateway.log();
     good_radio.process().send_signal(SIGTERM);
@@ -77,7 +77,7 @@ TEST(KeyRefreshOfAMesh, LosesNoRobotOnABadRadioAndOverAKill) {
   const json old_mesh = mesh_of(gateway);
 
   const json begun = gateway.ctl({"ble", "refresh-keys", "--leave-behind", stolen, "--yes"});
-  ASSERT_EQ(begun["robots"], robot_count - 1) << begun << gateway.log();
+  ASSERT_EQ(begun["robots"], mesh_size - 1) << begun << gateway.log();
   const auto has_begun = [&] {
     const json mesh = mesh_of(gateway);
     const bool is_over = mesh.is_object() && !mesh.contains("refresh");
@@ -102,10 +102,9 @@ TEST(KeyRefreshOfAMesh, LosesNoRobotOnABadRadioAndOverAKill) {
   ASSERT_TRUE(eventually(is_written, long_time)) << mesh;
   EXPECT_NE(mesh["net_key"], old_mesh["net_key"]);
   EXPECT_NE(mesh["app_key"], old_mesh["app_key"]);
-  EXPECT_EQ(mesh["nodes"].size(), robot_count - 1);
+  EXPECT_EQ(mesh["nodes"].size(), mesh_size - 1);
   const auto before = counts(gateway);
-  EXPECT_TRUE(
-      eventually([&] { return heard_since(gateway, before) == robot_count - 1; }, long_time))
+  EXPECT_TRUE(eventually([&] { return heard_since(gateway, before) == mesh_size - 1; }, long_time))
       << gateway.ctl({"robots"});
   const auto now = counts(gateway);
   EXPECT_EQ(now.contains(stolen) ? now.at(stolen) : 0,

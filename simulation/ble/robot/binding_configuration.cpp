@@ -7,10 +7,10 @@ namespace {
 constexpr std::uint16_t bind_op = 0x803d;
 constexpr std::uint16_t binding_status_op = 0x803e;
 constexpr std::uint16_t unbind_op = 0x803f;
-constexpr std::uint16_t sig_get_op = 0x804b;
-constexpr std::uint16_t sig_list_op = 0x804c;
-constexpr std::uint16_t vendor_get_op = 0x804d;
-constexpr std::uint16_t vendor_list_op = 0x804e;
+constexpr std::uint16_t sig_app_get_op = 0x804b;
+constexpr std::uint16_t sig_app_list_op = 0x804c;
+constexpr std::uint16_t vendor_app_get_op = 0x804d;
+constexpr std::uint16_t vendor_app_list_op = 0x804e;
 
 }  // namespace
 
@@ -19,8 +19,8 @@ std::optional<Answer> BindingConfiguration::on_message(std::uint16_t opcode, Byt
   static constexpr ConfigRequest<Self> requests[] = {
       {bind_op, &Self::bind},
       {unbind_op, &Self::unbind},
-      {sig_get_op, &Self::sig_list},
-      {vendor_get_op, &Self::vendor_list},
+      {sig_app_get_op, &Self::sig_list},
+      {vendor_app_get_op, &Self::vendor_list},
   };
   return answer_request(requests, *this, opcode, parameters);
 }
@@ -56,13 +56,13 @@ ConfigStatus BindingConfiguration::change(Address element, std::uint16_t app_ind
 Answer BindingConfiguration::sig_list(ByteView parameters) {
   const std::optional<ModelId> id = model_id_at(parameters, 2);
   if (!id || id->company != ModelId::sig) return std::nullopt;
-  return list(sig_list_op, parameters, *id);
+  return list(sig_app_list_op, parameters, *id);
 }
 
 Answer BindingConfiguration::vendor_list(ByteView parameters) {
   const std::optional<ModelId> id = model_id_at(parameters, 2);
   if (!id || id->company == ModelId::sig) return std::nullopt;
-  return list(vendor_list_op, parameters, *id);
+  return list(vendor_app_list_op, parameters, *id);
 }
 
 Bytes BindingConfiguration::list(std::uint16_t opcode, ByteView parameters, ModelId id) const {

@@ -10,7 +10,7 @@ constexpr std::uint16_t publication_status_op = 0x8019;
 constexpr std::uint16_t set_virtual_op = 0x801a;
 
 constexpr std::size_t published_address_at = 2;
-constexpr std::uint8_t max_ttl = 127;
+constexpr std::uint8_t max_publication_ttl = 127;
 
 /// Nordic's firmware answers with memory that was never written when the model does not publish
 /// periodically. Hosts must not look at it.
@@ -62,7 +62,7 @@ Answer PublicationConfiguration::set_virtual(ByteView parameters) {
 /// TTLs between 127 and 255 are prohibited (section 4.2.2.6).
 Answer PublicationConfiguration::set(Address element, const ModelPublication& publication,
                                      ModelId id) {
-  if (publication.ttl > max_ttl && publication.ttl != use_default_ttl) {
+  if (publication.ttl > max_publication_ttl && publication.ttl != use_default_ttl) {
     if (firmware_.asserts_on_publication_ttl) failed_assertion_ = "publication TTL above 127";
     return std::nullopt;
   }

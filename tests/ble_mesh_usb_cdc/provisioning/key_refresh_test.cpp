@@ -12,7 +12,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr std::size_t robot_count = 4;
+constexpr std::size_t mesh_size = 4;
 constexpr const char* net_key_update = "8045";
 constexpr const char* switch_over = "8016000002";
 constexpr const char* finish = "8016000003";
@@ -35,7 +35,7 @@ struct Moment {
 };
 
 struct RefreshRig : ProvisioningRig {
-  explicit RefreshRig(std::size_t robots = robot_count) {
+  explicit RefreshRig(std::size_t robots = mesh_size) {
     for (std::size_t i = 1; i <= robots; ++i) add(static_cast<std::uint8_t>(i));
     start();
     if (!all_configured(60s)) ADD_FAILURE() << "not all robots have joined";
@@ -79,8 +79,8 @@ TEST(KeyRefresh, GivesAllRobotsNewKeys) {
   RefreshRig rig;
   const nlohmann::json begun = rig.refresh();
   EXPECT_EQ(begun["step"], "distributing") << begun;
-  EXPECT_EQ(begun["robots"], robot_count);
-  EXPECT_EQ(begun["missing"].size(), robot_count);
+  EXPECT_EQ(begun["robots"], mesh_size);
+  EXPECT_EQ(begun["missing"].size(), mesh_size);
   ASSERT_TRUE(rig.reaches("none"));
   EXPECT_TRUE(rig.is_complete());
   EXPECT_TRUE(rig.is_up());
@@ -271,7 +271,7 @@ TEST(KeyRefresh, ARobotWithTheNewKeysHoldsNobodyUp) {
 TEST(KeyRefresh, LeavesARobotOutside) {
   RefreshRig rig;
   const nlohmann::json begun = rig.refresh({.left_behind = {"ble-0101"}});
-  EXPECT_EQ(begun["robots"], robot_count - 1) << begun;
+  EXPECT_EQ(begun["robots"], mesh_size - 1) << begun;
   ASSERT_TRUE(rig.reaches("none"));
   EXPECT_TRUE(has_old_keys(rig.device(1)));
   EXPECT_EQ(std::ranges::count_if(
@@ -292,7 +292,7 @@ TEST(KeyRefresh, LeavesSilentRobotsBehindWhenAsked) {
   rig.pass(30s);
   rig.refresh({.left_behind = {}, .leaves_silent = true});
   ASSERT_TRUE(rig.reaches("none"));
-  EXPECT_EQ(rig.on_disk().nodes.size(), robot_count - 1);
+  EXPECT_EQ(rig.on_disk().nodes.size(), mesh_size - 1);
   EXPECT_TRUE(rig.has_notice("may have heard the new keys"));
   EXPECT_TRUE(rig.board.devices.device_keys.empty());
 }
@@ -318,7 +318,7 @@ TEST(KeyRefresh, LeavesNobodyBehindWhoHasTheNewKeys) {
   EXPECT_NE(why.find("ble-0100 has the new keys already"), std::string::npos) << why;
   EXPECT_EQ(rig.refresh({.left_behind = {"nobody"}}),
             "no robot of this mesh is called nobody; see `ble nodes`");
-  EXPECT_EQ(rig.on_disk().nodes.size(), robot_count);
+  EXPECT_EQ(rig.on_disk().nodes.size(), mesh_size);
 }
 
 TEST(KeyRefresh, GoesOnAfterAKillAtAnyMoment) {
@@ -426,7 +426,7 @@ TEST(KeyRefresh, AnotherOneCanFollow) {
   const std::size_t before = rig.said(finish);
   rig.refresh();
   ASSERT_TRUE(rig.reaches("none"));
-  EXPECT_EQ(rig.said(finish), before + robot_count);
+  EXPECT_EQ(rig.said(finish), before + mesh_size);
   EXPECT_EQ(rig.source_of_an_answer(), 0x0003);
 }
 
