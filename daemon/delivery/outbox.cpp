@@ -81,6 +81,14 @@ void Outbox::drop(Item& item, const char* why, TimePoint now) {
   remove(item, now);
 }
 
+bool Outbox::is_too_old(const Item& item, TimePoint now) {
+  return item.is_unacknowledged() && now - item.submitted >= max_unacknowledged_age;
+}
+
+void Outbox::drop_too_old(Item& item, TimePoint now) {
+  drop(item, "it has waited for the broker for 10 s", now);
+}
+
 void Outbox::refuse(Item& item, TimePoint now) {
   if (const auto count = full_throttle_.on_event(now))
     actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.taken() : 0,
@@ -140,6 +148,10 @@ bool Outbox::publish_next(TimePoint now) {
   if (trial_waits_until_ && now < *trial_waits_until_) return false;
   Item* const next = queue_.front();
   if (!next) return false;
+  if (is_too_old(*next, now)) {
+    drop_too_old(*next, now);
+    return true;
+  }
   if (backlog_.is_ahead_of(*next)) {
     queue_.set_aside(*next);
     store_if_needed(*next, now);
@@ -484,13 +496,11 @@ void Outbox::check_ages(TimePoint now) {
   bool is_overdue = false;
   std::optional<TimePoint> next;
   queue_.for_each([&](Item& item) {
-    const Duration age = now - item.submitted;
     if (item.is_unacknowledged() && item.sequence == 0) {
-      if (age >= max_unacknowledged_age)
-        return drop(item, "it has waited for the broker for 10 s", now);
+      if (is_too_old(item, now)) return drop_too_old(item, now);
       next = earlier(next, item.submitted + max_unacknowledged_age);
     } else if (item.is_unsaved() && can_save) {
-      is_overdue = is_overdue || age >= broker_patience;
+      is_overdue = is_overdue || now - item.submitted >= broker_patience;
       next = earlier(next, std::max(item.submitted, now - broker_patience) + broker_patience);
     }
   });

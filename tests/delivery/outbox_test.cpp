@@ -59,6 +59,22 @@ TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
   EXPECT_EQ(steps[2].qos, Qos::at_most_once);
 }
 
+/// The ages of all messages are looked at once a second at most.
+TEST_F(OutboxTest, PublishesNoQos0MessageThatHasWaitedTooLong) {
+  link_up();
+  outbox->on_silence(true, now);
+  submit("old", 0, Qos::at_most_once);
+  now += 500ms;
+  submit("t", 0, Qos::at_most_once);
+  now += 9500ms;
+  outbox->on_deadline(now);
+  now += 600ms;
+  outbox->on_silence(false, now);
+  drain();
+  EXPECT_TRUE(published_topics.empty());
+  EXPECT_EQ(outbox->statistics().dropped, 2u);
+}
+
 TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
   link_up();
   std::vector<std::string> expected;
