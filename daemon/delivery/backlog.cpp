@@ -73,7 +73,7 @@ bool Backlog::bury(Item& item, const Refusal& refusal, std::uint32_t tries, Time
                                            has_share_left(item.message.topic, free));
     if (!can_keep() || !has_room || !keep(item)) return false;
   }
-  erasures_[item.row] = {item.row, refusal.why, refusal.code, tries};
+  erasures_[item.row] = {item.row, refusal.why, refusal.code, tries, cost};
   erasure_due_ = now;
   dead_letters_.bytes += cost;  // the store counts exactly, but later
   ++dead_letters_.count;
@@ -224,6 +224,13 @@ void Backlog::on_revived(const DeadLettersRevived& revived) {
 
 void Backlog::on_dead_letters(const DeadLettersChanged& changed) {
   dead_letters_ = changed.dead_letters;
+  for (const Erasures* unwritten : {&erasures_, &erasing_}) {
+    for (const auto& [row, letter] : *unwritten) {
+      if (!letter) continue;
+      ++dead_letters_.count;
+      dead_letters_.bytes += letter->bytes;
+    }
+  }
   for (const FormerLetter& letter : changed.discarded)
     shares_.remove(flow_of(letter.topic), letter.bytes);
 }

@@ -87,6 +87,7 @@ struct NewDeadLetter {
   std::string reason;       ///< for people: "topic name invalid"
   int code = 0;             ///< MQTT 5 reason code of the refusal; 0: the connection was lost
   std::uint32_t tries = 0;  ///< how often it was published without success
+  std::uint64_t bytes = 0;  ///< its stored_cost()
 };
 
 /// After this many losses of the connection with a message alone under way, the message is at

@@ -452,6 +452,19 @@ TEST_F(OutboxRefusalTest, DiscardedLettersDoNotWaitAnyMore) {
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"101"});
 }
 
+/// Else the store would take more messages than it has room for.
+TEST_F(OutboxRefusalTest, LettersThatAreNotWrittenYetTakeRoom) {
+  be_refused(1);
+  is_store_quick = false;
+  submit("t", 2);
+  ASSERT_EQ(outbox->backlog().dead_letters().count, 2u);
+  outbox->on_store_event(store.discard_all(), now);
+  drain();
+  EXPECT_EQ(outbox->backlog().dead_letters().count, 1u);
+  EXPECT_EQ(outbox->backlog().dead_letters().bytes, stored_cost(1, 1));
+  settle();
+}
+
 /// Letters 1 and 2 were asked for when the operator discards them; letter 3 was not yet written.
 TEST_F(OutboxRefusalTest, ALetterIsFetchedThoughEarlierOnesAreDiscardedMeanwhile) {
   be_refused(2);
