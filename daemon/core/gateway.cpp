@@ -77,7 +77,7 @@ void Gateway::pass_up(Report report, const Now& now) {
   // Where no robot's topic is, the last level is what an operator calls the type.
   std::string type(own ? own->type
                        : std::string_view(report.topic).substr(report.topic.rfind('/') + 1));
-  const bool retain = report.retain && may_retain(report, type, now);
+  const bool is_clearing = report.retain && report.payload.empty();
   Robot* robot = directory_.registry.on_report(report, now);
   presence_.withdraw_evicted();
   if (robot && is_first_by_radio)
@@ -88,24 +88,27 @@ void Gateway::pass_up(Report report, const Now& now) {
                                     Arrival{report.robot, now});
 
   // An empty message that clears a retained `update` is no update.
-  const bool is_update = own && !(retain && report.payload.empty());
+  const bool is_update = own && !is_clearing;
   Normalized normalized = normalize(is_update ? own->type : std::string_view{},
                                     std::move(report.payload), settings_.update_mode);
   if (robot && !report.is_will) robot->last_type = type;
+  const bool retain =
+      report.retain && !normalized.is_rejected && may_retain(report, type, is_clearing, now);
   TrafficEvent event = event_of(std::move(report), std::move(type), std::move(normalized), now);
-  if (event.is_rejected) return reject(std::move(event), retain, robot, now);
+  if (event.is_rejected) return reject(std::move(event), robot, now);
   ++traffic_.up;
   if (event.mesh) ++traffic_.up_on[*event.mesh];
   actions_.push(PassUp{std::move(event), retain});
 }
 
 /// An empty message clears the topic, so it may always be retained.
-bool Gateway::may_retain(const Report& report, std::string_view type, const Now& now) {
-  const bool is_named = report.payload.empty() ||
-                        std::ranges::any_of(settings_.retain, [&](const std::string& named) {
-                          return named == "*" || named == type;
-                        });
-  if (is_named && retained_.admit(report.robot, report.topic, report.payload.empty())) return true;
+bool Gateway::may_retain(const Report& report, std::string_view type, bool is_clearing,
+                         const Now& now) {
+  const bool is_named =
+      is_clearing || std::ranges::any_of(settings_.retain, [&](const std::string& named) {
+        return named == "*" || named == type;
+      });
+  if (is_named && retained_.admit(report.robot, report.topic, is_clearing)) return true;
   ++traffic_.not_retained;
   const std::string why =
       is_named ? fmt::format("limit reached: {} retained topics per robot, {} in total",
@@ -129,7 +132,8 @@ Upload PassUp::upload() {
           event.receipt};
 }
 
-void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& now) {
+/// Never retains the message: its robot could not clear it.
+void Gateway::reject(TrafficEvent event, Robot* robot, const Now& now) {
   ++traffic_.rejected;
   actions_.push(event);
   const auto due = robot ? robot->rejected_throttle.on_event(now.mono) : std::nullopt;
@@ -145,7 +149,7 @@ void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& n
         .occasion = Occasion::rejected_payload,
         .is_proven = event.is_proven});
   }
-  PassUp up{std::move(event), retain};
+  PassUp up{std::move(event), /*retain=*/false};
   up.event.topic = scheme_.rejected_topic(up.event.robot, up.event.type);
   actions_.push(up.upload());
 }

@@ -120,10 +120,10 @@ class Gateway {
   /// Ignores events about robots' sessions.
   template <class Other>
   void handle(const Other&, const Now&) {}
-  bool may_retain(const Report& report, std::string_view type, const Now& now);
+  bool may_retain(const Report& report, std::string_view type, bool is_clearing, const Now& now);
   bool is_copy(const Report& report, const Now& now);
   void pass_up(Report report, const Now& now);
-  void reject(TrafficEvent event, bool retain, Robot* robot, const Now& now);
+  void reject(TrafficEvent event, Robot* robot, const Now& now);
 
   TopicScheme scheme_;
   const std::string all_commands_ = scheme_.command_topic("+", "+");  ///< as a filter

@@ -50,6 +50,18 @@ TEST_F(GatewayTest, PutsUnreadableUpdatesUnderRejectedAndSaysSoOncePerBurst) {
   EXPECT_EQ(gateway.traffic().rejected, 5u);
 }
 
+/// A robot cannot clear a message under `rejected`.
+TEST_F(GatewayTest, RetainsNoUnreadableUpdate) {
+  Report update = update_from("NRF_5", {1, 2, 3});
+  update.retain = true;
+  say(update);
+  const auto rejected = drain<Upload>();
+  ASSERT_EQ(rejected.size(), 1u);
+  EXPECT_FALSE(rejected[0].message.retain);
+  EXPECT_EQ(gateway.retained().count(), 0u);
+  EXPECT_EQ(gateway.traffic().not_retained, 0u);
+}
+
 TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
   const auto is_retained = [&](int robot, int type, const char* text) {
     const std::string name = "r" + std::to_string(robot);
