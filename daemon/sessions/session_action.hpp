@@ -76,12 +76,11 @@ struct TakeMessage {
   BrokerMessage message;
   bool is_unasked = false;
 };
-/// A command that waited at the broker while no gateway held the session, or until its robot
-/// started a clean session. It is refused.
-struct RefuseStale {
+/// A message for the robot that it does not get: a command is refused.
+struct RefuseMessage {
   std::string robot;
   BrokerMessage message;
-  bool has_begun_anew = false;
+  const char* why = "";  ///< for the outcome
 };
 
 /// The retained note of the robot; empty when there is none. Answers read_note().
@@ -98,6 +97,6 @@ struct SessionContested {
 using SessionAction =
     std::variant<OpenSession, CloseSession, SubscribeSession, UnsubscribeSession, AskFence,
                  SendMarker, SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
-                 RefuseStale, NoteRead, SessionContested, Notice>;
+                 RefuseMessage, NoteRead, SessionContested, Notice>;
 
 }  // namespace slamgw::sessions
