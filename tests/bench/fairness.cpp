@@ -48,7 +48,7 @@ class Flood {
 };
 
 /// The others' p99 alone and beside the flood, in ms.
-struct Pair {
+struct Latencies {
   double alone = 0, beside = 0;
   double flood_per_second = 0;
   double ratio() const { return beside / alone; }
@@ -58,8 +58,8 @@ using Way = RunResult (&)(const Target&, const std::string&, const Load&,
                           const std::function<void()>&);
 using MakeFlood = std::function<std::unique_ptr<Flood>()>;
 
-Pair measure(const Target& target, Report& report, const Plan& plan, Way way,
-             const MakeFlood& make_flood) {
+Latencies measure(const Target& target, Report& report, const Plan& plan, Way way,
+                  const MakeFlood& make_flood) {
   Load load;
   load.pace = Pace::fixed_rate;
   load.clients = others;
@@ -74,17 +74,17 @@ Pair measure(const Target& target, Report& report, const Plan& plan, Way way,
   return {alone.latency.p99_ms, beside.latency.p99_ms, flood->per_second()};
 }
 
-std::string describe(const std::vector<Pair>& pairs) {
+std::string describe(const std::vector<Latencies>& pairs) {
   return fmt::format("{:.2f} ms to {:.2f} ms",
-                     median_of(pairs, [](const Pair& pair) { return pair.beside; }),
-                     median_of(pairs, [](const Pair& pair) { return pair.alone; }));
+                     median_of(pairs, [](const Latencies& pair) { return pair.beside; }),
+                     median_of(pairs, [](const Latencies& pair) { return pair.alone; }));
 }
 
 }  // namespace
 
 void fairness(Report& report, const Plan& plan, World&& world) {
   Poller unread;  // the flood is QoS 0: nothing comes back
-  std::vector<Pair> ours, floors;
+  std::vector<Latencies> ours, floors;
   for (unsigned i = 0; i < plan.rounds; ++i) {
     ours.push_back(measure(world.target(), report, plan, through_gateway, [&] {
       auto swarm = std::make_unique<Swarm>(world.sn_address(), 1, unread, 0, others);
@@ -97,13 +97,13 @@ void fairness(Report& report, const Plan& plan, World&& world) {
           others);
     }));
   }
-  const auto ratio = [](const Pair& pair) { return pair.ratio(); };
+  const auto ratio = [](const Latencies& pair) { return pair.ratio(); };
   report.budget_at_most(
       "the others' p99 while one client sends 10 000/s (" + world.way + ")", median_of(ours, ratio),
       2, "times",
       fmt::format("{}; raw, straight to the broker: {:.1f} times, {}; the one sent {:.0f}/s",
                   describe(ours), median_of(floors, ratio), describe(floors),
-                  median_of(ours, [](const Pair& pair) { return pair.flood_per_second; })));
+                  median_of(ours, [](const Latencies& pair) { return pair.flood_per_second; })));
 }
 
 }  // namespace slamgw::bench

@@ -14,7 +14,7 @@ namespace slamgw::bench {
 namespace {
 
 /// The daemon with either MQTT client library.
-struct Pair {
+struct BothClients {
   World paho;
   World mosquitto{with_mosquitto};
 };
@@ -29,7 +29,7 @@ RunResult by_floor(World& world, const NamedLoad& load, const std::string& way, 
 struct Round {
   RunResult paho, mosquitto, raw, paho_floor, paho_5_floor, mosquitto_floor;
 
-  Round(Pair& pair, Report& report, const NamedLoad& load)
+  Round(BothClients& pair, Report& report, const NamedLoad& load)
       : paho(through_gateway(pair.paho.target(), load.name, load.load)),
         mosquitto(through_gateway(pair.mosquitto.target(), load.name, load.load)),
         raw(straight(pair.paho.target(), load.name, load.load)),
@@ -44,7 +44,7 @@ struct Round {
 
 class Rounds {
  public:
-  Rounds(Pair& pair, Report& report, const NamedLoad& load, unsigned count) {
+  Rounds(BothClients& pair, Report& report, const NamedLoad& load, unsigned count) {
     for (unsigned i = 0; i < count; ++i) rounds_.emplace_back(pair, report, load);
   }
   /// Of `value(round)`.
@@ -71,7 +71,7 @@ class Rounds {
   std::vector<Round> rounds_;
 };
 
-void flat_out(Pair& pair, Report& report, const Plan& plan, unsigned qos) {
+void flat_out(BothClients& pair, Report& report, const Plan& plan, unsigned qos) {
   const NamedLoad load = flat_out_load(plan, qos);
   const Rounds rounds(pair, report, load, plan.rounds);
   report.budget_at_least(
@@ -101,7 +101,7 @@ void flat_out(Pair& pair, Report& report, const Plan& plan, unsigned qos) {
       fmt::format("bare libmosquitto {:.1f} us", rounds.cpu_us(&Round::mosquitto_floor)));
 }
 
-void fixed_rate(Pair& pair, Report& report, const Plan& plan) {
+void fixed_rate(BothClients& pair, Report& report, const Plan& plan) {
   for (const auto& [qos, pace] : {std::pair{1U, Pace::fixed_rate}, std::pair{1U, Pace::aligned},
                                   std::pair{0U, Pace::fixed_rate}}) {
     const NamedLoad load = steady_load(plan, qos, pace);
@@ -201,7 +201,7 @@ void burst(Report& report) {
 void run_scenarios(Report& report, const Plan& plan, const std::string& only) {
   const auto is_wanted = [&](std::string_view name) { return only.empty() || only == name; };
   if (is_wanted("flat_out") || is_wanted("fixed_rate")) {
-    Pair pair;
+    BothClients pair;
     if (is_wanted("flat_out")) {
       for (const unsigned qos : {0U, 1U}) flat_out(pair, report, plan, qos);
     }
