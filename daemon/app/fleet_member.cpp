@@ -375,8 +375,9 @@ void FleetMember::perform(sessions::SessionHost::Report& report) {
                 RobotMessage{it.robot, std::move(it.message), CommandId::none, it.is_unasked},
                 read_clocks());
           },
-          [this](sessions::RefuseMessage& it) {
-            gateway_driver_->commands().on_refused_message(it.robot, std::move(it.message), it.why);
+          [this](sessions::RefuseStale& it) {
+            gateway_driver_->commands().on_stale_command(it.robot, std::move(it.message),
+                                                         it.has_begun_anew);
           },
           [this](sessions::NoteRead& it) {
             meshes_.each(&MeshAdapter::on_note, it.robot, it.note);

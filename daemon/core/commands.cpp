@@ -48,13 +48,15 @@ CommandId Commands::on_operator_command(Asker asker, const std::string& robot,
   return deliver({robot, std::move(message)}, now);
 }
 
-void Commands::on_refused_message(const std::string& robot, BrokerMessage message,
-                                  const char* why) {
+void Commands::on_stale_command(const std::string& robot, BrokerMessage message,
+                                bool has_begun_anew) {
   const auto target = scheme_.parse_command_topic(message.topic);
   if (!target || target->robot != robot) return;
   ++counts_.down;
   conclude({std::nullopt, ledger_.next_id(), robot, std::string(target->type),
-            CommandResult::refused, message.waited, why},
+            CommandResult::refused, message.waited,
+            has_begun_anew ? "waited at the broker until the robot began a clean session"
+                           : "waited too long at the broker while no gateway served the robot"},
            message.sender);
 }
 

@@ -33,8 +33,9 @@ class Commands {
   /// Sends a command of an operator. Robot and type must be one topic level each.
   CommandId on_operator_command(Asker asker, const std::string& robot, const std::string& type,
                                 Bytes payload, const Now& now);
-  /// Takes a message that the robot's session refuses: a command ends with the outcome `refused`.
-  void on_refused_message(const std::string& robot, BrokerMessage message, const char* why);
+  /// Refuses a command that waited at the broker: for too long while no gateway held the robot's
+  /// session, or, if `has_begun_anew`, until the robot began a clean session.
+  void on_stale_command(const std::string& robot, BrokerMessage message, bool has_begun_anew);
   /// Takes a command from the subscription for all names; `message` has a command's topic. Leaves
   /// it to the robot's session if there is one. Refuses it after a moment if no robot has this
   /// name.

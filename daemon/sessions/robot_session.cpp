@@ -383,7 +383,10 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
   if (is_marker(message)) return on_marker(now);
   const bool is_fence = message.topic == names_.mailbox_topic(robot_) && message.payload.empty();
   if (is_fence || is_copy(message, ids) || !wants_retained(message, now)) return;
-  if (unfenced_.size() >= max_unfenced) return refuse_excess(std::move(message));
+  if (unfenced_.size() >= max_unfenced) {
+    ++counts_.dropped;
+    return;
+  }
   const std::uint32_t id = ids.size() == 1 ? ids.front() : 0;
   const bool is_unasked = id == command_id || is_given_up(id);
   if (joins_copy(message, id, is_unasked)) return;
@@ -499,34 +502,14 @@ void RobotSession::pass_on(Unfenced& one) {
     }
     handed_on->waited += one.message.waited;
     if (one.is_stale || state_ == State::sorting)
-      refuse_stale(std::move(*handed_on));
+      actions_.push(RefuseStale{robot_, std::move(*handed_on), state_ == State::sorting});
     else
       actions_.push(TakeMessage{robot_, std::move(*handed_on), false});
   } else if (one.is_stale && !one.message.retain) {
-    refuse_stale(std::move(one.message));
+    actions_.push(RefuseStale{robot_, std::move(one.message), state_ == State::sorting});
   } else {
     actions_.push(TakeMessage{robot_, std::move(one.message), one.is_unasked});
   }
-}
-
-void RobotSession::refuse_excess(BrokerMessage message) {
-  ++counts_.dropped;
-  if (message.retain) return;
-  if (message.topic == names_.mailbox_topic(robot_)) {
-    auto handed_on = decode_waiting(message.payload);
-    if (!handed_on) return;
-    message = std::move(*handed_on);
-  }
-  actions_.push(RefuseMessage{robot_, std::move(message), "too many came at once"});
-}
-
-/// Refuses a command that waited at the broker.
-void RobotSession::refuse_stale(BrokerMessage message) {
-  actions_.push(
-      RefuseMessage{robot_, std::move(message),
-                    state_ == State::sorting
-                        ? "waited at the broker until the robot began a clean session"
-                        : "waited too long at the broker while no gateway served the robot"});
 }
 
 std::optional<TimePoint> RobotSession::deadline() const {

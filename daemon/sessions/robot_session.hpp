@@ -220,8 +220,6 @@ class RobotSession {
   void begin_sorting(TimePoint now);
   void purge_when_sorted();
   void drop_unfenced();
-  void refuse_excess(BrokerMessage message);
-  void refuse_stale(BrokerMessage message);
   void release(TimePoint now);
   void pass_on(Unfenced& one);
   void on_note(BrokerMessage message);

@@ -76,11 +76,12 @@ struct TakeMessage {
   BrokerMessage message;
   bool is_unasked = false;
 };
-/// A message for the robot that it does not get: a command is refused.
-struct RefuseMessage {
+/// A command that waited at the broker while no gateway held the session, or until its robot
+/// started a clean session. It is refused.
+struct RefuseStale {
   std::string robot;
   BrokerMessage message;
-  const char* why = "";  ///< for the outcome
+  bool has_begun_anew = false;
 };
 
 /// The retained note of the robot; empty when there is none. Answers read_note().
@@ -97,6 +98,6 @@ struct SessionContested {
 using SessionAction =
     std::variant<OpenSession, CloseSession, SubscribeSession, UnsubscribeSession, AskFence,
                  SendMarker, SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
-                 RefuseMessage, NoteRead, SessionContested, Notice>;
+                 RefuseStale, NoteRead, SessionContested, Notice>;
 
 }  // namespace slamgw::sessions

@@ -535,8 +535,8 @@ TEST(SenderAtBroker, IsMarkedAsItsOwnWordAndBounded) {
 TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const auto grows_stale = [&](const char* of) {
-    gateway.commands().on_refused_message("a", {of, {}, Qos::at_least_once, false, {}, Waited{40s}},
-                                          "waited");
+    gateway.commands().on_stale_command("a", {of, {}, Qos::at_least_once, false, {}, Waited{40s}},
+                                        /*has_begun_anew=*/false);
   };
   grows_stale(topic);
   std::vector<CommandOutcome> told;
@@ -551,7 +551,7 @@ TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
   EXPECT_EQ(told[0].robot, "a");
   EXPECT_EQ(told[0].type, "cmd");
   EXPECT_EQ(told[0].after, 40s);
-  EXPECT_EQ(told[0].why, "waited");
+  EXPECT_EQ(told[0].why, "waited too long at the broker while no gateway served the robot");
   EXPECT_EQ(published, std::vector<std::string>{"ntnu-slam/gateway/pi1/commands/a"});
   grows_stale("ntnu-slam/robot/b/update");
   grows_stale("ntnu-slam/server/b/cmd");

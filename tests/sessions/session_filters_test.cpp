@@ -103,7 +103,7 @@ TEST_F(RobotSessionRulesUp, ACleanConnectThatFailsIsFollowedByOneThatSortsAgain)
   while (auto action = sessions.next_action()) {
     if (const auto* fence = std::get_if<AskFence>(&*action))
       sessions.on_fence("r1", fence->number, now);
-    stale += std::holds_alternative<RefuseMessage>(*action) ? 1 : 0;
+    stale += std::holds_alternative<RefuseStale>(*action) ? 1 : 0;
   }
   EXPECT_EQ(stale, 1U);
 }

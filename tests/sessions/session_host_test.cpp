@@ -48,7 +48,7 @@ class Host {
   std::vector<SessionLost> lost;
   std::vector<FilterAnswered> answered;
   std::vector<TakeMessage> taken;
-  std::vector<RefuseMessage> stale;
+  std::vector<RefuseStale> stale;
   std::vector<NoteRead> notes;
   std::vector<std::string> notices;
   SessionHost host;
@@ -60,7 +60,7 @@ class Host {
   void take(TakeMessage& what) { taken.push_back(what); }
   void take(NoteRead& what) { notes.push_back(what); }
   void take(SessionSorted&) {}
-  void take(RefuseMessage& what) { stale.push_back(what); }
+  void take(RefuseStale& what) { stale.push_back(what); }
   void take(SessionContested&) {}
   void take(Notice& notice) { notices.push_back(notice.text); }
 };

@@ -237,7 +237,7 @@ class WorldGateway {
       open_.push_back({taken.robot, taken.message, broker_.time_ms(),
                        broker_.time_ms() + std::uniform_int_distribution<int>(0, 1500)(random_)});
   }
-  void perform(RefuseMessage& refuse) {
+  void perform(RefuseStale& refuse) {
     ++ledger_.fate_of(refuse.robot, refuse.message).outcomes;
     ++ledger_.refused_as_stale;
   }

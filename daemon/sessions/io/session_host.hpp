@@ -22,7 +22,7 @@ class SessionHost {
  public:
   /// Actions for the application: the second group of session_action.hpp.
   using Report = std::variant<SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
-                              RefuseMessage, NoteRead, SessionContested, Notice>;
+                              RefuseStale, NoteRead, SessionContested, Notice>;
 
   SessionHost(boost::asio::io_context& io, SessionNames names,
               RobotSessions::ServedElsewhere is_served_elsewhere,
