@@ -222,6 +222,7 @@ void Backlog::on_revived(const DeadLettersRevived& revived) {
   }
 }
 
+/// Adds the letters that the store has not written yet, because it does not count them.
 void Backlog::on_dead_letters(const DeadLettersChanged& changed) {
   dead_letters_ = changed.dead_letters;
   for (const Erasures* unwritten : {&erasures_, &erasing_}) {

@@ -81,12 +81,11 @@ void Outbox::drop(Item& item, const char* why, TimePoint now) {
   remove(item, now);
 }
 
-bool Outbox::is_too_old(const Item& item, TimePoint now) {
-  return item.is_unacknowledged() && now - item.submitted >= max_unacknowledged_age;
-}
-
-void Outbox::drop_too_old(Item& item, TimePoint now) {
+/// Returns true, and drops the message, when it is of QoS 0 and has waited too long.
+bool Outbox::drop_if_too_old(Item& item, TimePoint now) {
+  if (!item.is_unacknowledged() || now - item.submitted < max_unacknowledged_age) return false;
   drop(item, "it has waited for the broker for 10 s", now);
+  return true;
 }
 
 void Outbox::refuse(Item& item, TimePoint now) {
@@ -148,10 +147,7 @@ bool Outbox::publish_next(TimePoint now) {
   if (trial_waits_until_ && now < *trial_waits_until_) return false;
   Item* const next = queue_.front();
   if (!next) return false;
-  if (is_too_old(*next, now)) {
-    drop_too_old(*next, now);
-    return true;
-  }
+  if (drop_if_too_old(*next, now)) return true;
   if (backlog_.is_ahead_of(*next)) {
     queue_.set_aside(*next);
     store_if_needed(*next, now);
@@ -497,7 +493,7 @@ void Outbox::check_ages(TimePoint now) {
   std::optional<TimePoint> next;
   queue_.for_each([&](Item& item) {
     if (item.is_unacknowledged() && item.sequence == 0) {
-      if (is_too_old(item, now)) return drop_too_old(item, now);
+      if (drop_if_too_old(item, now)) return;
       next = earlier(next, item.submitted + max_unacknowledged_age);
     } else if (item.is_unsaved() && can_save) {
       is_overdue = is_overdue || now - item.submitted >= broker_patience;

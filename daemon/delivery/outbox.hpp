@@ -152,8 +152,7 @@ class Outbox {
   void remove(Item& item, TimePoint now);
   void refuse(Item& item, TimePoint now);
   void drop(Item& item, const char* why, TimePoint now);
-  static bool is_too_old(const Item& item, TimePoint now);
-  void drop_too_old(Item& item, TimePoint now);
+  bool drop_if_too_old(Item& item, TimePoint now);
   void on_durable(Item& item);
   void leave_memory(Item& item);
   void store_all(TimePoint now, bool is_overdue = false);

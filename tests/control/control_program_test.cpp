@@ -95,7 +95,7 @@ TEST_F(HostPrograms, ShowWhetherTheServiceHasRefusedItsConfiguration) {
   EXPECT_EQ(other.find("refused"), std::string::npos);
 }
 
-/// What `journalctl` was asked for shows in its answer.
+/// A script in place of `journalctl` can print its own arguments, so that a test sees them.
 class AuditTrail : public HostPrograms {
  protected:
   void make_journal(const std::string& script) { make_program("journalctl", script); }

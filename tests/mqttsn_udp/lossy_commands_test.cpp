@@ -15,21 +15,19 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-const std::string cmd = "ntnu-slam/server/r1/cmd";
-
 /// A client behind a lossy radio that answers every PUBLISH.
 class LossyLink {
  public:
   LossyLink(std::uint64_t seed, double loss, Duration round_trip)
       : random_(seed), loss_(loss), round_trip_(round_trip) {
     rig_.connect(1, "r1", true, 6000);
-    rig_.subscribe(1, cmd, 1);
+    rig_.subscribe(1, r1_command, 1);
     rig_.datagrams.clear();
   }
 
   void command(int number) {
     sent_[number] = rig_.now;
-    rig_.broker(cmd, std::to_string(number), 1);
+    rig_.broker(r1_command, std::to_string(number), 1);
   }
 
   void pass(Duration time) {
@@ -126,8 +124,8 @@ TEST(Commands, AreRepeatedNoLaterThanConfigured) {
   settings.retry_interval = seconds(1);
   SnRig rig(settings);
   rig.connect(1, "r1", true, 6000);
-  rig.subscribe(1, cmd, 1);
-  rig.broker(cmd, "1", 1);
+  rig.subscribe(1, r1_command, 1);
+  rig.broker(r1_command, "1", 1);
   rig.pass_s(100);
   EXPECT_EQ(rig.sent_to(1).size(), 4U) << "once and retry_count times";
 }

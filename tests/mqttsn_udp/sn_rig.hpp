@@ -16,6 +16,8 @@ namespace slamgw::mqttsn {
 
 /// A topic that client r1 may publish.
 inline const std::string own_topic = "ntnu-slam/robot/r1/adv";
+/// The topic of client r1's commands.
+inline const std::string r1_command = "ntnu-slam/server/r1/cmd";
 
 class SnRig {
  public:

@@ -12,8 +12,6 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-const std::string cmd_topic = "ntnu-slam/server/r1/cmd";
-
 /// A gateway that knows that another one serves r1.
 struct Next : SnRig {
   explicit Next(Settings settings = {}, RandomSource random = {})
@@ -27,7 +25,7 @@ struct Next : SnRig {
 /// The note about a robot with a will, a topic and a subscription by a predefined id.
 Bytes note_of_r1() {
   Settings settings;
-  settings.predefined_topics = {{7, cmd_topic, "r1"}};
+  settings.predefined_topics = {{7, r1_command, "r1"}};
   SnRig rig(settings);
   rig.send(1, Connect{true, false, 1, 60, "r1"});
   rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
@@ -54,9 +52,9 @@ TEST(Roaming, ARobotGoesOnByTheNoteOfItsFormerGateway) {
   EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
   EXPECT_TRUE(rig.cleaned.empty());
   ASSERT_EQ(rig.subscribes.size(), 1U);
-  EXPECT_EQ(rig.subscribes[0].filter, cmd_topic);
+  EXPECT_EQ(rig.subscribes[0].filter, r1_command);
   EXPECT_TRUE(rig.subscribes[0].is_standing);
-  rig.broker(cmd_topic, "go", 1);
+  rig.broker(r1_command, "go", 1);
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 predefined id=7 msg=1 data=676f");
   rig.publish(1, 1, 0, 0);
   ASSERT_EQ(rig.reports.size(), 1U);
@@ -70,7 +68,7 @@ TEST(Roaming, MessageIdsBeginAtARandomNumber) {
   Next rig({}, [] { return std::uint16_t{0x4000}; });
   rig.robot_comes();
   rig.note("r1", note_of_r1());
-  rig.broker(cmd_topic, "go", 1);
+  rig.broker(r1_command, "go", 1);
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 predefined id=7 msg=16385 data=676f");
 }
 
@@ -167,7 +165,7 @@ TEST(Roaming, WhatComesBeforeTheNoteIsDeliveredBehindTheConnack) {
   Next rig;
   rig.robot_comes();
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
-  rig.robot_message({"r1", {cmd_topic, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
+  rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_TRUE(rig.outcomes.empty());
   rig.pass_s(1);
@@ -184,12 +182,12 @@ TEST(Roaming, WhatComesBeforeTheNoteIsDeliveredBehindTheConnack) {
 TEST(Roaming, WhatComesWithoutANoteWaitsForTheWillHandshake) {
   Next rig;
   rig.send(1, Connect{true, false, protocol_id, 60, "r1"});
-  rig.robot_message({"r1", {cmd_topic, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
+  rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
   rig.note("r1", {});
   EXPECT_EQ(rig.sent_to(1), Lines{"WILLTOPICREQ"});
   rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
   rig.send(1, WillMsg{to_bytes("bye")});
-  EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=" + cmd_topic);
+  EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=" + r1_command);
   EXPECT_TRUE(rig.outcomes.empty());
 }
 
@@ -197,7 +195,7 @@ TEST(Roaming, WhatComesWithoutANoteWaitsForTheWillHandshake) {
 TEST(Roaming, ANoteNamesTopicsAndNeverBringsMessages) {
   SessionSnapshot forged = read(note_of_r1());
   MessageSnapshot run;
-  run.message = {cmd_topic, to_bytes("run"), Qos::at_least_once};
+  run.message = {r1_command, to_bytes("run"), Qos::at_least_once};
   forged.messages = {run};
   forged.released = {4};
   forged.repeats = {{1, 1, 1, milliseconds(1)}};
@@ -257,11 +255,11 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
   rig.send(1, Connect{true, false, 1, 60, "r1"});
   rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
   rig.send(1, WillMsg{to_bytes("bye")});
-  rig.subscribe(1, cmd_topic, 1);
+  rig.subscribe(1, r1_command, 1);
   rig.subscribe(1, "a/x", 0);
   rig.pass_s(2);
-  rig.broker(cmd_topic, "on the air", 1);
-  rig.broker(cmd_topic, "waits", 1);
+  rig.broker(r1_command, "on the air", 1);
+  rig.broker(r1_command, "waits", 1);
   rig.broker("a/x", "waits at QoS 0", 0);
   rig.pass_s(1);
   rig.presence.clear();
@@ -296,8 +294,8 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
 TEST(Roaming, ARobotThatIsGivenUpHandsOnNoCommandThatWasReportedAsSent) {
   SnRig rig;
   rig.connect(1, "r1");
-  rig.subscribe(1, cmd_topic, 0);
-  rig.broker(cmd_topic, "go", 0);
+  rig.subscribe(1, r1_command, 0);
+  rig.broker(r1_command, "go", 0);
   ASSERT_EQ(rig.outcomes.size(), 1U);
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent);
   rig.send(1, Puback{1, 0, ReturnCode::invalid_topic_id});
@@ -309,7 +307,7 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnNoCommandThatWasReportedAsSent) {
 TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
   Next rig;
   rig.robot_comes();
-  rig.robot_message({"r1", {cmd_topic, to_bytes("go"), Qos::at_most_once}, CommandId{5}});
+  rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_most_once}, CommandId{5}});
   rig.pass_s(1);
   const auto unsent = rig.give_up("r1");
   ASSERT_EQ(unsent.size(), 1U);
@@ -323,14 +321,14 @@ TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
 TEST(Roaming, WhatWaitsWithAConnectIsRefusedWhenTheGatewayStops) {
   Next rig;
   rig.robot_comes();
-  rig.robot_message({"r1", {cmd_topic, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
+  rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
   rig.pass_s(1);
   rig.stop();
   ASSERT_EQ(rig.outcomes.size(), 1U);
   EXPECT_EQ(rig.outcomes[0].id, CommandId{5});
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
   EXPECT_EQ(rig.outcomes[0].after, seconds(1));
-  rig.robot_message({"r1", {cmd_topic, to_bytes("late"), Qos::at_least_once}, CommandId{6}});
+  rig.robot_message({"r1", {r1_command, to_bytes("late"), Qos::at_least_once}, CommandId{6}});
   ASSERT_EQ(rig.outcomes.size(), 2U);
   EXPECT_EQ(rig.outcomes[1].id, CommandId{6});
   rig.note("r1", note_of_r1());
@@ -340,9 +338,9 @@ TEST(Roaming, WhatWaitsWithAConnectIsRefusedWhenTheGatewayStops) {
 /// What a sleeper's gateway has for it follows it.
 TEST(Roaming, ACommandForASleeperFollowsIt) {
   ConnectedRig rig(false);
-  rig.subscribe(1, cmd_topic, 1);
+  rig.subscribe(1, r1_command, 1);
   rig.sleep(1);
-  rig.broker(cmd_topic, "go", 1);
+  rig.broker(r1_command, "go", 1);
   rig.pass_s(10);
   const auto unsent = rig.give_up("r1");
   ASSERT_EQ(unsent.size(), 1U);

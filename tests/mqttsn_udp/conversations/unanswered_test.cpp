@@ -11,7 +11,6 @@ namespace {
 
 using std::chrono::seconds;
 
-const std::string r1_command = "ntnu-slam/server/r1/cmd";
 const std::string others = "ntnu-slam/robot/+/update";
 
 /// Subscribed to its commands by name and to everybody's updates; it never answers a REGISTER.
