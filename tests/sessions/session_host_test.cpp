@@ -240,18 +240,21 @@ TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
 TEST_P(SessionHosts, SurviveOnAQuietLinkByPings) {
   const test::TempDir directory;
   test::Mosquitto talkative("log_type all\nlog_dest file " + directory / "log" + "\n");
-  a.up(talkative.port(), GetParam());
-  a.hear("r1");
-  const auto pings = [&] {
+  BrokerSettings settings;
+  settings.port = talkative.port();
+  settings.keep_alive = std::chrono::seconds{8};  // not every link ticks each second
+  a.up(settings, GetParam());
+  const std::vector<std::string> robots{"r1", "r2", "r3"};
+  for (const std::string& robot : robots) a.hear(robot);
+  const auto has_two_pings = [&](const std::string& robot) {
     const std::string log = test::read_file(directory / "log");
-    std::size_t count = 0;
-    for (auto at = log.find("Received PINGREQ from p-robot-r1"); at != std::string::npos;
-         at = log.find("Received PINGREQ from p-robot-r1", at + 1))
-      ++count;
-    return count;
+    const std::string ping = "Received PINGREQ from p-robot-" + robot;
+    const auto first = log.find(ping);
+    return first != std::string::npos && log.find(ping, first + 1) != std::string::npos;
   };
-  ASSERT_TRUE(eventually(io, [&] { return pings() >= 2; }));
-  EXPECT_EQ(a.host.sessions().held(), 1U);
+  ASSERT_TRUE(eventually(
+      io, [&] { return std::ranges::all_of(robots, has_two_pings); }, std::chrono::minutes{1}));
+  EXPECT_EQ(a.host.sessions().held(), 3U);
   EXPECT_TRUE(a.lost.empty());
 }
 

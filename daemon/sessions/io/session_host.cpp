@@ -3,7 +3,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
+#include <vector>
 
 namespace slamgw::sessions {
 
@@ -109,10 +111,20 @@ void SessionHost::end_links() {
   while (!links_.empty()) end_link(links_.begin()->first, RobotLink::Farewell::disconnect);
 }
 
+/// Ticks each link only every few seconds, because a thousand links cost an idle daemon more than
+/// all else. A ping is late by a quarter of the keep-alive at most; a broker waits for half of it
+/// (MQTT 5 section 3.1.2.10).
 void SessionHost::on_tick() {
   driver_->on_tick(read_clocks().mono);
-  std::vector<std::shared_ptr<RobotLink>> links;
-  for (const auto& [robot, link] : links_) links.push_back(link);
+  if (links_.empty()) return;
+  const auto rounds = std::clamp<std::size_t>(broker_->settings.keep_alive.count() / 4, 1, 3);
+  std::vector<std::shared_ptr<RobotLink>> links((links_.size() + rounds - 1) / rounds);
+  auto next = links_.upper_bound(last_ticked_);
+  for (auto& link : links) {
+    if (next == links_.end()) next = links_.begin();
+    last_ticked_ = next->first;
+    link = (next++)->second;
+  }
   for (const auto& link : links) link->on_tick();
 }
 

@@ -6,9 +6,9 @@
 
 #include <boost/asio/io_context.hpp>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
-#include <unordered_map>
 #include <variant>
 
 #include "daemon/runtime/machine_driver.hpp"
@@ -83,7 +83,8 @@ class SessionHost {
   Timer tick_;
   std::shared_ptr<const RobotBroker> broker_;  ///< the newest; null before the first
   std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
-  std::unordered_map<std::string, std::shared_ptr<RobotLink>> links_;
+  std::map<std::string, std::shared_ptr<RobotLink>> links_;
+  std::string last_ticked_;  ///< the robot whose link was the last to tick
   bool is_stopped_ = false;
   LogThrottle failure_throttle_{std::chrono::minutes{1}};
   LogThrottle mailbox_throttle_{std::chrono::hours{1}};
