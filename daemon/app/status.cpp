@@ -172,7 +172,7 @@ std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings
   if (robot.last_seen == WallTime{}) return "not heard since the daemon started";
   const auto silence =
       std::chrono::duration_cast<std::chrono::seconds>(there.since - robot.last_seen);
-  if (robot.mesh() == Mesh::ble && silence < std::chrono::seconds{1})  // below any allowed limit
+  if (robot.mesh() == Mesh::ble && silence + std::chrono::seconds{1} < surroundings.offline_after)
     return "it was removed from the mesh, or renamed";
   if (robot.mesh() == Mesh::ble)
     return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",

@@ -86,8 +86,9 @@ Counters counts_of(const RobotRegistry& robots);
 /// Facts for a robot's row that the registry does not know.
 struct RobotSurroundings {
   bool is_banned = false;
-  std::uint64_t queue = 0;  ///< commands that wait for the robot
-  Status::MeshLink link{};  ///< of Robot::mesh()
+  std::uint64_t queue = 0;                ///< commands that wait for the robot
+  Status::MeshLink link{};                ///< of Robot::mesh()
+  std::chrono::seconds offline_after{1};  ///< `presence.offline_after_s`
 };
 
 /// A row of `slam-gatewayctl --json robots`. `now`: for rates and latencies.

@@ -121,7 +121,8 @@ nlohmann::json StatusCollector::robots(const std::optional<std::string>& only,
     rows.push_back(robot_row(id, robot,
                              {gateway.is_banned(id),
                               adapter ? adapter->queued_for(id) : 0,
-                              {adapter != nullptr, link.is_up, link.detail, {}}},
+                              {adapter != nullptr, link.is_up, link.detail, {}},
+                              config.ble_mesh.offline_after},
                              now));
   };
   const RobotRegistry& registry = gateway.registry();

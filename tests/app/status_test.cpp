@@ -161,7 +161,7 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   robot.last_mesh = Mesh::thread;
   MeshPresence& thread = robot.on_mesh[Mesh::thread];
   thread.presence = Presence::online;
-  RobotSurroundings around{.link = {true, true, "UDP", {}}};
+  RobotSurroundings around{.link = {true, true, "UDP", {}}, .offline_after = 30s};
   EXPECT_EQ(why_absent(robot, around), "");
   thread.is_deaf = true;
   EXPECT_NE(why_absent(robot, around).find("does not hear the gateway"), std::string::npos);
@@ -178,7 +178,9 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   robot.last_mesh = Mesh::ble;
   robot.on_mesh[Mesh::ble].since = thread.since;
   EXPECT_NE(why_absent(robot, around).find("not heard it for 90 s"), std::string::npos);
-  robot.last_seen = thread.since - 300ms;
+  robot.last_seen = thread.since - 29500ms;
+  EXPECT_NE(why_absent(robot, around).find("not heard it for 29 s"), std::string::npos);
+  robot.last_seen = thread.since - 12s;
   EXPECT_EQ(why_absent(robot, around), "it was removed from the mesh, or renamed");
   around.is_banned = true;
   EXPECT_EQ(why_absent(robot, around), "it is banned (slam-gatewayctl unban)");
