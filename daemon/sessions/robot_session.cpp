@@ -310,8 +310,17 @@ void RobotSession::grant_waiting() {
 
 void RobotSession::ask(const std::string& filter, Filter& entry) {
   if (entry.wants_retained) entry.retained_until = TimePoint::max();
-  actions_.push(SubscribeSession{robot_, filter, entry.qos, entry.id, entry.wants_retained});
+  actions_.push(SubscribeSession{robot_, filter, qos_at_broker(filter, entry.qos), entry.id,
+                                 entry.wants_retained});
   asked_.push_back(filter);
+}
+
+/// Returns at least QoS 1 for commands, also when the robot gets them with QoS 0: brokers keep no
+/// message of QoS 0 while no gateway holds the session.
+Qos RobotSession::qos_at_broker(const std::string& filter, Qos qos) const {
+  std::string commands = names_.command_filter(robot_);
+  commands.pop_back();  // '#'
+  return filter.starts_with(commands) ? std::max(qos, Qos::at_least_once) : qos;
 }
 
 void RobotSession::on_subscribed(const std::string& filter, bool is_granted, TimePoint now) {
@@ -382,17 +391,20 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
   if (message.topic == names_.note_topic(robot_)) return on_note(std::move(message));
   if (is_marker(message)) return on_marker(now);
   const bool is_fence = message.topic == names_.mailbox_topic(robot_) && message.payload.empty();
-  if (is_fence || is_copy(message, ids) || !wants_retained(message, now)) return;
+  if (is_fence || !wants_retained(message, now)) return;
+  const std::uint32_t id = ids.size() == 1 ? ids.front() : 0;
+  const bool is_unasked = id == command_id || is_given_up(id);
+  const bool is_rest = is_copy(message, ids);
+  if (Unfenced* const copy = find_copy(message, id); copy && (is_rest || is_unasked || !knows_all_))
+    return join(*copy, message, id, is_unasked);
+  if (is_rest) return;
   if (unfenced_.size() >= max_unfenced) {
     ++counts_.dropped;
     return;
   }
-  const std::uint32_t id = ids.size() == 1 ? ids.front() : 0;
-  const bool is_unasked = id == command_id || is_given_up(id);
-  if (joins_copy(message, id, is_unasked)) return;
   unfenced_.push_back({.fence = ++last_fence_,
                        .message = std::move(message),
-                       .id = id,
+                       .ids = {id},
                        .is_unasked = is_unasked,
                        .is_stale = !marker_.empty() || state_ == State::sorting,
                        .came = now});
@@ -405,20 +417,27 @@ bool RobotSession::is_given_up(std::uint32_t id) const {
   return knows_all_ && id >= first_filter_id && std::ranges::none_of(filters_, is_of);
 }
 
-/// Joins the message with its waiting copy and returns true, if there is one. A message may come
-/// for a filter that is unknown here or was given up, and again for the gateway's own filter.
-bool RobotSession::joins_copy(const BrokerMessage& message, std::uint32_t id, bool is_unasked) {
-  if (id == 0 || (knows_all_ && !is_unasked)) return false;
-  const auto other = std::ranges::find_if(unfenced_, [&](const Unfenced& each) {
-    const bool is_pair = each.id != id && (id == command_id || each.id == command_id);
-    return is_pair && !each.is_joined && each.message.topic == message.topic &&
-           each.message.payload == message.payload;
+/// Returns the waiting copy of a message. Brokers may send one for each matching filter.
+RobotSession::Unfenced* RobotSession::find_copy(const BrokerMessage& message, std::uint32_t id) {
+  if (id == 0 || message.retain) return nullptr;
+  const auto copy = std::ranges::find_if(unfenced_, [&](const Unfenced& each) {
+    return std::ranges::find(each.ids, id) == each.ids.end() && !each.message.retain &&
+           each.message.topic == message.topic && each.message.payload == message.payload;
   });
-  if (other == unfenced_.end()) return false;
-  other->is_unasked = other->is_unasked && is_unasked;
-  other->is_joined = true;
-  other->message.qos = std::max(other->message.qos, message.qos);
-  return true;
+  return copy == unfenced_.end() ? nullptr : &*copy;
+}
+
+/// The message is this gateway's when a fence shows that the broker has the acknowledgements of all
+/// copies that a robot obeys. Otherwise the next gateway gets the rest of them, and takes it too.
+void RobotSession::join(Unfenced& copy, const BrokerMessage& message, std::uint32_t id,
+                        bool is_unasked) {
+  copy.is_unasked = copy.is_unasked && is_unasked;
+  copy.ids.push_back(id);
+  copy.message.qos = std::max(copy.message.qos, message.qos);
+  if (is_unasked) return;
+  copy.is_answered = false;
+  copy.fence = ++last_fence_;
+  actions_.push(AskFence{robot_, copy.fence});
 }
 
 /// Returns true when a copy may still come: with QoS 2 it comes one round trip later.

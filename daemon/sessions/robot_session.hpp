@@ -188,12 +188,11 @@ class RobotSession {
   struct Unfenced {
     std::uint64_t fence = 0;
     BrokerMessage message;
-    std::uint32_t id = 0;  ///< of the filter that it came for; 0: several filters, or unknown
+    std::vector<std::uint32_t> ids;  ///< of the filters that its copies came for, if known
     bool is_unasked = false;
     bool is_stale = false;
     bool is_answered = false;
-    bool is_joined = false;   ///< with a copy; one of the two came for the gateway's own filter
-    bool has_waited = false;  ///< one fence longer, for such a copy
+    bool has_waited = false;  ///< one fence longer, for another copy
     TimePoint came{};
   };
 
@@ -211,8 +210,10 @@ class RobotSession {
   bool is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const;
   bool is_copy_to_come(const Unfenced& one) const;
   bool hears_all_commands() const;
+  Qos qos_at_broker(const std::string& filter, Qos qos) const;
   bool is_given_up(std::uint32_t id) const;
-  bool joins_copy(const BrokerMessage& message, std::uint32_t id, bool is_unasked);
+  Unfenced* find_copy(const BrokerMessage& message, std::uint32_t id);
+  void join(Unfenced& copy, const BrokerMessage& message, std::uint32_t id, bool is_unasked);
   bool is_marker(const BrokerMessage& message) const;
   void end_sorting();
   void send_marker(TimePoint now);

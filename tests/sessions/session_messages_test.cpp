@@ -257,6 +257,46 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheOneWithTheHighestQosIsTaken) {
   }
 }
 
+/// What waited at the broker comes before the broker has answered for the filters.
+TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
+  std::vector<std::uint32_t> ids{RobotSession::command_id};
+  attach(true);
+  for (const char* const filter : {"run", "+/#", "run/#"})
+    ids.push_back(subscribed_id(std::string("ntnu-slam/server/r1/") + filter));
+  sessions.on_detached("r1", now);
+  attach(true);
+  for (int equal = 0; equal < 2; ++equal)
+    for (const std::uint32_t id : ids) arrives(command("1"), {id});
+  const auto taken = fenced();
+  ASSERT_EQ(taken.size(), 2U) << "two equal commands, four copies of each";
+  for (const auto& each : taken) EXPECT_FALSE(each.is_unasked);
+}
+
+/// Otherwise the next gateway gets the rest of the copies, and the robot obeys twice.
+TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheBrokerHasTheAcknowledgementsOfAllCopies) {
+  attach();
+  const auto wide = subscribed_id("ntnu-slam/server/r1/+");
+  const auto narrow = subscribed_id("ntnu-slam/server/r1/run");
+  arrives(command("1"), {std::min(wide, narrow)});
+  arrives(command("1"), {std::max(wide, narrow)});
+  const auto fences = drain<AskFence>();
+  ASSERT_EQ(fences.size(), 2U);
+  sessions.on_fence("r1", fences[0].number, now);
+  EXPECT_TRUE(drain<TakeMessage>().empty());
+  sessions.on_fence("r1", fences[1].number, now);
+  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, CommandsForARobotThatWantsQos0WaitAtTheBroker) {
+  attach();
+  subscribe("ntnu-slam/server/r1/run", Qos::at_most_once);
+  subscribe("ntnu-slam/robot/+/update", Qos::at_most_once);
+  const auto asked = drain<SubscribeSession>();
+  ASSERT_EQ(asked.size(), 2U);
+  EXPECT_EQ(asked[0].qos, Qos::at_least_once);
+  EXPECT_EQ(asked[1].qos, Qos::at_most_once);
+}
+
 TEST_F(RobotSessionRulesUp, Rule13_WhatWasOnItsWayWhenTheRobotBeganAnewIsRefusedOnce) {
   attach();
   const auto id = subscribed_id("ntnu-slam/server/r1/run");

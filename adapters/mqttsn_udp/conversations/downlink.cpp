@@ -94,7 +94,8 @@ void Downlink::on_broker_message(ClientSession& session, const RobotMessage& inc
       rules_.policy.may_subscribe(session.client_id, session.robot, message.topic);
   if (incoming.is_unasked || (!wanted && !is_asked_elsewhere))
     return commands_.refuse(message, incoming.command,
-                            "the robot has not subscribed to " + message.topic);
+                            wanted ? "the robot moved: another gateway may have delivered it"
+                                   : "the robot has not subscribed to " + message.topic);
   Outgoing outgoing;
   outgoing.message = std::make_shared<const BrokerMessage>(message);
   outgoing.qos = message.qos;

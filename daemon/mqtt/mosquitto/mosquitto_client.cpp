@@ -188,6 +188,8 @@ void MosquittoClient::set_callbacks() {
   mosquitto_message_v5_callback_set(
       client, [](mosquitto*, void* object, const mosquitto_message* message,
                  const mosquitto_property* properties) {
+        // Its acknowledgement goes out together with what the message leads to, as a fence.
+        if (message->qos > 0) ++of(object).unwritten_;
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
