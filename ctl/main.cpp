@@ -11,6 +11,7 @@
 #include "ctl/command_line.hpp"
 #include "ctl/terminal.hpp"
 #include "daemon/core/utf8.hpp"
+#include "daemon/observability/standard_output.hpp"
 
 namespace {
 
@@ -22,9 +23,7 @@ std::string printable_lines(const std::string& text) {
   return out;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int perform(int argc, char** argv) {
   using namespace slamgw::ctl;
   try {
     const auto parsed = parse_command_line(argc, argv);
@@ -33,10 +32,19 @@ int main(int argc, char** argv) {
     if (!order.ask) return order.perform(order);
     Connection daemon(order.socket);
     return order.ask(daemon, order);
+  } catch (const std::ios_base::failure&) {  // of standard output: the caller says why
   } catch (const std::exception& error) {
+    std::cout.exceptions(std::ios::goodbit);
     std::cout << std::flush;
     std::cerr << fit_to_terminal("slam-gatewayctl: " + printable_lines(error.what()),
                                  STDERR_FILENO);
-    return exit_failed;
   }
+  return exit_failed;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::cout.exceptions(std::ios::badbit);  // ends `watch`, too
+  return slamgw::end_output("slam-gatewayctl", perform(argc, argv));
 }

@@ -12,6 +12,7 @@
 #include "daemon/config/default_config.hpp"
 #include "daemon/config/io/load.hpp"
 #include "daemon/observability/log.hpp"
+#include "daemon/observability/standard_output.hpp"
 
 namespace {
 
@@ -88,7 +89,7 @@ int main(int argc, char** argv) {
   try {
     cli.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return cli.exit(error) == 0 ? 0 : exit_arguments;
+    return slamgw::end_output("slam-gatewayd", cli.exit(error) == 0 ? 0 : exit_arguments);
   }
-  return start(arguments);
+  return slamgw::end_output("slam-gatewayd", start(arguments));
 }

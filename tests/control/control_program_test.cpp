@@ -219,6 +219,27 @@ TEST_F(ControlProgramIo, AnswersWhileAnotherClientWatchesAndDoesNotRead) {
   EXPECT_EQ(one->wait(), 0);
 }
 
+TEST_F(ControlProgramIo, FailsWhenItsOutputIsLost) {
+  start();
+  const std::vector<std::string> to_full_disk{"sh", "-c", "exec \"$@\" >/dev/full", "sh"};
+  const std::string why = "slam-gatewayctl: standard output: No space left on device\n";
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"status"}, {"robots", "--json"}, {"--version"}, {"--help"}}) {
+    const Ended ended = run(arguments, to_full_disk);
+    EXPECT_EQ(ended.status, 1) << arguments.front();
+    EXPECT_EQ(ended.err, why) << arguments.front();
+  }
+  const auto watching = launch({"watch"}, to_full_disk);
+  ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
+  TraceEvent event;
+  event.robot = "r1";
+  event.type = "adv";
+  server->publish(event);
+  const Ended ended = finish(*watching);
+  EXPECT_EQ(ended.status, 1);
+  EXPECT_EQ(ended.err, why);
+}
+
 TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   start();
   const auto child = launch({"watch", "--robot", "r1"});

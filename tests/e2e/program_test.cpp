@@ -44,6 +44,16 @@ TEST(Daemon, PrintsTheShippedConfigurationAndFindsItGood) {
   EXPECT_EQ(checked.out, "OK\n");
 }
 
+TEST(Daemon, FailsWhenItsOutputIsLost) {
+  for (const char* option : {"--print-config", "--check-config", "--version"}) {
+    const Finished finished =
+        run_program({"sh", "-c", "exec \"$@\" >/dev/full", "sh", SLAMGW_DAEMON, "--config",
+                     SLAMGW_DEFAULT_CONFIG, option});
+    EXPECT_EQ(finished.status, 1) << option;
+    EXPECT_EQ(finished.err, "slam-gatewayd: standard output: No space left on device\n");
+  }
+}
+
 TEST(Daemon, NamesEveryProblemOfAConfigurationAndExits78) {
   const TempDir directory;
   const std::string file = directory / "gateway.json";

@@ -11,6 +11,7 @@
 #include <iostream>
 
 #include "daemon/observability/log.hpp"
+#include "daemon/observability/standard_output.hpp"
 #include "web/server/io/page_hub.hpp"
 #include "web/server/io/startup.hpp"
 #include "web/server/io/web_server.hpp"
@@ -90,7 +91,7 @@ int main(int argc, char** argv) {
   try {
     cli.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return cli.exit(error) == 0 ? 0 : exit_arguments;
+    return slamgw::end_output("slam-gateway-web", cli.exit(error) == 0 ? 0 : exit_arguments);
   }
-  return start(config_file, only_checks);
+  return slamgw::end_output("slam-gateway-web", start(config_file, only_checks));
 }
