@@ -270,7 +270,8 @@ class Examination {
   void search() {
     if (*facts_.is_search_answered)
       return add("thread: search", Health::well, "a search of our own was answered");
-    const bool is_broker_up = text_at(group_at(facts_.status, "broker"), "state") == "up";
+    const std::string broker = text_at(group_at(facts_.status, "broker"), "state");
+    const bool is_broker_up = broker == "up" || broker == "refusing";
     add("thread: search", is_broker_up ? Health::problem : Health::warning,
         is_broker_up ? "a search of our own was not answered"
                      : "searches are not answered while the broker is away",

@@ -82,6 +82,14 @@ slamgw_latency_seconds_count{gateway="g",mesh="thread"} 5
       << "and none of the BLE mesh, whose buckets are nonsense: " << text();
 }
 
+TEST_F(WebMetrics, TellThatABrokerThatRefusesATopicIsUp) {
+  hear("g/state", R"({"state":"online"})");
+  for (const auto& [state, value] : {std::pair{"up", '1'}, {"refusing", '1'}, {"down", '0'}}) {
+    hear("g/stats", std::string(R"({"broker":{"state":")") + state + "\"}}");
+    EXPECT_TRUE(has(std::string(R"(slamgw_gateway_broker_up{gateway="g"} )") + value)) << state;
+  }
+}
+
 TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
   hear("g/robots/r", R"({"state":"online","mesh":"ble"})");
   hear("g/numbers",

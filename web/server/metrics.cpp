@@ -165,8 +165,10 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
       out.add("slamgw_gateway_robots", "Robots by state.", {{"gateway", gateway}, {"state", state}},
               *value);
   }
-  out.add("slamgw_gateway_broker_up", "Whether the gateway's link to the broker works.", labels,
-          text(stats, {"broker", "state"}) == "up" ? 1 : 0);
+  const std::string broker = text(stats, {"broker", "state"});
+  out.add("slamgw_gateway_broker_up",
+          "Whether the gateway is connected to the broker, which may refuse some topics.", labels,
+          broker == "up" || broker == "refusing" ? 1 : 0);
   const json* meshes = find(stats, {"meshes"});
   if (meshes == nullptr || !meshes->is_object()) return;
   for (const auto& [mesh, value] : meshes->items()) {

@@ -145,6 +145,9 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts = healthy();
   facts.is_search_answered = false;
   EXPECT_EQ(problems_of(facts), "thread: search; ");
+  facts.status["broker"]["state"] = "refusing";
+  EXPECT_NE(to_text(examine(facts)).find("a search of our own was not answered"), std::string::npos)
+      << "the gateway is connected";
 
   facts = healthy();
   facts.status["broker"] = {{"state", "down"}, {"uri", "mqtt://h:1883"}, {"why", "refused"}};
