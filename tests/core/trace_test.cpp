@@ -168,7 +168,10 @@ TEST_F(TraceTest, JoinsACommandsWayDown) {
   EXPECT_EQ(events[1].type, "cmd");
   EXPECT_EQ(events[2].outcome, CommandResult::delivered);
   EXPECT_EQ(events[2].latency, 40ms);
-  for (const TraceEvent& event : events) EXPECT_TRUE(is_down(event.kind));
+  for (const TraceEvent& event : events) {
+    EXPECT_TRUE(is_down(event.kind));
+    EXPECT_EQ(event.bytes, 2u);
+  }
   EXPECT_EQ(trace.followed(), 0u);
 }
 

@@ -79,7 +79,6 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
                      .robot = robot.id,
                      .topic = topics_.command_topic(robot.id, next->command.type),
                      .wire = {std::nullopt, next->is_repeat},
-                     .bytes = next->command.access.size(),
                      .command = next->command.id});
   }
   // The queue repeats a message that the radio does not take.

@@ -98,6 +98,7 @@ TEST_F(Uplink, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
   EXPECT_EQ(steps[3].kind, StepKind::sent);
   EXPECT_EQ(steps[3].topic, "ntnu-slam/server/nr1/cmd");
   EXPECT_EQ(steps[3].wire.is_dup, false);
+  EXPECT_FALSE(steps[3].bytes) << "the trace knows the payload's size";
   EXPECT_EQ(steps[4].wire.is_dup, true);
   EXPECT_EQ(steps[4].command, steps[3].command);
 }
