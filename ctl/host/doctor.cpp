@@ -93,8 +93,9 @@ class Examination {
   void daemon() {
     if (facts_.status.is_null())
       return add("daemon", Health::problem, facts_.status_failure,
-                 facts_.is_running ? "sudo slam-gatewayctl doctor"
-                                   : "sudo journalctl -u slam-gateway -n 20 says why");
+                 facts_.is_silent    ? "sudo systemctl restart slam-gateway"
+                 : facts_.is_running ? "sudo slam-gatewayctl doctor"
+                                     : "sudo journalctl -u slam-gateway -n 20 says why");
     const std::string version = text_at(facts_.status, "version");
     if (version != facts_.own_version)
       return add("daemon", Health::warning,
@@ -270,6 +271,8 @@ class Examination {
   void search() {
     if (*facts_.is_search_answered)
       return add("thread: search", Health::well, "a search of our own was answered");
+    if (facts_.status.is_null())
+      return add("thread: search", Health::unknown, "a search of our own was not answered");
     const std::string broker = text_at(group_at(facts_.status, "broker"), "state");
     const bool is_broker_up = broker == "up" || broker == "refusing";
     add("thread: search", is_broker_up ? Health::problem : Health::warning,
@@ -801,6 +804,9 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
     facts.fleet = connection.ask({{"command", "fleet"}});
   } catch (const NotRunning& failure) {
     facts.is_running = false;
+    facts.status_failure = failure.what();
+  } catch (const Silence& failure) {
+    facts.is_silent = true;
     facts.status_failure = failure.what();
   } catch (const Failure& failure) {
     facts.status_failure = failure.what();

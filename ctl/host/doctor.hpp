@@ -54,6 +54,7 @@ struct HostFacts {
   nlohmann::json status;       ///< the daemon's; null when it does not answer
   std::string status_failure;  ///< why the daemon does not answer
   bool is_running = true;      ///< a program listens at the daemon's socket
+  bool is_silent = false;      ///< that program answers nothing
   nlohmann::json fleet;        ///< the daemon's answer to `fleet`; null when there is none
   std::string own_version;
   std::string host_name;

@@ -115,6 +115,21 @@ TEST(Doctor, FollowsTheThreadInterfacesThatThereAre) {
   EXPECT_EQ(problems_of(facts), "") << "then all networks are served";
 }
 
+TEST(Doctor, SaysHowADaemonThatHangsIsStartedAgain) {
+  HostFacts facts = healthy();
+  facts.status = nullptr;
+  facts.status_failure = "slam-gatewayd does not answer at /run/slam-gateway/control.sock";
+  facts.is_silent = true;
+  facts.is_search_answered = false;
+  EXPECT_EQ(problems_of(facts), "daemon; thread; thread: search; ");
+  const std::string text = to_text(examine(facts));
+  EXPECT_NE(text.find("sudo systemctl restart slam-gateway"), std::string::npos) << text;
+  EXPECT_EQ(text.find("slam-gatewayctl doctor"), std::string::npos) << text;
+  EXPECT_EQ(text.find("while the broker is away"), std::string::npos) << text;
+  facts.is_silent = false;  // perhaps this user may not ask
+  EXPECT_NE(to_text(examine(facts)).find("sudo slam-gatewayctl doctor"), std::string::npos);
+}
+
 TEST(Doctor, NamesEachStepThatIsBroken) {
   HostFacts facts = healthy();
   facts.status = nullptr;
