@@ -132,7 +132,7 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
            "Updates that could not be read."},
           {{"messages", "set_aside"},
            "slamgw_gateway_set_aside_messages_total",
-           "Messages that can never be delivered and were kept as dead letters."},
+           "How often a message was kept as a dead letter, also the same one after a new try."},
           {{"messages", "lost"},
            "slamgw_gateway_lost_messages_total",
            "Stored messages that damage of the disk has taken."},
