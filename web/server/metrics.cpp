@@ -95,8 +95,8 @@ void add_messages(Exposition& out, const std::string& gateway, const json& stats
   const auto add = [&](const std::string& mesh, double value) {
     Labels labels{{"gateway", gateway}, {"direction", direction}};
     if (!mesh.empty()) labels.insert(labels.begin() + 1, {"mesh", mesh});
-    out.add("slamgw_gateway_messages_total", "Messages from robots (up) and to them (down).",
-            labels, value);
+    out.add("slamgw_gateway_messages_total",
+            "Messages from robots (up) and to them (down), refused commands too.", labels, value);
   };
   const json* meshes = find(stats, {"meshes"});
   double counted = 0;
@@ -120,7 +120,7 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
           {{"uptime_s"}, "slamgw_gateway_uptime_seconds", "Time since the gateway started."},
           {{"messages", "published"},
            "slamgw_gateway_published_messages_total",
-           "Messages that the broker has acknowledged."},
+           "Messages that the broker has acknowledged, and QoS 0 messages written to the network."},
           {{"messages", "dropped"},
            "slamgw_gateway_dropped_messages_total",
            "QoS 0 messages that were dropped."},
@@ -197,8 +197,8 @@ void add_counts(Exposition& out, const Labels& robot, const std::string& mesh, c
   for (const char* direction : {"up", "down"}) {
     labels.back().second = direction;
     if (const auto value = number(counts, {direction}))
-      out.add("slamgw_robot_messages_total", "Messages from a robot (up) and to it (down).", labels,
-              *value);
+      out.add("slamgw_robot_messages_total",
+              "Messages from a robot (up) and to it (down), refused commands too.", labels, *value);
   }
 }
 
