@@ -11,6 +11,7 @@
 #include <cstdlib>
 #include <filesystem>
 
+#include "tests/support/certificates.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::web::test {
@@ -136,6 +137,25 @@ TEST_F(WebStartup, HasCredentialsOfItsOwnAndLeavesTheDaemonsAlone) {
   EXPECT_EQ(load().parsed.config.broker.credentials->username, "page");
   write("web-credentials.json", R"({"username": "page", "password": "p"})", 0644);
   EXPECT_NE(problem().find("can be read or changed by others"), std::string::npos);
+}
+
+TEST_F(WebStartup, RefusesFilesWithWhichNoTlsConnectionIsPossible) {
+  const slamgw::test::Certificates good("broker");
+  const slamgw::test::Certificates other("broker");
+  const auto use = [&](const std::string& ca, const std::string& key) {
+    write("gateway.json", R"({"broker": {"uri": "mqtts://broker", "tls": {"ca_file": ")" + ca +
+                              R"(", "certificate_file": ")" + good.certificate() +
+                              R"(", "key_file": ")" + key + "\"}}}");
+  };
+  use(good.ca(), good.key());
+  EXPECT_EQ(problem(), "");
+  EXPECT_TRUE(load().parsed.config.broker.key_file);
+  use(path("none.pem"), good.key());
+  EXPECT_NE(problem().find("none.pem cannot be read"), std::string::npos) << problem();
+  use(good.key(), good.key());
+  EXPECT_NE(problem().find("a certificate as PEM is needed"), std::string::npos) << problem();
+  use(good.ca(), other.key());
+  EXPECT_NE(problem().find("does not belong to certificate_file"), std::string::npos) << problem();
 }
 
 TEST_F(WebStartup, RefusesCredentialsBehindSystemdsCopyThatOthersCanRead) {

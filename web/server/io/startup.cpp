@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "daemon/config/checks.hpp"
 #include "daemon/config/credentials.hpp"
 #include "daemon/config/io/load.hpp"
 #include "daemon/config/io/service_rights.hpp"
@@ -118,6 +119,7 @@ Startup load_startup(const std::string& config_file) {
   startup.parsed.config.broker.client = MqttClient::mosquitto;  // whatever the gateway uses
   read_own_credentials(startup.parsed, config_file);
   drop_unreadable_certificate(startup.parsed);
+  check_tls_files(startup.parsed, SystemFiles(own_user));
   const auto& token_file = startup.parsed.config.web.token_file;
   if (token_file) startup.tokens = read_tokens(startup.parsed, *token_file);
   if (const auto& note_file = startup.parsed.config.web.note_file)
