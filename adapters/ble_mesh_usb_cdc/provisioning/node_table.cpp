@@ -63,11 +63,29 @@ const std::string* NodeTable::configured_name(std::uint16_t address) const {
   return nullptr;
 }
 
+const Node* NodeTable::holder_of(const std::string& name, std::uint16_t address) const {
+  const Node* holder = nullptr;
+  const std::string* wanted = &name;
+  for (std::size_t i = 0; database() && i <= database()->nodes.size(); ++i) {
+    const auto next = std::ranges::find_if(database()->nodes, [&](const Node& node) {
+      return node.state != NodeState::reserved && !node.has_address(address) &&
+             node.name == *wanted;
+    });
+    if (next == database()->nodes.end()) return nullptr;
+    if (holder == nullptr) holder = &*next;
+    address = next->address;
+    wanted = configured_name(address);
+    if (wanted == nullptr) return holder;
+  }
+  return nullptr;  // nodes exchange their names
+}
+
 std::string NodeTable::id_of(std::uint16_t address) const {
   const Node* node = find(address);
-  if (node == nullptr) return names_.of_ble(address);
-  if (!node->name.empty() && configured_name(node->address) == nullptr) return node->name;
-  return names_.of_ble(node->address);
+  if (node != nullptr) address = node->address;
+  const std::string* configured = configured_name(address);
+  if (configured != nullptr && holder_of(*configured, address) == nullptr) return *configured;
+  return node != nullptr && !node->name.empty() ? node->name : RobotNames().of_ble(address);
 }
 
 bool NodeTable::is_elsewhere(const std::string& id, std::uint16_t address) const {

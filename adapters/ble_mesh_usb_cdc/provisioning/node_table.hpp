@@ -83,7 +83,8 @@ class NodeTable {
 
   void on_names(RobotNames names) { names_ = std::move(names); }
   const RobotNames& names() const { return names_; }
-  /// Returns the name of the robot with this unicast address.
+  /// Returns the name of the robot with this unicast address. The configuration's name counts
+  /// unless another node has it.
   std::string id_of(std::uint16_t address) const;
   /// Returns true if a joined node at another address has this name.
   bool is_elsewhere(const std::string& id, std::uint16_t address) const;
@@ -114,6 +115,10 @@ class NodeTable {
   std::string json(const Node& node) const;
 
  private:
+  /// Returns the joined node that keeps this name, which `robots` gives to `address`, or null. A
+  /// node keeps its operator's name if `robots` gives it no other, or one that a node keeps.
+  const Node* holder_of(const std::string& name, std::uint16_t address) const;
+
   const Settings& settings_;
   RobotNames names_;
   std::optional<NodeDatabase> database_;

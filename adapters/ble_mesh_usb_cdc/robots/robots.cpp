@@ -83,17 +83,35 @@ Robot* Robots::find(std::string_view id) { return find_id(robots_, id); }
 const Robot* Robots::find(std::string_view id) const { return find_id(robots_, id); }
 
 void Robots::on_start() {
-  add_configured();
   on_nodes_changed(TimePoint{});
+  add_configured();
   is_started_ = true;
 }
 
 void Robots::add_configured() {
   for (const RobotName& name : nodes_.names().configured()) {
-    if (!name.ble_address || nodes_.is_elsewhere(name.id, *name.ble_address)) continue;
+    if (!name.ble_address) continue;
+    if (nodes_.is_elsewhere(name.id, *name.ble_address)) {
+      warn_of_taken_name(name.id, *name.ble_address);
+      continue;
+    }
     const auto [entry, is_new] = add(*name.ble_address, name.id);
     if (is_new) subscribe_known(entry->second);
   }
+}
+
+/// A robot that joined again at another address has its configured name there: no warning.
+void Robots::warn_of_taken_name(const std::string& name, std::uint16_t address) {
+  const Robot* holder = find(name);
+  const Robot* robot = find(address);
+  if (holder == nullptr || robot == nullptr) return;
+  emit(
+      Notice{Severity::warning,
+             fmt::format("\"robots\" gives 0x{:04x} the id {}, which the robot at 0x{:04x} has: it "
+                         "goes by {}; give 0x{:04x} another id in \"robots\", or remove it (ble "
+                         "remove), and reload",
+                         address, name, holder->address, robot->id, holder->address),
+             robot->id});
 }
 
 void Robots::on_nodes_changed(TimePoint now) {

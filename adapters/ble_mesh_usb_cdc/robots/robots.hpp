@@ -77,6 +77,7 @@ class Robots : private MeshPart {
   }
   bool make_room(TimePoint now);
   void add_configured();
+  void warn_of_taken_name(const std::string& name, std::uint16_t address);
   void apply_ban(Robot& robot, TimePoint now);
   void leave_name(Robot& robot, const std::string& why, TimePoint now);
   void take_name(Robot& robot, std::string id, TimePoint now);

@@ -160,5 +160,83 @@ TEST(Names, ANodeIsCalledAsTheConfigurationSaysAndStaysANode) {
   EXPECT_EQ(rig.all<Report>().back().robot, "lego-1");
 }
 
+/// Joined nodes at 0x0100 and 0x0101, with these names from an operator.
+NodeDatabase database_of(const std::string& first, const std::string& second) {
+  NodeDatabase database = test_database();
+  for (const auto& [address, name] :
+       std::map<std::uint16_t, std::string>{{0x0100, first}, {0x0101, second}}) {
+    Node node;
+    node.uuid.fill(static_cast<std::uint8_t>(address));
+    node.address = address;
+    node.device_key = Key{};
+    node.state = NodeState::configured;
+    node.name = name;
+    database.nodes.push_back(node);
+  }
+  return database;
+}
+
+/// The robots that have spoken from 0x0100 and 0x0101.
+std::vector<std::string> speakers(MeshRig& rig) {
+  std::vector<std::string> ids;
+  for (const std::uint16_t address : std::initializer_list<std::uint16_t>{0x0100, 0x0101}) {
+    rig.hear(address, "cb 59 00 01 00 02 00");
+    ids.push_back(rig.all<Report>().back().robot);
+  }
+  return ids;
+}
+
+std::size_t warnings_of_taken_names(const MeshRig& rig) {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(rig.all<Notice>(), [](const Notice& notice) {
+        return notice.severity == Severity::warning &&
+               notice.text.starts_with(
+                   "\"robots\" gives 0x0101 the id lego-1, which the robot at "
+                   "0x0100 has: it goes by ble-0101");
+      }));
+}
+
+TEST(Names, ANodesNameGoesToNoOtherNodeByReloadOrAtTheStart) {
+  const std::vector<RobotName> taken{{"lego-1", 0x0101, {}}};
+  const std::vector<std::string> apart{"lego-1", "ble-0101"};
+  MeshRig rig({}, database_of("lego-1", ""), RobotNames());
+  rig.start();
+  EXPECT_EQ(speakers(rig), apart);
+  rename(rig, taken);
+  EXPECT_EQ(warnings_of_taken_names(rig), 1u);
+  EXPECT_EQ(speakers(rig), apart);
+  rig.command("lego-1/cmd", hex("01 00 02 00"));
+  rig.run_for(100ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
+
+  MeshRig started({}, database_of("lego-1", ""), RobotNames(taken));
+  started.start();
+  EXPECT_EQ(warnings_of_taken_names(started), 1u);
+  EXPECT_EQ(speakers(started), apart);
+}
+
+TEST(Names, ANameThatItsNodeGivesUpInTheSameReloadIsFree) {
+  MeshRig rig({}, database_of("lego-1", "lego-2"), RobotNames());
+  rig.start();
+  rename(rig, {{"lego-1", 0x0101, {}}, {"lego-2", 0x0100, {}}});
+  EXPECT_EQ(speakers(rig), (std::vector<std::string>{"lego-2", "lego-1"})) << "exchanged";
+  rename(rig, {{"lego-1", 0x0101, {}}, {"lego-3", 0x0100, {}}});
+  EXPECT_EQ(speakers(rig), (std::vector<std::string>{"lego-3", "lego-1"})) << "one after the other";
+  EXPECT_EQ(warnings_of_taken_names(rig), 0u);
+  rename(rig, {{"lego-2", 0x0100, {}}});
+  EXPECT_EQ(speakers(rig), (std::vector<std::string>{"lego-1", "lego-2"})) << "0x0101 has lego-2";
+}
+
+TEST(Names, ARobotThatAnotherToolTookInGetsNoNodesName) {
+  NodeDatabase database = database_of("lego-1", "");
+  database.nodes.pop_back();
+  MeshRig rig({}, database, RobotNames());
+  rig.start();
+  speakers(rig);
+  rename(rig, {{"lego-1", 0x0101, {}}});
+  EXPECT_EQ(warnings_of_taken_names(rig), 1u);
+  EXPECT_EQ(speakers(rig), (std::vector<std::string>{"lego-1", "ble-0101"}));
+}
+
 }  // namespace
 }  // namespace slamgw::ble
