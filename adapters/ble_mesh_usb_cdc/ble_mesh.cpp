@@ -109,7 +109,7 @@ void BleMesh::on_link_down(const LinkIsDown& down, TimePoint now) {
   link_.down_reason = down.why;
   const bool was_up = std::exchange(link_.is_up, false);
   for (auto& [address, robot] : robots_)
-    downlink_.refuse_all(robot, "the BLE link went down: " + down.why, now);
+    downlink_.end_all(robot, "the BLE link went down: " + down.why, now);
   relay_.on_link_down();
   if (was_up) provisioner_.on_link_down(down, now);
 }
@@ -289,7 +289,7 @@ void BleMesh::on_broker_link(bool is_up, TimePoint) {
 
 void BleMesh::on_stop(TimePoint now) {
   downlink_.on_stop();
-  for (auto& [address, robot] : robots_) downlink_.refuse_all(robot, Downlink::gateway_ends, now);
+  for (auto& [address, robot] : robots_) downlink_.end_all(robot, Downlink::gateway_ends, now);
 }
 
 // --- Time ----------------------------------------------------------------------------------------

@@ -104,7 +104,7 @@ TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
   gateway.process().send_signal(SIGTERM);
   ASSERT_TRUE(eventually([&] { return !outcomes.lines().empty(); })) << gateway.log();
   const json outcome = json::parse(outcomes.lines()[0]);
-  EXPECT_EQ(outcome["outcome"], "refused");
+  EXPECT_EQ(outcome["outcome"], "timeout") << "it was sent";
   EXPECT_EQ(outcome["why"], "the gateway is stopping");
 }
 

@@ -185,17 +185,17 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
   return ended;
 }
 
-EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
-  EndedCommands ended = end_sent(CommandResult::refused, why, now);
+EndedCommands CommandQueue::end_all(const std::string& why, TimePoint now) {
+  EndedCommands ended = end_sent(why, now);
   for (const Entry& entry : waiting_) ended.push_back(entry.end(now, CommandResult::refused, why));
   waiting_.clear();
   return ended;
 }
 
-EndedCommands CommandQueue::end_sent(CommandResult result, const std::string& why, TimePoint now) {
+EndedCommands CommandQueue::end_sent(const std::string& why, TimePoint now) {
   if (!outstanding_) return {};
   expect_late_answers(now);
-  return {end_outstanding(result, why, now)};
+  return {end_outstanding(CommandResult::timeout, why, now)};
 }
 
 std::vector<WaitingMessage> CommandQueue::take_waiting(TimePoint now) {

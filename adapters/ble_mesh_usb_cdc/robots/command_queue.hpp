@@ -125,9 +125,11 @@ class CommandQueue {
   void on_send_refused(const std::string& why);
   /// Ends overdue commands.
   EndedCommands on_deadline(TimePoint now);
-  EndedCommands refuse_all(const std::string& why, TimePoint now);
-  /// Ends the command that was sent, if there is one.
-  EndedCommands end_sent(CommandResult result, const std::string& why, TimePoint now);
+  /// Ends all commands: the one that was sent as end_sent() does, the others as `refused`.
+  EndedCommands end_all(const std::string& why, TimePoint now);
+  /// Ends the command that was sent, if there is one, as `timeout`: the robot may have carried it
+  /// out.
+  EndedCommands end_sent(const std::string& why, TimePoint now);
   /// Removes and returns the commands that were not sent, the oldest first.
   std::vector<WaitingMessage> take_waiting(TimePoint now);
 

@@ -52,13 +52,12 @@ void Downlink::on_deadline(Robot& robot, TimePoint now) {
   transmit_due(robot, now);
 }
 
-void Downlink::refuse_all(Robot& robot, const std::string& why, TimePoint now) {
-  conclude(robot, robot.commands.refuse_all(why, now));
+void Downlink::end_all(Robot& robot, const std::string& why, TimePoint now) {
+  conclude(robot, robot.commands.end_all(why, now));
 }
 
 std::vector<WaitingMessage> Downlink::give_up(Robot& robot, TimePoint now) {
-  conclude(robot, robot.commands.end_sent(CommandResult::timeout,
-                                          "the robot moved to another gateway", now));
+  conclude(robot, robot.commands.end_sent("the robot moved to another gateway", now));
   return robot.commands.take_waiting(now);
 }
 

@@ -31,7 +31,8 @@ class Downlink : private MeshPart {
   bool on_status(Robot& robot, Opcode status, TimePoint now);
   void on_deadline(Robot& robot, TimePoint now);
   std::optional<TimePoint> deadline(const Robot& robot) const;
-  void refuse_all(Robot& robot, const std::string& why, TimePoint now);
+  /// See CommandQueue::end_all.
+  void end_all(Robot& robot, const std::string& why, TimePoint now);
   /// Another gateway serves the robot. Returns the commands that were not sent; the one that was
   /// sent ends as `timeout`, because the robot may have carried it out.
   std::vector<WaitingMessage> give_up(Robot& robot, TimePoint now);

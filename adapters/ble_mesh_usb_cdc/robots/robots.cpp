@@ -163,13 +163,13 @@ void Robots::on_names(TimePoint now) {
 /// The gateway ignores a banned robot's answers, so commands to it can't be acknowledged.
 void Robots::apply_ban(Robot& robot, TimePoint now) {
   robot.is_online = robot.is_presence_unconfirmed = robot.is_deaf = robot.is_deaf_now = false;
-  downlink_.refuse_all(robot, "the robot is banned (slam-gatewayctl unban)", now);
+  downlink_.end_all(robot, "the robot is banned (slam-gatewayctl unban)", now);
   if (robot.is_shown()) announce(robot, Presence::offline);
 }
 
 void Robots::leave_name(Robot& robot, const std::string& why, TimePoint now) {
   if (robot.is_shown()) announce(robot, Presence::offline);
-  downlink_.refuse_all(robot, why, now);
+  downlink_.end_all(robot, why, now);
   emit(UnsubscribeRequest{Mesh::ble, robot.id, topics_.command_filter(robot.id)});
 }
 

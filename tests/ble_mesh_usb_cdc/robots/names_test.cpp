@@ -61,10 +61,10 @@ TEST(Names, ABannedRobotGoesAndItsCommandsEnd) {
   rig.run_for(100ms);
   EXPECT_EQ(presence_of(rig), (std::vector<std::string>{"nr1 offline"}));
   ASSERT_EQ(rig.all<CommandOutcome>().size(), 2u);
-  for (const CommandOutcome& outcome : rig.all<CommandOutcome>()) {
-    EXPECT_EQ(outcome.result, CommandResult::refused);
+  EXPECT_EQ(rig.all<CommandOutcome>()[0].result, CommandResult::timeout) << "it was sent";
+  EXPECT_EQ(rig.all<CommandOutcome>()[1].result, CommandResult::refused) << "it waited";
+  for (const CommandOutcome& outcome : rig.all<CommandOutcome>())
     EXPECT_NE(outcome.why.find("banned"), std::string::npos);
-  }
   const std::size_t sent = rig.sent_to(0x0100).size();
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
   rig.run_for(30s);
@@ -97,7 +97,8 @@ TEST(Names, ACommandUnderTheOldNameEndsWithItsReason) {
   rename(rig, {});
   ASSERT_EQ(rig.all<CommandOutcome>().size(), 1u);
   EXPECT_EQ(rig.all<CommandOutcome>()[0].robot, "nr1");
-  EXPECT_EQ(rig.all<CommandOutcome>()[0].result, CommandResult::refused);
+  EXPECT_EQ(rig.all<CommandOutcome>()[0].result, CommandResult::timeout) << "it was sent";
+  EXPECT_EQ(rig.all<CommandOutcome>()[0].why, "the robot was renamed");
   EXPECT_EQ(presence_of(rig).back(), "ble-0100 online");
 }
 
