@@ -188,7 +188,7 @@ void BoardRadio::on_message(MessageReceived& message) {
 void BoardRadio::on_link_down(LinkIsDown& down) {
   down.is_restart = command_ && command_->purpose == Command::Purpose::restart;
   if (session_) {
-    session_->fail("the BLE link went down: " + down.why);
+    session_->on_link_lost("the BLE link went down: " + down.why);
     down.join = session_->end();
   }
   forget();

@@ -218,7 +218,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now)
   if (stage_ == Stage::closing) {
     state_ = State::succeeded;
   } else if (event.reason == closed_by_timeout) {
-    fail("the provisioning link ended: time-out");
+    on_link_lost("the provisioning link ended: time-out");
   } else if (event.reason == closed_in_success && stage_ == Stage::completing) {
     end_.is_key_lost = end_.may_have_joined = true;  // the board reports the key once
     commands_.push_back(encode_command(CommandOpcode::housekeeping_get));
@@ -248,13 +248,9 @@ void ProvisioningSession::on_deadline(TimePoint now) {
     case Stage::opening: return fail("the device opens no provisioning link");
     case Stage::awaiting_capabilities: return fail("the device does not answer the invitation");
     case Stage::awaiting_addresses: return fail("its addresses could not be stored");
-    case Stage::exchanging: return fail("the exchange of keys did not end");
+    case Stage::exchanging:
+    case Stage::completing: return on_link_lost("the exchange of keys did not end");
     case Stage::counting: return fail(key_was_lost);
-    case Stage::completing:
-      end_.may_have_joined = true;
-      return fail(
-          "the exchange of keys did not end; if the device took its address nevertheless, it has "
-          "to be reset by hand");
     case Stage::closing: state_ = State::succeeded; return;
   }
 }
@@ -263,6 +259,14 @@ void ProvisioningSession::enter(Stage stage, TimePoint now) {
   stage_ = stage;
   const bool is_ending = stage == Stage::closing || stage == Stage::counting;
   due_ = now + (is_ending ? close_limit : wait_limit);
+}
+
+void ProvisioningSession::on_link_lost(std::string why) {
+  if (stage_ == Stage::completing) {
+    end_.may_have_joined = true;
+    why += "; if the device took its address nevertheless, it has to be reset by hand";
+  }
+  fail(std::move(why));
 }
 
 void ProvisioningSession::fail(std::string why) {

@@ -64,6 +64,8 @@ class ProvisioningSession {
   }
   void on_addresses(TimePoint now);
   void fail(std::string why);
+  /// Fails because no answer can come any more: in the last step the device may have joined.
+  void on_link_lost(std::string why);
 
  private:
   enum class Stage : std::uint8_t {

@@ -132,6 +132,34 @@ TEST(Provisioning, PromisesNoNextAttemptForARobotWhoseKeyWasLost) {
   EXPECT_TRUE(rig.all_configured(30s));
 }
 
+/// The device has got its address, but the board goes away before the gateway knows.
+TEST(Provisioning, SaysThatARobotMayHaveJoinedWhenTheLinkBreaksInTheLastStep) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc5, 0xc2};
+  rig.start();
+  while (rig.board.devices.devices[0].address == 0) rig.pass(100ms);
+  EXPECT_FALSE(rig.has_notice("reset by hand"));
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_TRUE(
+      rig.has_notice("the BLE link went down: unplugged; if the device took its address "
+                     "nevertheless, it has to be reset by hand"));
+  EXPECT_TRUE(rig.on_disk().nodes.empty()) << "it has the address, so others get it last";
+}
+
+TEST(Provisioning, SaysNothingOfAResetWhenTheLinkBreaksEarlier) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc7};  // the device's public key
+  rig.start();
+  rig.pass(5s);
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_TRUE(rig.has_notice("the BLE link went down: unplugged"));
+  EXPECT_FALSE(rig.has_notice("reset by hand"));
+}
+
 TEST(Provisioning, SaysHowManyEventsTheBoardHasDroppedWhenAKeyWasLost) {
   ProvisioningRig rig;
   rig.add(1);
