@@ -85,7 +85,8 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
                  [&](SendRefused& refused) { on_send_refused(refused, now); },
                  [&](MessageReceived& message) { on_message(message, now); },
                  [&](Heartbeat& heartbeat) {
-                   if (is_unicast(heartbeat.source) && !is_banned(heartbeat.source))
+                   if (is_unicast(heartbeat.source) && !is_banned(heartbeat.source) &&
+                       !provisioner_.nodes().is_own(heartbeat.source))
                      hear(heartbeat.source, nullptr, now);
                  },
                  [&](IvUpdate& update) { on_iv_update(update, now); },
@@ -143,6 +144,8 @@ bool BleMesh::is_banned(std::uint16_t source) const {
 void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (!is_unicast(message.source))
     return uplink_.reject(message.source, "its source is not a unicast address", now);
+  if (provisioner_.nodes().is_own(message.source))
+    return uplink_.reject(message.source, "its source is an address of this gateway", now);
   if (is_banned(message.source)) {
     provisioner_.on_message(message, now);  // an operator may still remove the robot
     return settle(now);

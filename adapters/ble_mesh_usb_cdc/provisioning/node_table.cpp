@@ -100,7 +100,10 @@ bool NodeTable::is_elsewhere(const std::string& id, std::uint16_t address) const
 void NodeTable::on_heard(std::uint16_t address, TimePoint now) {
   const Node* node = find(address);
   if (node == nullptr) {
-    if (strangers_.size() < NodeDatabase::max_nodes) strangers_.insert(address);
+    if (strangers_.size() >= NodeDatabase::max_nodes)
+      std::erase_if(strangers_, [](const auto& each) { return each.second < believed_after; });
+    if (strangers_.contains(address) || strangers_.size() < NodeDatabase::max_nodes)
+      strangers_[address] = std::min(strangers_[address] + 1, believed_after);
     return;
   }
   NodeHistory& history = histories_[node->uuid];
@@ -117,7 +120,8 @@ const NodeHistory* NodeTable::find_history(const Uuid& uuid) const {
 // --- Addresses -----------------------------------------------------------------------------------
 
 std::set<std::uint16_t> NodeTable::taken_addresses() const {
-  std::set<std::uint16_t> taken = strangers_;
+  std::set<std::uint16_t> taken;
+  for (const auto& [address, times] : strangers_) taken.insert(address);
   const auto add = [&](std::uint16_t gateway, std::uint32_t end) {
     taken.insert(gateway);
     for (std::uint32_t address = gateway; address < end; ++address)
@@ -132,13 +136,22 @@ std::set<std::uint16_t> NodeTable::taken_addresses() const {
 }
 
 std::uint16_t NodeTable::room_at(std::uint16_t gateway) const {
-  std::set<std::uint16_t> others = strangers_;
-  others.insert(settings_.address);
+  std::set<std::uint16_t> others{settings_.address};
+  for (const auto& [address, times] : strangers_)
+    if (times == believed_after) others.insert(address);
   others.insert(database()->gateways.begin(), database()->gateways.end());
   for (const RobotName& name : names_.configured())
     if (name.ble_address) others.insert(*name.ble_address);
   others.erase(gateway);
   return std::max<std::uint16_t>(ble::source_room(*database(), gateway, others), 1);
+}
+
+bool NodeTable::is_own(std::uint16_t address) const {
+  if (database() == nullptr || find(address) != nullptr || configured_name(address) != nullptr)
+    return false;
+  const RadioLife& life = database()->life;
+  const std::uint32_t end = settings_.address + std::min<std::uint32_t>(life.number, max_sources);
+  return address >= settings_.address && address < end && address <= life.source;
 }
 
 std::uint16_t NodeTable::source_room() const {

@@ -36,6 +36,9 @@ class NodeTable {
  public:
   /// Pause before a failed write is repeated.
   static constexpr Duration store_retry_interval = std::chrono::seconds{5};
+  /// Messages from a stranger's address before it limits the gateway's own addresses: a forged or
+  /// damaged message can name any address.
+  static constexpr int believed_after = 3;
 
   NodeTable(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database)
       : settings_(settings), names_(std::move(names)), database_(std::move(database)) {}
@@ -103,6 +106,8 @@ class NodeTable {
   std::uint16_t room_at(std::uint16_t gateway) const;
   /// Returns the same for this gateway.
   std::uint16_t source_room() const;
+  /// Returns true if this gateway's radio has sent from the address, and no robot is known there.
+  bool is_own(std::uint16_t address) const;
   /// Returns an address for a new robot, or for one that was reset by hand. `name` was given by an
   /// operator and may be empty.
   std::optional<std::uint16_t> address_for(const Uuid& uuid, std::uint8_t elements,
@@ -128,9 +133,9 @@ class NodeTable {
   std::optional<TimePoint> store_retry_at_;
   bool is_change_announced_ = false;
   std::map<Uuid, NodeHistory> histories_;
-  /// Heard addresses that are not nodes': robots that another tool has taken in. At most
-  /// NodeDatabase::max_nodes.
-  std::set<std::uint16_t> strangers_;
+  /// Heard addresses that are not nodes', and how often each was heard, up to believed_after:
+  /// robots that another tool has taken in. At most NodeDatabase::max_nodes.
+  std::map<std::uint16_t, int> strangers_;
 };
 
 }  // namespace slamgw::ble

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Boards that forget their sequence numbers, seen through BleMesh: robots drop what comes from an
 // address with numbers that they have heard, so each life of the board sends from another one.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
@@ -250,6 +251,57 @@ TEST(BoardLives, EndBeforeTheAddressOfANodeARobotAndAnotherGateway) {
   host.power_cycle_board();
   EXPECT_EQ(host.source_of_an_answer(), 0x0001);
   EXPECT_TRUE(host.has_notice("used up"));
+}
+
+/// It has the mesh's keys, or octets were lost on the serial line.
+TEST(BoardLives, AreNotEndedByOneMessageFromAMadeUpAddress) {
+  LivesRig rig;
+  rig.start();
+  rig.hear(0x0002, update_set);
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  EXPECT_FALSE(rig.has_notice("used up"));
+  for (int i = 0; i < 3; ++i) rig.hear(0x0003, update_set);  // another tool's robot
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+}
+
+TEST(BoardLives, ManyMadeUpAddressesHideNoRobotOfAnotherTool) {
+  LivesRig rig;
+  rig.start();
+  for (std::uint16_t address = 0x1000; address < 0x1000 + NodeDatabase::max_nodes; ++address)
+    rig.hear(address, "cb 59 00 01 00 02 00");
+  rig.run_for(60s);  // they make room for other robots
+  for (int i = 0; i < 3; ++i) rig.hear(0x0002, update_set);
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+}
+
+TEST(BoardLives, NoRobotSpeaksFromTheirAddresses) {
+  LivesRig rig;
+  rig.start();
+  rig.power_cycle_board();
+  rig.events.clear();
+  for (const std::uint16_t own : std::initializer_list<std::uint16_t>{0x0001, 0x0002}) {
+    rig.hear(own, update_set);
+    rig.say(hex(fmt::format("07 d8 08 02 03 00 {:02x} 00", own)));  // a heartbeat
+  }
+  EXPECT_TRUE(rig.all<Report>().empty());
+  EXPECT_TRUE(rig.all<PresenceChange>().empty());
+  EXPECT_EQ(rig.counter("rejected"), 2u);
+  EXPECT_TRUE(rig.has_notice("the last from 0x0001: its source is an address of this gateway"));
+  rig.hear(0x0003, update_set);
+  EXPECT_EQ(rig.all<Report>().size(), 1u) << "not used yet: another tool's robot";
+}
+
+TEST(BoardLives, LeaveANodeAndANamedRobotTheirs) {
+  NodeDatabase database = robot_database(0x0003);
+  database.life = {.number = 9, .source = 0x0009};
+  LivesRig rig(database, {}, RobotNames({{"r1", 0x0004, {}}}));
+  rig.start();
+  rig.hear(0x0003, update_set);
+  rig.hear(0x0004, update_set);
+  EXPECT_EQ(rig.all<Report>().size(), 2u);
 }
 
 TEST(BoardLives, OfTwoGatewaysShareNoAddress) {
