@@ -87,6 +87,13 @@ void check_ble_mesh(ParseResult& result) {
   if (ble.pos_cmd_type == "run")
     result.problem("ble_mesh.types.pos_cmd",
                    "\"run\" is the type of on/off commands; any other type is allowed");
+  Unique<std::string> types(result, "the type");
+  for (const bool is_set : {false, true})  // the problem names a key that is in the file
+    for (const auto& [key, type] : std::map<std::string, std::string>{
+             {"ble_mesh.types.min_com", ble.min_com_type},
+             {"ble_mesh.types.sensor_update", ble.sensor_update_type},
+             {"ble_mesh.types.pos_cmd", ble.pos_cmd_type}})
+      if (result.is_set(key) == is_set) types.add(type, key);
   if (ble.gateway_group && std::ranges::find(ble.groups, *ble.gateway_group) != ble.groups.end())
     result.problem("ble_mesh.gateway_group",
                    "is in ble_mesh.groups, to which robots are subscribed: they would acknowledge "
