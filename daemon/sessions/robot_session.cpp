@@ -395,8 +395,9 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
   const std::uint32_t id = ids.size() == 1 ? ids.front() : 0;
   const bool is_unasked = id == command_id || is_given_up(id);
   const bool is_rest = is_copy(message, ids);
-  if (Unfenced* const copy = find_copy(message, id); copy && (is_rest || is_unasked || !knows_all_))
-    return join(*copy, message, id, is_unasked);
+  Unfenced* const copy = find_copy(message, id);
+  const bool is_unclear = !knows_all_ && copy && (copy->is_unasked || !asked_.empty());
+  if (copy && (is_rest || is_unasked || is_unclear)) return join(*copy, message, id, is_unasked);
   if (is_rest) return;
   if (unfenced_.size() >= max_unfenced) {
     ++counts_.dropped;
@@ -434,7 +435,7 @@ void RobotSession::join(Unfenced& copy, const BrokerMessage& message, std::uint3
   copy.is_unasked = copy.is_unasked && is_unasked;
   copy.ids.push_back(id);
   copy.message.qos = std::max(copy.message.qos, message.qos);
-  if (is_unasked) return;
+  if (id == command_id) return;
   copy.is_answered = false;
   copy.fence = ++last_fence_;
   actions_.push(AskFence{robot_, copy.fence});

@@ -272,6 +272,26 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
   for (const auto& each : taken) EXPECT_FALSE(each.is_unasked);
 }
 
+TEST_F(RobotSessionRulesUp, Rule13_AnEqualCommandForANewFilterIsAnotherOne) {
+  attach(true);
+  const auto first = subscribed_id("ntnu-slam/server/r1/+");
+  arrives(command("1"), {first});
+  subscribe("ntnu-slam/server/r1/run", Qos::exactly_once);
+  std::uint32_t second = 0;
+  std::uint64_t fence = 0;
+  while (auto action = sessions.next_action()) {
+    if (const auto* asked = std::get_if<SubscribeSession>(&*action)) second = asked->id;
+    if (const auto* asked = std::get_if<AskFence>(&*action)) fence = asked->number;
+  }
+  grants("ntnu-slam/server/r1/run");
+  arrives(command("1"), {second});
+  arrives(command("1"), {first});
+  sessions.on_fence("r1", fence, now);
+  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+  sessions.on_fence("r1", fence + 2, now);
+  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+}
+
 /// Otherwise the next gateway gets the rest of the copies, and the robot obeys twice.
 TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheBrokerHasTheAcknowledgementsOfAllCopies) {
   attach();

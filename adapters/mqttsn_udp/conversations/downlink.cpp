@@ -94,7 +94,7 @@ void Downlink::on_broker_message(ClientSession& session, const RobotMessage& inc
       rules_.policy.may_subscribe(session.client_id, session.robot, message.topic);
   if (incoming.is_unasked || (!wanted && !is_asked_elsewhere))
     return commands_.refuse(message, incoming.command,
-                            wanted ? "the robot moved: another gateway may have delivered it"
+                            wanted ? "the robot had not subscribed then, or has moved since it came"
                                    : "the robot has not subscribed to " + message.topic);
   Outgoing outgoing;
   outgoing.message = std::make_shared<const BrokerMessage>(message);

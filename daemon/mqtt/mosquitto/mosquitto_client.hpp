@@ -87,7 +87,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
 
   /// `tls` is null without TLS. Answered by on_connack() or on_ended().
   void open(const Opening& opening, std::shared_ptr<const TlsClient> tls);
-  /// Does the keep-alive. Call every tick_interval.
+  /// Does the keep-alive. Call every tick_interval, or every second one.
   void tick();
   /// Ends the connection with this errno; on_ended() comes after the present call.
   void give_up(int error) { after_call(MOSQ_ERR_ERRNO, error); }
