@@ -396,8 +396,10 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
   const bool is_unasked = id == command_id || is_given_up(id);
   const bool is_rest = is_copy(message, ids);
   Unfenced* const copy = find_copy(message, id);
-  const bool is_unclear = !knows_all_ && copy && (copy->is_unasked || !asked_.empty());
-  if (copy && (is_rest || is_unasked || is_unclear)) return join(*copy, message, id, is_unasked);
+  const auto stands = [this](std::uint32_t each) { return is_standing(each); };
+  const bool is_clear =
+      knows_all_ || (copy && stands(id) && std::ranges::all_of(copy->ids, stands));
+  if (copy && (is_rest || is_unasked || !is_clear)) return join(*copy, message, id, is_unasked);
   if (is_rest) return;
   if (unfenced_.size() >= max_unfenced) {
     ++counts_.dropped;
@@ -416,6 +418,12 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
 bool RobotSession::is_given_up(std::uint32_t id) const {
   const auto is_of = [&](const auto& each) { return each.second.id == id; };
   return knows_all_ && id >= first_filter_id && std::ranges::none_of(filters_, is_of);
+}
+
+/// Returns true when the broker has granted the filter with this identifier on this connection.
+bool RobotSession::is_standing(std::uint32_t id) const {
+  return std::ranges::any_of(
+      filters_, [&](const auto& each) { return each.second.id == id && each.second.is_standing; });
 }
 
 /// Returns the waiting copy of a message. Brokers may send one for each matching filter.

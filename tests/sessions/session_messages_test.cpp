@@ -272,6 +272,13 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
   for (const auto& each : taken) EXPECT_FALSE(each.is_unasked);
 }
 
+/// The robot has moved here, and its note has not come yet.
+TEST_F(RobotSessionRulesUp, Rule13_OfCopiesForUnknownFiltersOneIsTaken) {
+  attach(true);
+  for (const std::uint32_t id : {70U, 80U, 90U}) arrives(command("1"), {id});
+  EXPECT_EQ(fenced().size(), 1U);
+}
+
 TEST_F(RobotSessionRulesUp, Rule13_AnEqualCommandForANewFilterIsAnotherOne) {
   attach(true);
   const auto first = subscribed_id("ntnu-slam/server/r1/+");
