@@ -257,7 +257,7 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheOneWithTheHighestQosIsTaken) {
   }
 }
 
-/// What waited at the broker comes before the broker has answered for the filters.
+/// Messages that waited at the broker come before it has answered for the filters.
 TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
   std::vector<std::uint32_t> ids{RobotSession::command_id};
   attach(true);
