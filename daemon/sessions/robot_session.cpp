@@ -396,7 +396,10 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
   const bool is_unasked = id == command_id || is_given_up(id);
   const bool is_rest = is_copy(message, ids);
   Unfenced* const copy = find_copy(message, id);
-  const auto stands = [this](std::uint32_t each) { return is_standing(each); };
+  const auto stands = [this](std::uint32_t each) {
+    const Filter* filter = find_filter(each);
+    return filter && filter->is_standing;
+  };
   const bool is_clear =
       knows_all_ || (copy && stands(id) && std::ranges::all_of(copy->ids, stands));
   if (copy && (is_rest || is_unasked || !is_clear)) return join(*copy, message, id, is_unasked);
@@ -416,14 +419,13 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
 
 /// Returns true when the broker sent a message for a filter that the robot no longer has.
 bool RobotSession::is_given_up(std::uint32_t id) const {
-  const auto is_of = [&](const auto& each) { return each.second.id == id; };
-  return knows_all_ && id >= first_filter_id && std::ranges::none_of(filters_, is_of);
+  return knows_all_ && id >= first_filter_id && find_filter(id) == nullptr;
 }
 
-/// Returns true when the broker has granted the filter with this identifier on this connection.
-bool RobotSession::is_standing(std::uint32_t id) const {
-  return std::ranges::any_of(
-      filters_, [&](const auto& each) { return each.second.id == id && each.second.is_standing; });
+const RobotSession::Filter* RobotSession::find_filter(std::uint32_t id) const {
+  const auto found =
+      std::ranges::find_if(filters_, [&](const auto& each) { return each.second.id == id; });
+  return found == filters_.end() ? nullptr : &found->second;
 }
 
 /// Returns the waiting copy of a message. Brokers may send one for each matching filter.
@@ -468,13 +470,11 @@ bool RobotSession::wants_retained(const BrokerMessage& message, TimePoint now) c
 /// the lowest identifier; without such a filter, the copy for the gateway's filter.
 bool RobotSession::is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const {
   if (ids.size() != 1 || ids.front() == own_id || message.retain) return false;
-  const auto own = std::ranges::find_if(
-      filters_, [&](const auto& each) { return each.second.id == ids.front(); });
-  const bool is_known = own != filters_.end();
+  const Filter* own = find_filter(ids.front());
   return std::ranges::any_of(filters_, [&](const auto& each) {
     const Filter& other = each.second;
-    const bool is_better = !is_known || other.qos > own->second.qos ||
-                           (other.qos == own->second.qos && other.id < own->second.id);
+    const bool is_better =
+        !own || other.qos > own->qos || (other.qos == own->qos && other.id < own->id);
     return is_better && other.is_standing && filter_matches(each.first, message.topic);
   });
 }

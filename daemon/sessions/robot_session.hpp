@@ -212,7 +212,8 @@ class RobotSession {
   bool hears_all_commands() const;
   Qos qos_at_broker(const std::string& filter, Qos qos) const;
   bool is_given_up(std::uint32_t id) const;
-  bool is_standing(std::uint32_t id) const;
+  /// Returns the robot's filter with this identifier, or null.
+  const Filter* find_filter(std::uint32_t id) const;
   Unfenced* find_copy(const BrokerMessage& message, std::uint32_t id);
   void join(Unfenced& copy, const BrokerMessage& message, std::uint32_t id, bool is_unasked);
   bool is_marker(const BrokerMessage& message) const;
