@@ -1,22 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/time.hpp"
 
-#include <fmt/compile.h>
-#include <fmt/format.h>
+#include <cstdint>
 
 namespace slamgw {
 namespace {
 
-/// `YYYY-MM-DDThh:mm:ss`. The formatting of times by libraries takes several times as long, and
-/// this runs for each presence, for many messages, and for each robot every 10 s.
-std::string to_the_second(WallTime time) {
+/// Writes `value` over the zeros of `out` that end before `end`. Expects at least so many zeros.
+void write(std::string& out, std::size_t end, std::int64_t value) {
+  for (; value > 0; value /= 10) out[--end] += static_cast<char>(value % 10);
+}
+
+/// Fills in `0000-00-00T00:00:00`, with which `out` begins. Libraries take many times as long, and
+/// this runs for each presence, for most messages, and for each robot every 10 s.
+std::string to_the_second(WallTime time, std::string out) {
   const auto day = std::chrono::floor<std::chrono::days>(time);
   const std::chrono::year_month_day date(day);
   const std::chrono::hh_mm_ss clock(std::chrono::floor<std::chrono::seconds>(time - day));
-  return fmt::format(FMT_COMPILE("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}"),
-                     static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
-                     static_cast<unsigned>(date.day()), clock.hours().count(),
-                     clock.minutes().count(), clock.seconds().count());
+  write(out, 4, static_cast<int>(date.year()));
+  write(out, 7, static_cast<unsigned>(date.month()));
+  write(out, 10, static_cast<unsigned>(date.day()));
+  write(out, 13, clock.hours().count());
+  write(out, 16, clock.minutes().count());
+  write(out, 19, clock.seconds().count());
+  return out;
 }
 
 /// The part of `time` beyond its whole second.
@@ -28,14 +35,18 @@ auto fraction(WallTime time) {
 
 }  // namespace
 
-std::string to_iso8601(WallTime time) { return to_the_second(time) + "Z"; }
+std::string to_iso8601(WallTime time) { return to_the_second(time, "0000-00-00T00:00:00Z"); }
 
 std::string to_iso8601_ms(WallTime time) {
-  return fmt::format("{}.{:03}Z", to_the_second(time), fraction<std::chrono::milliseconds>(time));
+  std::string out = to_the_second(time, "0000-00-00T00:00:00.000Z");
+  write(out, out.size() - 1, fraction<std::chrono::milliseconds>(time));
+  return out;
 }
 
 std::string to_iso8601_us(WallTime time) {
-  return fmt::format("{}.{:06}Z", to_the_second(time), fraction<std::chrono::microseconds>(time));
+  std::string out = to_the_second(time, "0000-00-00T00:00:00.000000Z");
+  write(out, out.size() - 1, fraction<std::chrono::microseconds>(time));
+  return out;
 }
 
 }  // namespace slamgw
