@@ -185,6 +185,12 @@ def probes_made_meanwhile(events, settle_s):
     return sorted(chosen, key=lambda event: event.t_us)
 
 
+def has_unsent_arrivals(events, message_type):
+    """Whether more messages arrived than the simulated robots' record has: lines of it are missing. Copies count once."""
+    arrived = {(event.robot, event.message_id, event.payload) for event in events if event.is_arrival_of(message_type)}
+    return len(arrived) > sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
+
+
 def exact_loss(events, message_type, settle_s=0):
     """By the robots' own record where they are simulated, else by the sequence numbers of probes; None where neither is there."""
     arrived = sum(1 for event in events if event.is_arrival_of(message_type))

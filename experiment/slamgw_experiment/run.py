@@ -119,6 +119,8 @@ class Run:
                                     self._experiment.is_in_ring())
         if not ended and not measured["counts"]["arrived"]:
             ended = "no message of the wanted type arrived"
+        if not ended and self._site.simulator_arguments is not None and measure.has_unsent_arrivals(ones, self._asked.message_type):
+            ended = "the robots' record is incomplete: more messages arrived than it says were sent"
         result = self._result(measured, not ended, self._daemon)
         if ended:
             result["ended_early"] = ended

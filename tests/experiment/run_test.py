@@ -67,9 +67,19 @@ class Site:
     def close(self):
         self.closed = True
 
-    def say(self, **members):
+    def say(self, source=events.GATEWAY, **members):
         line = {"event": "arrived", "robot": "r1", "mesh": "ble", "type": "update", "direction": "up", "payload": "0a00ecff", **members}
-        self.lines.put((events.GATEWAY, json.dumps(line), self.now_us()))
+        self.lines.put((source, json.dumps(line), self.now_us()))
+
+
+class SimulatedSite(Site):
+    """Simulated robots that end with `is_over`."""
+
+    simulator_arguments = ["ble"]
+    is_over = False
+
+    def have_robots_ended(self):
+        return self.is_over
 
 
 def arrive(site, count, interval_s=0.01, **members):
@@ -183,6 +193,26 @@ class Runs(unittest.TestCase):
         self.assertEqual((status, result["complete"]), (1, False))
         self.assertIn("events.csv cannot be written: File too large", said)
         self.assertGreater(result["measured"]["counts"]["arrived"], 20)
+
+    def run_recorded(self, is_whole):
+        """Three messages and a copy arrive; a record that is not whole lacks the first line."""
+        def script(site):
+            for number in range(3):
+                if number > 0 or is_whole:
+                    site.say(events.ROBOTS, event="sent", number=number)
+                site.say(payload=f"0{number}00ecff")
+            site.say(payload="0200ecff")
+            site.is_over = True
+        status, result, _ = self.run_on(SimulatedSite(script))
+        return status, result["complete"], result.get("ended_early")
+
+    def test_a_whole_record_of_the_robots(self):
+        self.assertEqual(self.run_recorded(is_whole=True), (0, True, None))
+
+    def test_a_record_of_the_robots_that_lacks_lines(self):
+        """A disk that was full for a while: 2 sent and 3 arrived gave a loss of 0."""
+        self.assertEqual(self.run_recorded(is_whole=False),
+                         (1, False, "the robots' record is incomplete: more messages arrived than it says were sent"))
 
     def test_a_terminal_that_was_closed_ends_no_run(self):
         class Closed(io.StringIO):
