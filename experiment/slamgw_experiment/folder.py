@@ -155,10 +155,10 @@ def read_events(directory):
 
 
 def measure_again(directory):
-    """(result, events), with `measured` counted anew from events.csv."""
+    """(result, counted events), with `measured` counted anew from events.csv."""
     result = read_result(directory)
-    ones = read_events(directory)
     conditions, experiment = result["conditions"], catalogue.find(result["experiment"])
+    ones = measure.counted(read_events(directory), float(conditions.get("settle_s", 0)))
     result["measured"] = measure.measured(ones, conditions["type"], float(conditions["period_ms"]),
-                                          float(conditions.get("settle_s", 0)), experiment is not None and experiment.is_in_ring())
+                                          experiment is not None and experiment.is_in_ring())
     return result, ones

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From events to numbers. Everything in `measured` of result.json comes from here, and from events.csv alone."""
 import collections
+import math
 
 import numpy
 
@@ -168,21 +169,32 @@ def probe_counts(events):
     return counts
 
 
-def probes_made_meanwhile(events, settle_s):
-    """Arrivals of probes that were made after the run began and early enough for their last repeat to come before it ended.
+def counted(events, settle_s):
+    """Without all about probes made before the run began, or too late for their last repeat to come before it ended.
 
-    When a probe was made follows from its sender's clock and the fastest probe of the same robot.
+    When a probe was made follows from its sender's clock and the fastest probe of the same robot. What the gateway did with it
+    names the message id only, which a robot uses again. `events` are in order of time.
     """
-    arrivals = collections.defaultdict(list)
-    for event in events:
-        if event.is_arrival_of("probe") and event.sender_ms is not None:
-            arrivals[event.robot].append((event, event.sender_ms * 1000))
-    end_us = max((event.t_us for event in events), default=0) - settle_s * 1e6
+    probes = [event for event in events if event.is_arrival_of("probe") and event.sender_ms is not None]
+    if not probes or any(event.source == ROBOTS for event in events):
+        return events
+    offsets = {event.robot: math.inf for event in probes}
+    for event in probes:
+        offsets[event.robot] = min(offsets[event.robot], event.t_us - event.sender_ms * 1000)
+    end_us = events[-1].t_us - settle_s * 1e6
+    is_counted = {}  # (robot, message id): whether the last such message is
     chosen = []
-    for ones in arrivals.values():
-        offset_us = min(event.t_us - sender_us for event, sender_us in ones)
-        chosen.extend(event for event, sender_us in ones if 0 <= sender_us + offset_us <= end_us)
-    return sorted(chosen, key=lambda event: event.t_us)
+    for event in events:
+        key = event.robot, event.message_id
+        if event.type == "probe" and event.sender_ms is not None and event.robot in offsets:
+            is_in_time = 0 <= event.sender_ms * 1000 + offsets[event.robot] <= end_us
+            if event.source == GATEWAY:
+                is_counted[key] = is_in_time
+        else:
+            is_in_time = event.type != "probe" or is_counted.get(key, False)
+        if is_in_time:
+            chosen.append(event)
+    return chosen
 
 
 def has_unsent_arrivals(events, message_type):
@@ -191,7 +203,7 @@ def has_unsent_arrivals(events, message_type):
     return len(arrived) > sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
 
 
-def exact_loss(events, message_type, settle_s=0):
+def exact_loss(events, message_type):
     """By the robots' own record where they are simulated, else by the sequence numbers of probes; None where neither is there."""
     arrived = sum(1 for event in events if event.is_arrival_of(message_type))
     sent = sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
@@ -200,7 +212,6 @@ def exact_loss(events, message_type, settle_s=0):
         if probes:
             arrived = sum(len(numbers) for numbers, _ in probes.values())
         return _loss(sent, max(0, sent - arrived), "exact, from the simulated robots' own record")
-    probes = probe_counts(probes_made_meanwhile(events, settle_s))
     if not probes:
         return None
     expected = sum(numbers[-1] - numbers[0] + 1 for numbers, _ in probes.values())
@@ -305,8 +316,8 @@ def fitted_circle(places):
             "rms_error_cm": round(float(numpy.sqrt(numpy.mean(errors ** 2))), 2), "points": int(len(places))}
 
 
-def measured(events, message_type, period_ms, settle_s=0, in_ring=False):
-    """The whole of `measured` in result.json. `settle_s`: how long a message may still come after it was made.
+def measured(events, message_type, period_ms, in_ring=False):
+    """The whole of `measured` in result.json, from counted() events.
 
     `in_ring`: the robot drives in a ring, so a circle through its obstacles means something.
     """
@@ -323,7 +334,7 @@ def measured(events, message_type, period_ms, settle_s=0, in_ring=False):
     sizes = collections.Counter(event.bytes for event in events if event.is_arrival_of(message_type))
     result = {
         "counts": counts(events, message_type),
-        "loss": {"exact": exact_loss(events, message_type, settle_s), "estimate": estimate},
+        "loss": {"exact": exact_loss(events, message_type), "estimate": estimate},
         "interval_ms": statistics(all_gaps),
         "interval_shares": shares_of_periods(all_gaps, period_ms),
         "two_or_three_periods": two_or_three_periods(all_gaps, period_ms),

@@ -115,8 +115,8 @@ class Run:
 
     def _finish(self, ended):
         ones = folder.read_events(self._directory)
-        measured = measure.measured(ones, self._asked.message_type, self._period_ms(), self._settle_s(),
-                                    self._experiment.is_in_ring())
+        counted = measure.counted(ones, self._settle_s())
+        measured = measure.measured(counted, self._asked.message_type, self._period_ms(), self._experiment.is_in_ring())
         if not ended and not measured["counts"]["arrived"]:
             ended = "no message of the wanted type arrived"
         if not ended and self._site.simulator_arguments is not None and measure.has_unsent_arrivals(ones, self._asked.message_type):
@@ -127,7 +127,7 @@ class Run:
             told = "" if ended == self._trouble else f"{ended}. "
             self._progress.say(f"{self._experiment.name}: {told}What came so far is in {self._directory}")
         folder.write_result(self._directory, result)
-        figures.draw(self._directory, result, ones)
+        figures.draw(self._directory, result, counted)
         if self._asked.format == "mcap":
             mcap.write(os.path.join(self._directory, "events.mcap"), ones, self._axis.begin_wall_us)
         return 0 if not ended and not self._incidents else 1

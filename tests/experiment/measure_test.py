@@ -9,7 +9,7 @@ import numpy
 import recount
 
 from slamgw_experiment import folder, measure
-from slamgw_experiment.events import GATEWAY, ROBOTS, Event
+from slamgw_experiment.events import BROKER, GATEWAY, ROBOTS, Event
 
 PERIOD_US = 200_000
 
@@ -67,8 +67,25 @@ class Loss(unittest.TestCase):
         begin_ms = made_ms[45]
         events = [came(number, (made_ms[number] - begin_ms) * 1000) for number in range(45, 106) if number not in (50, 61)]
         events.append(came(5, 20_000))
-        found = measure.exact_loss(sorted(events, key=lambda event: event.t_us), "probe", settle_s=9)
+        found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), 9), "probe")
         self.assertEqual((found["sent"], found["lost"]), (61 - 45, 1))
+
+    def test_counts_leave_out_what_was_made_while_the_run_only_listened(self):
+        """Figure 8.13 showed 40 sent and 165 received: a real robot goes on in the last 25 s."""
+        events = []
+        for number in range(165):
+            t_us, more = number * PERIOD_US + 5000, {"robot": "r", "type": "probe", "direction": "up"}
+            message_id = str(number % 90)  # comes again
+            probe = {"number": number, "sender_ms": 200 * number, "payload": f"{number:012x}"}
+            repeated_us = 8_000_000 if number == 30 else 0
+            events += [arrival(t_us + repeated_us, kind="probe", message_id=message_id, **probe),
+                       Event(t_us + repeated_us + 100, source=GATEWAY, event="published", message_id=message_id, **more),
+                       Event(t_us + repeated_us + 200, source=BROKER, event="received", **more, **probe)]
+        events = measure.counted(sorted(events, key=lambda event: event.t_us), 25)
+        found = measure.measured(events, "probe", 200)
+        self.assertEqual((found["loss"]["exact"]["sent"], found["loss"]["exact"]["lost"]), (40, 0))
+        self.assertEqual([found["counts"][name] for name in ("arrived", "published", "received_at_broker")], [40, 40, 40])
+        self.assertEqual(found["interval_ms"]["count"], 39)
 
     def test_updates_without_the_robots_record_have_an_estimate_only(self):
         found = measure.measured([arrival(0), arrival(PERIOD_US)], "update", 200)["loss"]
