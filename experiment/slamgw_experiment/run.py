@@ -84,6 +84,7 @@ class Run:
         self._robots_ended_us = None
         self._settles_until_s = None
         self._trouble = None
+        self._misplaced = None   # why a robot cannot be measured
         self._daemon = {}        # its status at the start
         self._begun = datetime.datetime.now(datetime.timezone.utc)
 
@@ -149,6 +150,8 @@ class Run:
             passed_s = self._axis.now_us() / 1e6
             if self._stop():
                 return "interrupted"
+            if self._misplaced:
+                return self._misplaced
             if passed_s >= next_status_s:
                 next_status_s = passed_s + STATUS_INTERVAL_S
                 self._check_broker(self._site.status() or {})
@@ -189,7 +192,10 @@ class Run:
         event = events.from_members(source, members)
         wall_us = events.microseconds_since_1970(event.at) if event.at else None
         event.t_us = self._axis.place(wall_us, read_us) if wall_us is not None else read_us
-        if not self._is_wanted(event):
+        if event.robot and event.robot not in self._site.robots:
+            return
+        if event.mesh not in ("", self._mesh):
+            self._on_other_mesh(event)
             return
         recorder.write(event)
         if event.is_arrival_of(self._asked.message_type):
@@ -197,8 +203,13 @@ class Run:
             self._first_us = self._first_us if self._first_us is not None else event.t_us
         self._sent += 1 if source == events.ROBOTS and event.event in ("sent", "refused") else 0
 
-    def _is_wanted(self, event):
-        return not event.robot or event.robot in self._site.robots
+    def _on_other_mesh(self, event):
+        """A robot that is on both meshes may go on once it was heard on the measured one."""
+        if event.is_arrival_of(self._asked.message_type) and event.robot not in self._heard:
+            names = figures.MESH_NAMES
+            choice = f" unless --mesh says {event.mesh}" if event.mesh in self._experiment.meshes else ""
+            self._misplaced = (f"{event.robot} is on {names.get(event.mesh, event.mesh)}; "
+                               f"{self._experiment.name} measures {names[self._mesh]}{choice}")
 
     def _look_at_clock(self):
         step = self._axis.look()

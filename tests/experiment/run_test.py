@@ -144,6 +144,19 @@ class Runs(unittest.TestCase):
         _, result, _ = self.run_on(Site(script))
         self.assertEqual(result["measured"]["counts"]["arrived"], 10)
 
+    def test_a_robot_on_the_other_mesh(self):
+        status, result, said = self.run_on(Site(lambda site: arrive(site, 20, mesh="thread")))
+        self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (1, False, 0))
+        self.assertIn("r1 is on Thread; ble-unreliable measures BLE Mesh", said)
+
+    def test_a_robot_that_was_heard_on_this_mesh_may_be_on_the_other_one_too(self):
+        def script(site):
+            for _ in range(5):
+                arrive(site, 2)
+                arrive(site, 1, mesh="thread")
+        status, result, _ = self.run_on(Site(script))
+        self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (0, True, 10))
+
     def test_the_broker_goes_away_and_comes_back(self):
         def script(site):
             arrive(site, 3)
