@@ -4,19 +4,29 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include <cerrno>
 #include <chrono>
 #include <ctime>
 #include <stdexcept>
+#include <system_error>
 
 namespace slamgw::sim {
 namespace {
 
 constexpr std::int64_t us_per_s = 1000000;
 
+/// Call with errno 0 before what may fail.
+void check(const std::ofstream& file, const std::string& path) {
+  if (file) return;
+  throw std::runtime_error(
+      fmt::format("{} cannot be written: {}", path, std::generic_category().message(errno)));
+}
+
 void open(std::ofstream& file, const std::string& path) {
   if (path.empty()) return;
+  errno = 0;
   file.open(path);
-  if (!file) throw std::runtime_error(path + " can't be written");
+  check(file, path);
 }
 
 std::string_view name_of(UpdateEvent::Kind kind) {
@@ -45,7 +55,7 @@ std::string iso_8601(std::int64_t since_1970_us) {
 
 UpdateRecord::UpdateRecord(const std::string& record, const std::string& trace,
                            std::string_view mesh)
-    : mesh_(mesh) {
+    : record_path_(record), trace_path_(trace), mesh_(mesh) {
   open(record_, record);
   open(trace_, trace);
 }
@@ -54,6 +64,7 @@ void UpdateRecord::write(const std::string& id, const UpdateEvent& event) {
   const auto since_1970_us = std::chrono::duration_cast<std::chrono::microseconds>(
                                  std::chrono::system_clock::now().time_since_epoch())
                                  .count();
+  errno = 0;
   if (record_.is_open()) write_record(id, event, since_1970_us);
   const bool is_of_update =
       event.kind != UpdateEvent::Kind::command && event.kind != UpdateEvent::Kind::heard;
@@ -77,6 +88,7 @@ void UpdateRecord::write_record(const std::string& id, const UpdateEvent& event,
     record_ << fmt::format("heard {} {} {:02x} {:.6f}\n", id, event.sender,
                            fmt::join(event.payload, ""), seconds);
   record_.flush();
+  check(record_, record_path_);
 }
 
 /// Ids come from a checked --id-prefix; quotes and backslashes are all that JSON could mind.
@@ -95,6 +107,7 @@ void UpdateRecord::write_trace(const std::string& id, const UpdateEvent& event,
                           fmt::join(event.payload, ""));
   }
   trace_ << "}\n" << std::flush;
+  check(trace_, trace_path_);
 }
 
 }  // namespace slamgw::sim

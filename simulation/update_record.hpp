@@ -46,6 +46,7 @@ class UpdateRecord {
   /// written.
   UpdateRecord(const std::string& record, const std::string& trace, std::string_view mesh);
 
+  /// Throws std::runtime_error with file and reason when a line can't be written.
   void write(const std::string& id, const UpdateEvent& event);
 
  private:
@@ -54,6 +55,8 @@ class UpdateRecord {
 
   std::ofstream record_;
   std::ofstream trace_;
+  std::string record_path_;
+  std::string trace_path_;
   std::string mesh_;
 };
 

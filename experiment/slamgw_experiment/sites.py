@@ -167,7 +167,8 @@ class SimulatedSite(RunningDaemon):
             if child and child.has_ended():
                 return f"{child.name} has ended with status {child.process.returncode}: {child.last_words()}"
         if self.have_robots_ended() and self._simulator.process.returncode not in (0, 3):
-            return f"slam-gateway-sim has ended with status {self._simulator.process.returncode}: {self._simulator.last_words()}"
+            words = self._simulator.last_words() or f"it says nothing; is there room in {self._directory}?"
+            return f"slam-gateway-sim has ended with status {self._simulator.process.returncode}: {words}"
         return super().trouble()
 
     def _is_broker_there(self):

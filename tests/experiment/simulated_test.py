@@ -146,6 +146,17 @@ class Interrupted(unittest.TestCase):
                 self.assertGreaterEqual(json.load(file)["measured"]["counts"]["arrived"], 5)
         self.assertEqual(leftovers() - before, set())
 
+    def test_a_record_that_the_disk_does_not_take_ends_the_run(self):
+        with tempfile.TemporaryDirectory() as directory:
+            out = os.path.join(directory, "run")
+            ended = subprocess.run([PROGRAM, "run", "thread-publish", "--sim", "--messages", "20", "--sim-args", "--record /dev/full",
+                                    "--out", out], capture_output=True, text=True, timeout=60, check=False)
+            self.assertEqual(ended.returncode, 1)
+            result = recount.check(self, out)
+            self.assertFalse(result["complete"])
+            self.assertIn("slam-gateway-sim has ended with status 1: slam-gateway-sim: /dev/full cannot be written: No space left on device",
+                          result["ended_early"])
+
     def test_a_broker_that_goes_away_leaves_what_came(self):
         with tempfile.TemporaryDirectory() as directory:
             out = os.path.join(directory, "run")
