@@ -129,7 +129,9 @@ class SimulatedSite(RunningDaemon):
     def start(self):
         for name in ("mosquitto", "mosquitto_sub", "slam-gatewayd", "slam-gatewayctl", "slam-gateway-sim"):
             self._programs.find(name)
-        self._write("mosquitto.conf", f"listener {self._mqtt_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
+        # A process that changes its user is no longer ended with this program.
+        user = "user root\n" if os.geteuid() == 0 else ""
+        self._write("mosquitto.conf", f"{user}listener {self._mqtt_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
         self._write("gateway.json", json.dumps(self._configuration(), indent=2))
         self._mosquitto = self._child("mosquitto", "-c", self._path("mosquitto.conf"))
         self._await(self._is_broker_there, self._mosquitto)

@@ -101,24 +101,33 @@ class Repeated(unittest.TestCase):
             self.assertGreater(os.path.getsize(os.path.join(out, "figure.png")), 1000)
 
 
-def child_of(parent, name):
-    """The process id of a child with this name."""
-    for entry in os.listdir("/proc"):
+def children_of(parent):
+    """{process id: name} of those that run; a name has 15 characters at most."""
+    found = {}
+    for entry in filter(str.isdecimal, os.listdir("/proc")):
         try:
             with open(f"/proc/{entry}/stat", encoding="utf-8") as file:
-                text = file.read()
+                name, rest = file.read().split("(", 1)[1].rsplit(")", 1)
         except OSError:
             continue
-        words = text.rsplit(")", 1)[1].split()
-        if text.split("(", 1)[1].startswith(name) and int(words[1]) == parent:
-            return int(entry)
-    return None
+        state, of = rest.split()[:2]
+        if int(of) == parent and state != "Z":
+            found[int(entry)] = name
+    return found
+
+
+def is_alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 class Interrupted(unittest.TestCase):
-    def start(self, out, *more):
+    def start(self, out, *more, **environment):
         program = subprocess.Popen([PROGRAM, "run", "ble-unreliable", "--sim", "--out", out, *more], stderr=subprocess.DEVNULL,
-                                   stdout=subprocess.DEVNULL)
+                                   stdout=subprocess.DEVNULL, env={**os.environ, **environment})
         self.addCleanup(lambda: program.poll() is None and program.kill())
         end = time.monotonic() + 60
         while time.monotonic() < end and self.arrived(out) < 5:
@@ -146,6 +155,24 @@ class Interrupted(unittest.TestCase):
                 self.assertGreaterEqual(json.load(file)["measured"]["counts"]["arrived"], 5)
         self.assertEqual(leftovers() - before, set())
 
+    def test_a_killed_program_takes_its_children_along(self):
+        """Also as root, where Mosquitto would change its user."""
+        with tempfile.TemporaryDirectory() as directory:
+            out = os.path.join(directory, "run")
+            program = self.start(out, TMPDIR=directory)
+            children = children_of(program.pid)
+            self.assertEqual(sorted(children.values()),
+                             ["mosquitto", "mosquitto_sub", "slam-gateway-si", "slam-gatewayctl", "slam-gatewayd"])
+            program.kill()
+            program.wait(15)
+            end = time.monotonic() + 30
+            while time.monotonic() < end and any(map(is_alive, children)):
+                time.sleep(0.1)
+            left = {pid: name for pid, name in children.items() if is_alive(pid)}
+            for pid in left:
+                os.kill(pid, signal.SIGKILL)
+            self.assertEqual(left, {})
+
     def test_a_record_that_the_disk_does_not_take_ends_the_run(self):
         with tempfile.TemporaryDirectory() as directory:
             out = os.path.join(directory, "run")
@@ -161,7 +188,7 @@ class Interrupted(unittest.TestCase):
         with tempfile.TemporaryDirectory() as directory:
             out = os.path.join(directory, "run")
             program = self.start(out, "--messages", "40")
-            os.kill(child_of(program.pid, "mosquitto"), signal.SIGKILL)
+            os.kill(next(pid for pid, name in children_of(program.pid).items() if name == "mosquitto"), signal.SIGKILL)
             self.assertEqual(program.wait(60), 1)
             result = recount.check(self, out)
             self.assertFalse(result["complete"])
