@@ -367,7 +367,8 @@ def caption(result):
         sentences.append(f"Differs from the thesis's setting: {'; '.join(result['differs'])}.")
     sentences.append(f"Not told by the thesis: {result['thesis']['unknown']}. Chosen here: {result['thesis']['chosen']}.")
     if not result["complete"]:
-        sentences.append(f"NOT COMPLETE: {result.get('ended_early', 'the run was cut off')}.")
+        why = result.get("ended_early") or ("see below" if result["incidents"] else "the run was cut off")
+        sentences.append(f"NOT COMPLETE: {why}.")
     for incident in [one for one in result["incidents"] if one["what"] != result.get("ended_early")][:2]:
         sentences.append(f"At {incident['t_us'] / 1e6:.0f} s: {incident['what']}.")
     return "\n".join(line for sentence in sentences for line in textwrap.wrap(sentence, CAPTION_CHARACTERS))

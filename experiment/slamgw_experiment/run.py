@@ -89,7 +89,7 @@ class Run:
         self._begun = datetime.datetime.now(datetime.timezone.utc)
 
     def measure(self):
-        """Runs, writes the folder, returns the exit status: 0, or 1 when it is not what was asked for."""
+        """Runs, writes the folder, returns the exit status: 0, or 1 when the run is not complete."""
         try:
             recorder = folder.Recorder(self._directory)
             folder.write_result(self._directory, self._result(None, False, {}))
@@ -122,7 +122,8 @@ class Run:
             ended = "no message of the wanted type arrived"
         if not ended and self._site.simulator_arguments is not None and measure.has_unsent_arrivals(ones, self._asked.message_type):
             ended = "the robots' record is incomplete: more messages arrived than it says were sent"
-        result = self._result(measured, not ended, self._daemon)
+        is_complete = not ended and not self._incidents
+        result = self._result(measured, is_complete, self._daemon)
         if ended:
             result["ended_early"] = ended
             told = "" if ended == self._trouble else f"{ended}. "
@@ -131,7 +132,7 @@ class Run:
         figures.draw(self._directory, result, counted)
         if self._asked.format == "mcap":
             mcap.write(os.path.join(self._directory, "events.mcap"), ones, self._axis.begin_wall_us)
-        return 0 if not ended and not self._incidents else 1
+        return 0 if is_complete else 1
 
     def _settle_s(self):
         return 0.0 if self._site.simulator_arguments is not None else self._asked.settle_s
