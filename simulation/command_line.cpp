@@ -3,7 +3,9 @@
 
 #include <CLI/CLI.hpp>
 #include <cctype>
+#include <limits>
 #include <map>
+#include <type_traits>
 
 #include "simulation/options.hpp"
 
@@ -12,6 +14,7 @@ namespace {
 
 constexpr int wrong_arguments = 2;
 constexpr int max_boards = 4;
+constexpr std::uint64_t max_number = std::numeric_limits<std::uint64_t>::max();
 constexpr unsigned default_baud = 115200;    // of Nordic's serial example
 constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
 constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
@@ -29,6 +32,19 @@ void take_words(CLI::Option* option, const std::map<std::string, Enum>& values) 
     return std::string();
   };
   option->transform(CLI::Validator(number_of, ""))->type_name(words);
+}
+
+/// In place of CLI::Range, which lets "nan" pass and takes "-1" for a large unsigned number.
+template <typename Number>
+CLI::Validator in_range(Number least, Number most) {
+  const auto complaint = [least, most](const std::string& text) {
+    Number number{};
+    const bool has_wrapped = std::is_unsigned_v<Number> && text.find('-') != text.npos;
+    const bool is_number = !has_wrapped && CLI::detail::lexical_cast(text, number);
+    if (is_number && number >= least && number <= most) return std::string();
+    return fmt::format("{} is not a number from {} to {}", text, least, most);
+  };
+  return {complaint, CLI::Range(least, most).get_description()};
 }
 
 /// What robots measure and say.
@@ -50,7 +66,7 @@ void add_body(CLI::App& app, BodySettings& body) {
                      "positions, full (of the robots before the thesis), or probe"),
       {{"positions", Payload::positions}, {"full", Payload::full}, {"probe", Payload::probe}});
   app.add_option("--max-obstacles", body.max_obstacles, "Obstacles in one update")
-      ->check(CLI::Range(0U, 4U))
+      ->check(in_range(0U, 4U))
       ->capture_default_str();
   app.add_flag("--no-stray{false}", body.has_stray, "Without the octet that real robots append");
 }
@@ -60,33 +76,35 @@ void add_hops(CLI::App& app, HopOptions& hop) {
   app.add_option("--hop-loss", hop.loss,
                  "Part of the transmissions that is lost on each hop, the robot's first: F[,F...]")
       ->delimiter(',')
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(in_range(0.0, 1.0));
   app.add_option("--hop-delay-ms", hop.delay_ms,
                  "Mean time of a transmission on each hop: D[,D...]")
       ->delimiter(',')
-      ->check(CLI::Range(0.0, 60000.0));
+      ->check(in_range(0.0, 60000.0));
 }
 
 void add_common(CLI::App& app, RobotOptions& options) {
   app.add_option("--robots", options.robots, "How many robots")
-      ->check(CLI::Range(1U, 10000U))
+      ->check(in_range(1U, 10000U))
       ->capture_default_str();
   app.add_option("--rate", options.rate_hz, "Updates per second and robot")
-      ->check(CLI::Range(0.001, 1000.0))
+      ->check(in_range(0.001, 1000.0))
       ->capture_default_str();
   app.add_option("--messages", options.messages,
                  "Updates per robot, then end (0: until SIGINT or SIGTERM)")
+      ->check(in_range<std::uint64_t>(0, max_number))
       ->capture_default_str();
   app.add_option("--seed", options.seed, "Same seed, same robots, same payloads")
+      ->check(in_range<std::uint64_t>(0, max_number))
       ->capture_default_str();
   app.add_option("--id-prefix", options.id_prefix, "Robots are called <prefix>1, <prefix>2, ...")
       ->capture_default_str();
   app.add_option("--loss", options.loss, "Part of the radio messages that is lost, each way")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(in_range(0.0, 1.0))
       ->capture_default_str();
   app.add_flag("--obey", options.obeys, "Let commands steer the robots (changes their payloads)");
   app.add_option("--linger-s", options.linger_s, "Stay this long after the last update")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(in_range(0.0, 86400.0))
       ->capture_default_str();
   app.add_option("--record", options.record,
                  "Write each update sent, each acknowledged and each command received");
@@ -98,24 +116,24 @@ void add_common(CLI::App& app, RobotOptions& options) {
 /// What the client does beside publishing.
 void add_life(CLI::App& app, ThreadOptions& options) {
   app.add_option("--keep-alive", options.keep_alive_s, "Seconds between PINGREQs")
-      ->check(CLI::Range(1U, 65535U))
+      ->check(in_range(1U, 65535U))
       ->capture_default_str();
   app.add_flag("--clean,!--no-clean", options.is_clean,
                "Begin with a clean session; --no-clean: with what the gateway has kept");
   app.add_option("--sleep", options.sleep_s,
                  "Sleep this many seconds at a time, waking early enough for repeats (0: never)")
-      ->check(CLI::Range(0U, 65535U))
+      ->check(in_range(0U, 65535U))
       ->capture_default_str();
   app.add_option("--roam", options.roam_s, "Move to a new UDP port each so many seconds (0: never)")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(in_range(0.0, 86400.0))
       ->capture_default_str();
   app.add_option("--will-updates", options.will_updates_s,
                  "Change the will each so many seconds (0: never)")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(in_range(0.0, 86400.0))
       ->capture_default_str();
   app.add_option("--vanish", options.vanish,
                  "Part of the robots that ends without DISCONNECT, so that their wills appear")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(in_range(0.0, 1.0))
       ->capture_default_str();
 }
 
@@ -126,34 +144,34 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
   app.add_option(
          "--qos", options.qos,
          "QoS of what robots publish; -1: without a session, robot n on pre-defined topic n")
-      ->check(CLI::Range(-1, 2))
+      ->check(in_range(-1, 2))
       ->capture_default_str();
   app.add_option("--hops", options.hops, "Radio hops between each robot and the border router")
-      ->check(CLI::Range(1U, 16U))
+      ->check(in_range(1U, 16U))
       ->capture_default_str();
   app.add_option("--topic-prefix", options.topic_prefix, "First level(s) of the topic tree")
       ->capture_default_str();
   app.add_flag("--hear", options.hears, "Robots hear the updates of all others, and count them");
   app.add_option("--duplicate", options.duplicate, "Part of the datagrams that arrives twice")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(in_range(0.0, 1.0))
       ->capture_default_str();
   app.add_option("--reorder", options.reorder, "Part of the datagrams that is overtaken")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(in_range(0.0, 1.0))
       ->capture_default_str();
   app.add_option("--delay-ms", options.delay_ms, "Delay of each datagram, each way")
-      ->check(CLI::Range(0U, 60000U))
+      ->check(in_range(0U, 60000U))
       ->capture_default_str();
   add_life(app, options);
   app.add_option("--retry", options.retry_s, "Seconds until a request is repeated")
-      ->check(CLI::Range(0.01, 3600.0))
+      ->check(in_range(0.01, 3600.0))
       ->capture_default_str();
   app.add_option("--outstanding", options.outstanding,
                  "Requests without an answer at one time; the specification has 1")
-      ->check(CLI::Range(1U, 4U))
+      ->check(in_range(1U, 4U))
       ->capture_default_str();
   app.add_option("--give-up-s", options.give_up_s,
                  "Exit with status 1 when no robot got connected in this time (0: never)")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(in_range(0.0, 86400.0))
       ->capture_default_str();
 }
 
@@ -174,19 +192,19 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
       ->expected(1, max_boards);
   app.add_option("--board-loss", options.board_loss,
                  "Part of its messages that each board loses besides, each way")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(in_range(0.0, 1.0))
       ->delimiter(',');
   app.add_option("--board-level-db", options.board_level_db,
                  "How much better or worse than usual each board hears (RSSI)")
-      ->check(CLI::Range(-60, 60))
+      ->check(in_range(-60, 60))
       ->delimiter(',');
   app.add_option("--board-fade", options.board_fade_s,
                  "Each board fades out and in once in so many seconds (0: never)")
-      ->check(CLI::Range(0.0, 3600.0))
+      ->check(in_range(0.0, 3600.0))
       ->delimiter(',');
   add_common(app, options.common);
   app.add_option("--hops", options.hops, "Radio hops between each robot and the board")
-      ->check(CLI::Range(1U, 126U))
+      ->check(in_range(1U, 126U))
       ->capture_default_str();
   app.add_option("--firmware", texts.firmware,
                  "Release of the nRF5 SDK for Mesh that board and robots run")
@@ -205,7 +223,7 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                "Heartbeat events each 10 s; with --firmware 5.0.0");
   app.add_option("--robot-reach", options.robot_reach,
                  "Robots stand in a row; each hears the heartbeats of N on either side")
-      ->check(CLI::Range(1U, 65535U))
+      ->check(in_range(1U, 65535U))
       ->default_str("all");
   app.add_option("--state", options.state,
                  "Keep the flash of robots, and of a board with storage, in this file");
@@ -219,12 +237,12 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
       {{"cancel", ble::OnBusy::cancel}, {"refuse", ble::OnBusy::refuse}});
   app.add_option("--bearer-interval-ms", options.bearer_interval_ms,
                  "Least time between two packets of one node")
-      ->check(CLI::Range(0U, 1000U))
+      ->check(in_range(0U, 1000U))
       ->capture_default_str();
   app.add_option("--baud", options.baud,
                  "Speed of the serial line, on which the board drops what it cannot say in time; "
                  "0: no limit")
-      ->check(CLI::Range(0U, 10000000U))
+      ->check(in_range(0U, 10000000U))
       ->capture_default_str();
   app.add_flag("--board-storage", options.has_board_storage,
                "The board keeps its tables and sequence number when it restarts");

@@ -155,6 +155,30 @@ TEST(CommandLine, ChoosesTheFirmware) {
   EXPECT_EQ(chosen.firmware->release, "5.0.0");
 }
 
+TEST(CommandLine, RefusesWhatIsNotANumberOfTheRange) {
+  const std::pair<const char*, const char*> wrong[] = {{"--rate", "nan"},
+                                                       {"--loss", "nan"},
+                                                       {"--retry", "-nan"},
+                                                       {"--hop-loss", "0.1,nan"},
+                                                       {"--messages", "-1"},
+                                                       {"--seed", "-1"},
+                                                       {"--messages", " -1"},
+                                                       {"--keep-alive", "-1"},
+                                                       {"--rate", "0"},
+                                                       {"--robots", "many"},
+                                                       {"--sleep", "-18446744073709551615"}};
+  for (const auto& [option, value] : wrong) {
+    testing::internal::CaptureStderr();
+    const CommandLine line = parse({"thread", "--gateway", "h:1", option, value});
+    const std::string told = testing::internal::GetCapturedStderr();
+    EXPECT_TRUE(std::holds_alternative<int>(line)) << option << " " << value;
+    EXPECT_EQ(told.find(std::string("slam-gateway-sim: ") + option + ": "), 0U) << told;
+    EXPECT_NE(told.find(" is not a number from "), told.npos) << told;
+  }
+  const auto line = parse({"thread", "--gateway", "h:1", "--seed", "18446744073709551615"});
+  EXPECT_EQ(std::get<ThreadOptions>(line).common.seed, std::numeric_limits<std::uint64_t>::max());
+}
+
 TEST(CommandLine, EndsWithTwoForWrongArguments) {
   const std::vector<std::vector<const char*>> wrong = {
       {},
