@@ -14,6 +14,7 @@ from slamgw_experiment.run import SETTLE_S, Run
 from slamgw_experiment.sites import DEFAULT_PREFIX, DEFAULT_SOCKET, RunningDaemon, SimulatedSite
 
 WRONG_ARGUMENTS = 2
+OF_SIMULATOR = {"seed": 1, "compress": 1, "sim_args": []}  # options that are for --sim only, and their defaults
 COMPARED = "compare.html"
 
 
@@ -99,7 +100,7 @@ def parser(version):
     who = run.add_mutually_exclusive_group(required=True)
     who.add_argument("--robots", type=robot_ids, metavar="ID,...", help="real robots that the running daemon hears")
     who.add_argument("--sim", action="store_true", help="simulated robots, with a broker and a daemon of their own")
-    run.add_argument("--seed", type=seed, default=1, help="of the simulator (default: 1)")
+    run.add_argument("--seed", type=seed, help="of the simulator (default: 1)")
     run.add_argument("--repeat", type=positive(int), default=1, metavar="N", help="N runs, with --sim from seed to seed, and their spread")
     run.add_argument("--messages", type=positive(int), help="of each robot (default: as in the thesis, else 1000)")
     run.add_argument("--period-ms", type=positive(float), help="between two messages of a robot (default: 200)")
@@ -109,9 +110,9 @@ def parser(version):
     run.add_argument("--probe", action="store_true", help="probes in place of updates: exact loss")
     run.add_argument("--type", dest="message_type", metavar="TYPE", help="the message type to measure (default: update, or probe)")
     run.add_argument("--wait-s", type=positive(float), default=60, help="for the first message (default: 60)")
-    run.add_argument("--compress", type=positive(float), default=1,
+    run.add_argument("--compress", type=positive(float),
                      help="Thread with --sim: period and repeats so many times shorter (default: 1)")
-    run.add_argument("--sim-args", type=options, default=[], metavar="TEXT", help="more options for slam-gateway-sim")
+    run.add_argument("--sim-args", type=options, metavar="TEXT", help="with --sim: more options for slam-gateway-sim")
     run.add_argument("--socket", default=DEFAULT_SOCKET, metavar="PATH", help=f"of the daemon (default: {DEFAULT_SOCKET})")
     run.add_argument("--broker", type=host_and_port, metavar="HOST:PORT",
                      help="with --robots: also count what a subscriber at this broker gets")
@@ -209,6 +210,11 @@ def run(asked, version, programs):
     if isinstance(runs, str):
         print(f"slam-gateway-experiment: {runs}", file=sys.stderr)
         return WRONG_ARGUMENTS
+    given = [name for name in OF_SIMULATOR if getattr(asked, name) is not None]
+    if given and not asked.sim:
+        print(f"slam-gateway-experiment: only with --sim: --{', --'.join(given).replace('_', '-')}", file=sys.stderr)
+        return WRONG_ARGUMENTS
+    asked = changed(asked, **{name: value for name, value in OF_SIMULATOR.items() if name not in given})
     if asked.repeat > 1 and (len(runs) > 1 or runs[0][0].kind == "limits"):
         print("slam-gateway-experiment: --repeat repeats one experiment on one mesh, and not limits", file=sys.stderr)
         return WRONG_ARGUMENTS

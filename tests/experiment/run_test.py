@@ -309,6 +309,8 @@ class Program(unittest.TestCase):
                                  (["run", "ring", "--sim", "--period-ms", "nan"], "not above 0"),
                                  (["run", "ring", "--sim", "--seed", "-1"], "not 0 to"),
                                  (["run", "ring", "--sim", "--sim-args", "'"], "cannot be split into options"),
+                                 (["run", "ring", "--robots", "r1", "--compress", "1", "--sim-args=--x"], "only with --sim: --compress, --sim-args"),
+                                 (["run", "ring", "--robots", "r1", "--seed", "0"], "only with --sim: --seed"),
                                  (["run", "ring", "--robots", " ,"], "no robot is named"),
                                  (["run", "ring", "--robots", "r1", "--broker", "here"], "not HOST:PORT")):
             status, _, err = self.run_program(*arguments)
