@@ -76,17 +76,20 @@ def page_is_confined():
 
 def page_names_a_key_that_it_may_not_read():
     """page: --check-config, as root, warns of the gateway's client key that the page's own user may not read"""
-    key = SITE.with_name("client.key")
-    key.write_text("-", encoding="ascii")
+    certificate, key = SITE.with_name("client.pem"), SITE.with_name("client.key")
+    run("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "9", "-subj", "/CN=gateway",
+        "-keyout", key, "-out", certificate)
     key.chmod(0o600)
-    SITE.write_text(json.dumps({"broker": {"uri": "mqtts://guest", "tls": {"certificate_file": "/etc/slam-gateway/client.pem",
+    SITE.write_text(json.dumps({"broker": {"uri": "mqtts://guest", "tls": {"certificate_file": str(certificate),
                                                                            "key_file": str(key)}}}), encoding="utf-8")
-    refused = run("slam-gateway-web", "--check-config")
-    run("chgrp", "slam-gateway-web", key)
-    key.chmod(0o640)
-    accepted = run("slam-gateway-web", "--check-config")
-    SITE.unlink()
-    key.unlink()
+    try:
+        refused = run("slam-gateway-web", "--check-config")
+        run("chgrp", "slam-gateway-web", key)
+        key.chmod(0o640)
+        accepted = run("slam-gateway-web", "--check-config")
+    finally:
+        for file in (SITE, certificate, key):
+            file.unlink()
     demand(f"warning: {key}:1: broker.tls.key_file: cannot be read by slam-gateway-web" in refused, refused)
     demand("cannot be read" not in accepted, accepted)
 
