@@ -111,8 +111,9 @@ class Robots:
 
 
 def demand_nothing_lost(result):
-    demand(result["sent"] > 0 and result["lost"] == 0 and result["acknowledged"] == result["sent"],
-           f"the robots say: {result}")
+    """A robot that is interrupted may have one message under way."""
+    under_way = result["sent"] - result["acknowledged"]
+    demand(result["sent"] > 0 and result["lost"] == 0 and under_way <= len(result["robots"]), f"the robots say: {result}")
 
 
 def publish_nonsense(client_id, payload):
