@@ -94,10 +94,9 @@ function send(robot, type, place) {
   if (!mayOrder()) return null;
   const at = typeof place === 'object' ? robot.fromRoom(place.x, place.y) : null;
   if (at && Math.max(Math.abs(at.x), Math.abs(at.y)) > 32767) return toast('A robot cannot be sent that far: 327 m from where it started.'), null;
-  const command = { type, text: at ? `go to ${at.x}, ${at.y}` : place, begun: performance.now() };
-  const topic = `${model.prefix}/server/${robot.id}/${type}`;
-  const isSaid = at ? link.say(topic, encodeCmd(at.x, at.y), 'hex') : link.say(topic, place);
-  if (!isSaid) return toast('The page has no connection.'), null;
+  const command = at ? { words: `go to ${at.x}, ${at.y}`, payload: encodeCmd(at.x, at.y), encoding: 'hex' } : { words: place, payload: place, encoding: 'text' };
+  command.type = type;
+  if (!link.say(`${model.prefix}/server/${robot.id}/${type}`, command.payload, command.encoding)) return toast('The page has no connection.'), null;
   model.expect(robot, command);
   drawPilot();
   return command;
@@ -163,7 +162,7 @@ function drawPilot() {
   robot.outcomes.forEach((command, i) => {
     const line = $('outcomes').children[i];
     line.className = !command.outcome ? '' : command.outcome === 'delivered' || command.outcome === 'sent' ? 'good' : 'bad';
-    setText(line, `${command.text}: ${outcomeWords(command)}`);
+    setText(line, `${command.words}: ${outcomeWords(command)}`);
   });
 }
 

@@ -15,7 +15,10 @@ const MAX_TRACK = 1000; // places of one robot with their times; beyond it, each
 const MAX_MESSAGES = 3000;
 const MAX_QUALITY = 60; // of one robot; gateways report it each 10 s
 const MAX_NEIGHBOURS = 256; // of a gateway on a Thread border router; it reports no more
-const MAX_COMMANDS = 20; // of one robot
+const MAX_COMMANDS = 20; // of one robot; those without an outcome stay
+const MAX_OPEN = 256; // of one robot; a gateway takes no more at once
+const OUTCOME_MS = 35000; // gateways promise an outcome within 30 s (docs/topics.md, promise 6)
+const NO_OUTCOME = { outcome: 'no outcome', why: 'none came within 35 s' };
 const MAX_NOTED = 4096; // octets of one message; robots' messages are never longer
 const MAX_GATEWAYS = 100;
 const STATES = ['state', 'stats', 'numbers', 'thread', 'robots', 'response']; // of a gateway; other topics are events
@@ -104,8 +107,7 @@ export class Robot {
     this.pointCount = 0; // all points so far; the ring holds the newest
     this.trail = [];
     this.track = []; // {at, x, y}, for going back in time
-    this.outcomes = [];
-    this.pending = [];
+    this.outcomes = []; // of this page's newest commands
     this.commands = []; // from any sender, newest last: {at, type, text, outcome, after, why}
     this.day = null; // the robot's last 24 hours, as the program has seen them
     this.setOrigin(origin);
@@ -301,7 +303,7 @@ export class Model {
     }
     while (this.quiet.length) {
       const [robot, was] = this.quiet.at(-1);
-      const isQuiet = robot.lastHeard === was && robot.pending.length === 0 && this.mayLeave(robot);
+      const isQuiet = robot.lastHeard === was && !robot.commands.some((each) => each.isOwn && !each.outcome) && this.mayLeave(robot);
       if (isQuiet && !(was + QUIET_MS < heard)) return null;
       this.quiet.pop();
       if (!isQuiet) continue;
@@ -463,25 +465,31 @@ export class Model {
     }
   }
 
-  // ---- commands: an outcome names robot and type only, so it belongs to the oldest waiting command of this type
+  // ---- commands: an outcome names robot and type only, so it belongs to the oldest open command of this type
+  // Adds a command of this page, which is `isUnheard` until the broker passes it on, in the order of outcomes.
   expect(robot, command) {
-    robot.pending.push(command);
+    this.noteCommand(robot.id, Object.assign(command, { at: this.now(), text: `${command.type}: ${describe(command, command.type)}`, isOwn: true, isUnheard: true }));
     robot.outcomes.unshift(command);
     robot.outcomes.length = Math.min(robot.outcomes.length, 5);
   }
   noteCommand(id, command) {
     const robot = this.robots.get(id);
-    robot?.commands.push(command);
-    if (robot?.commands.length > MAX_COMMANDS) robot.commands.shift();
+    if (!robot) return;
+    const own = !command.isOwn && robot.commands.find((each) => each.isUnheard && !each.outcome && each.text === command.text);
+    if (own) Object.assign(own, { at: command.at, isUnheard: false });
+    else robot.commands.push(command);
+    robot.commands.sort((a, b) => a.at - b.at);
+    let over = robot.commands.length - MAX_COMMANDS;
+    robot.commands = robot.commands.filter((each) => !each.outcome || over-- <= 0);
+    if (robot.commands.length > MAX_OPEN) this.end(robot, robot.commands[0], NO_OUTCOME);
   }
   takeOutcome(id, said, time) {
     const robot = this.robots.get(id);
-    const noted = robot?.commands.find((command) => command.type === said.type && !command.outcome);
+    const open = robot?.commands.filter((each) => each.type === said.type && !each.outcome && time - each.at <= OUTCOME_MS) ?? [];
+    const command = open.find((each) => !each.isUnheard) ?? open[0];
     const ended = { outcome: said.outcome, after: said.after_ms, why: said.why };
-    if (noted) Object.assign(noted, ended);
+    if (command) this.end(robot, command, ended);
     else this.noteCommand(id, { at: time, type: said.type, text: said.type, ...ended });
-    const at = robot ? robot.pending.findIndex((command) => command.type === said.type) : -1;
-    if (at >= 0) this.end(robot, at, said.outcome, said.after_ms, said.why);
   }
   refuse({ topic, why }) {
     const [, asked] = String(topic).slice(this.prefix.length).match(/^\/gateway\/([^/]+)\/request\//) ?? [];
@@ -489,19 +497,18 @@ export class Model {
     if (gateway) return void (gateway.join = { ...gateway.join, error: why });
     const [id, type] = String(topic).slice(this.prefix.length + 8).split('/');
     const robot = this.robots.get(id);
-    const at = robot ? robot.pending.findLastIndex((command) => command.type === type) : -1;
-    if (at >= 0) this.end(robot, at, 'refused', undefined, why);
+    const command = robot?.commands.findLast((each) => each.isUnheard && !each.outcome && each.type === type);
+    if (command) this.end(robot, command, { outcome: 'refused', why });
     else this.onOutcome(null, { outcome: 'refused', why });
   }
-  end(robot, at, outcome, after, why) {
-    const [command] = robot.pending.splice(at, 1);
-    Object.assign(command, { outcome, after, why, ended: performance.now() });
-    this.onOutcome(robot, command);
+  end(robot, command, ended) {
+    Object.assign(command, ended, { ended: performance.now() });
+    if (command.isOwn) this.onOutcome(robot, command);
   }
-  // Ends commands without an outcome, which gateways promise within 30 s (docs/topics.md, promise 6).
   expire() {
+    const now = this.now();
     for (const robot of this.robots.values())
-      while (robot.pending.length && performance.now() - robot.pending[0].begun > 35000) this.end(robot, 0, 'no outcome', undefined, 'none came within 35 s');
+      for (const command of robot.commands) if (!command.outcome && now - command.at > OUTCOME_MS) this.end(robot, command, NO_OUTCOME);
   }
 
   note(message, from, robot, type) {
