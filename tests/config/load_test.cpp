@@ -227,6 +227,8 @@ TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {
         "// later\n"
         R"({"broker": {"uri": "mqtt://second"}, "robots": [{"id": "r", "ble_address": 3}]})");
   write("gateway.d/30-old.json.dpkg-old", "this is no JSON");
+  write("gateway.d/.40-hidden.json", "this is no JSON");
+  std::filesystem::create_symlink("root@pi.812:1", directory_ / "gateway.d/.#10-broker.json");
   const ParseResult result = load_config(write("gateway.json", R"({"broker": {"uri": "mqtt://h"},
       "robots": [{"id": "a", "ble_address": 1}, {"id": "b", "ble_address": 2}]})"));
   EXPECT_TRUE(result.problems.empty());
@@ -241,7 +243,8 @@ TEST_F(LoadConfig, WarnsOfFilesThatItDoesNotRead) {
   write("gateway.d/site.json", "{}");
   write("gateway.d/broker.jsn", R"({"broker": {"uri": "mqtt://other"}})");
   write("gateway.d/robots", "{}");
-  for (const char* const put_aside : {"site.json~", ".site.json.swp", "site.json.dpkg-old"})
+  for (const char* const put_aside :
+       {"site.json~", ".site.json.swp", "site.json.dpkg-old", ".site.json"})
     write(std::string("gateway.d/") + put_aside, "{}");
   const ParseResult result = load_config(write("gateway.json", "{}"));
   EXPECT_TRUE(result.problems.empty());

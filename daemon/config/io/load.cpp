@@ -18,7 +18,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool is_configuration(const fs::path& path) { return path.extension() == ".json"; }
+/// Recognizes the names of files that editors, dpkg and slam-gatewayctl have put aside.
+bool is_put_aside(const fs::path& name) {
+  return name.string().starts_with('.') || name.string().ends_with('~') ||
+         name.extension().string().starts_with(".dpkg-") || name.extension() == ".unfinished";
+}
+
+bool is_configuration(const fs::path& path) {
+  return path.extension() == ".json" && !is_put_aside(path.filename());
+}
 
 /// Returns the paths of what the directory holds, in order of name.
 std::vector<fs::path> entries_of(const fs::path& directory, std::error_code& error) {
@@ -49,12 +57,6 @@ Environment read_environment(const std::string& configuration) {
           is_services ? credential_source() : ""};
 }
 
-/// Recognizes the names of files that editors, dpkg and slam-gatewayctl have put aside.
-bool is_put_aside(const fs::path& name) {
-  return name.string().starts_with('.') || name.string().ends_with('~') ||
-         name.extension().string().starts_with(".dpkg-") || name.extension() == ".unfinished";
-}
-
 /// Warns of JSON files beside gateway.json that neither the gateway nor a key's path uses.
 void warn_of_misplaced_files(ParseResult& result) {
   const std::vector<NamedFile> named = named_files(result.config);
@@ -62,7 +64,6 @@ void warn_of_misplaced_files(ParseResult& result) {
   for (const fs::path& path : entries_of(fs::path(service_configuration).parent_path(), error)) {
     const std::string name = path.filename().string();
     const bool is_known = name == "gateway.json" || name.ends_with("credentials.json") ||
-                          is_put_aside(name) ||
                           std::ranges::count(named, path.string(), &NamedFile::path) > 0;
     if (is_configuration(name) && !is_known)
       result.warnings.push_back({path.string(), 1, "file",
