@@ -2,6 +2,7 @@
 #include "web/server/past.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "daemon/core/bytes.hpp"
@@ -16,24 +17,26 @@ using nlohmann::json;
 
 constexpr std::size_t entry_bytes = 64;  // taken by the deque and the shared text
 
-void append_place(ByteWriter& octets, const json& place) {
+/// Appends x and y; returns false for what the page's decode.js does not draw.
+bool append_place(ByteWriter& octets, const json& place) {
   for (const char* key : {"x", "y"}) {
     const auto found = place.find(key);
-    const double value = found != place.end() && found->is_number() ? found->get<double>() : 0;
-    octets.write_i16_le(static_cast<std::int16_t>(std::clamp(value, -32768.0, 32767.0)));
+    if (found == place.end() || !found->is_number()) return false;
+    const double value = found->get<double>();
+    if (std::abs(value) > 32768.0) return false;
+    octets.write_i16_le(static_cast<std::int16_t>(std::min(value, 32767.0)));
   }
+  return true;
 }
 
 Bytes positions(const json& update) {
   constexpr std::size_t most_obstacles = 4;
+  const json obstacles = update.value("obstacles", json::array());
   ByteWriter octets;
-  append_place(octets, update);
-  const auto obstacles = update.find("obstacles");
-  std::size_t count = 0;
-  if (obstacles != update.end() && obstacles->is_array())
-    for (const json& each : *obstacles)
-      if (each.is_object() && count++ < most_obstacles) append_place(octets, each);
-  return octets.take();
+  bool is_good = append_place(octets, update) && obstacles.is_array();
+  for (std::size_t i = 0; is_good && i < std::min(most_obstacles, obstacles.size()); ++i)
+    is_good = append_place(octets, obstacles[i]);
+  return is_good ? octets.take() : Bytes();
 }
 
 /// Returns the payload's positions without the stray octet; empty when it holds none. Positions of
