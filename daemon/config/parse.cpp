@@ -83,8 +83,10 @@ class Reader {
   void report_unknown(const JsonNode& node, const std::string& path, const std::string& row) {
     if (is_credential(node.key))
       return add_problem(node, path,
-                         "does not belong in this file, which others may read; put {\"username\": "
-                         "\"...\", \"password\": \"...\"} into credentials.json (mode 0600)");
+                         fmt::format("does not belong in this file, which others may read; put "
+                                     "{{\"username\": \"...\", \"password\": \"...\"}} into "
+                                     "{}credentials.json (mode 0600)",
+                                     row.starts_with("web.") ? "web-" : ""));
     if (node.key.find('.') != std::string::npos)
       return add_problem(
           node, path,

@@ -111,6 +111,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"robot": []})", "g.json:1: robot: ", "did you mean robots?"},
         Case{R"({"a\nb": 1})", "g.json:1: a?b: ", "unknown key"},
         Case{R"({"": 1})", "g.json:1: : ", "unknown key; did you mean "},
+        Case{R"({"web": {"password": "x"}})",
+             "g.json:1: web.password: ", "into web-credentials.json (mode 0600)"},
         Case{R"({"log.level": "info"})", "g.json:1: log.level: ", "a dot in a key"},
         Case{R"({"robots[]": {}})", "g.json:1: robots[]: ", "did you mean robots?"}));
 
