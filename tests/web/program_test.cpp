@@ -40,6 +40,19 @@ TEST(WebProgram, SaysInOneSentenceThatItsAddressIsInUse) {
       << told;
 }
 
+TEST(WebProgram, NamesThePortThatTheSystemChose) {
+  const slamgw::test::TempDir directory;
+  slamgw::test::write_file(directory / "gateway.json", R"({"web": {"listen": "127.0.0.1:0"}})");
+  const slamgw::test::ChildProcess web({SLAMGW_WEB, "--config", directory / "gateway.json"},
+                                       directory / "out", directory / "err");
+  std::string told;
+  EXPECT_TRUE(slamgw::test::eventually([&] {
+    told = slamgw::test::read_file(directory / "err");
+    return told.find("the page is at http://127.0.0.1:") != told.npos;
+  }));
+  EXPECT_EQ(told.find("http://127.0.0.1:0/"), told.npos) << told;
+}
+
 class WebProgramUnderLoad : public testing::Test {
  protected:
   using Page = boost::beast::websocket::stream<tcp::socket>;

@@ -74,7 +74,8 @@ TEST(WebTokens, AreBounded) {
 }
 
 TEST(WebTokens, ComeInABearerHeader) {
-  EXPECT_EQ(bearer_token("Bearer 0123456789abcdef"), "0123456789abcdef");
+  for (const char* header : {"Bearer 0123456789abcdef", "bearer 0123456789abcdef"})
+    EXPECT_EQ(bearer_token(header), "0123456789abcdef") << header;
   for (const char* header : {"", "Bearer", "Bearer ", "Basic 0123456789abcdef"})
     EXPECT_EQ(bearer_token(header), "") << header;
 }

@@ -4,7 +4,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/algorithm/string/predicate.hpp>
 #include <iterator>
+#include <locale>
 #include <sstream>
 
 namespace slamgw::web {
@@ -78,9 +80,10 @@ const TokenHolder* Tokens::find(std::string_view token) const {
 }
 
 std::string_view bearer_token(std::string_view authorization) {
-  constexpr std::string_view scheme = "Bearer ";
-  return authorization.starts_with(scheme) ? authorization.substr(scheme.size())
-                                           : std::string_view{};
+  constexpr std::string_view scheme = "Bearer ";  // in any case (RFC 9110 section 11.1)
+  return boost::algorithm::istarts_with(authorization, scheme, std::locale::classic())
+             ? authorization.substr(scheme.size())
+             : std::string_view{};
 }
 
 TokenGuesses::Cost TokenGuesses::on_wrong(const Client& client, TimePoint now) {

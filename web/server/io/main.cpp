@@ -37,7 +37,7 @@ void serve(const slamgw::web::Startup& startup) {
   slamgw::web::PageHub hub(io, config, startup.tokens, SLAMGW_VERSION);
   slamgw::web::WebServer server(io, config.web, hub);
   slamgw::log_event(slamgw::Severity::notice,
-                    "the page is at http://" + config.web.listen +
+                    "the page is at http://" + server.address() +
                         (startup.tokens.empty() ? "/ and only watches" : "/"));
   sd_notify(0, "READY=1");
   io.run();

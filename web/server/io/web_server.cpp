@@ -3,6 +3,7 @@
 
 #include <boost/asio/ip/address.hpp>
 #include <chrono>
+#include <sstream>
 #include <string>
 
 #include "daemon/config/rules.hpp"
@@ -34,6 +35,12 @@ WebServer::WebServer(asio::io_context& io, const Settings& settings, PageHub& hu
       acceptor_(io, endpoint_of(settings.listen)),
       pause_(io) {
   accept();
+}
+
+std::string WebServer::address() const {
+  std::ostringstream out;
+  out << acceptor_.local_endpoint();
+  return out.str();
 }
 
 void WebServer::accept() {

@@ -5,6 +5,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <string>
 
 #include "daemon/runtime/timer.hpp"
 #include "web/server/answers.hpp"
@@ -20,6 +21,8 @@ class WebServer {
   /// Listens; throws boost::system::system_error when it cannot.
   WebServer(boost::asio::io_context& io, const Settings& settings, PageHub& hub);
 
+  /// The address in use; where `listen` has port 0, the system chose one.
+  std::string address() const;
   const Answers& answers() const { return answers_; }
   PageHub& hub() { return hub_; }
   Places& places() { return places_; }
