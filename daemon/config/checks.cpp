@@ -7,7 +7,8 @@
 namespace slamgw {
 namespace {
 
-/// Reports each repetition of a value. `what` completes "is ... already".
+/// Reports each repetition of a value, at the later key that is in the file. `what` completes
+/// "is ... already".
 template <class T>
 class Unique {
  public:
@@ -15,9 +16,11 @@ class Unique {
 
   void add(const T& value, const std::string& key) {
     const auto [first, is_new] = first_.emplace(value, key);
-    if (!is_new)
-      result_.problem(
-          key, fmt::format("is {} of {} already; each once is allowed", what_, first->second));
+    if (is_new) return;
+    const bool is_set = result_.is_set(key);
+    result_.problem(is_set ? key : first->second,
+                    fmt::format("is {} of {} already; each once is allowed", what_,
+                                is_set ? first->second : key));
   }
 
  private:
@@ -88,12 +91,9 @@ void check_ble_mesh(ParseResult& result) {
     result.problem("ble_mesh.types.pos_cmd",
                    "\"run\" is the type of on/off commands; any other type is allowed");
   Unique<std::string> types(result, "the type");
-  for (const bool is_set : {false, true})  // the problem names a key that is in the file
-    for (const auto& [key, type] : std::map<std::string, std::string>{
-             {"ble_mesh.types.min_com", ble.min_com_type},
-             {"ble_mesh.types.sensor_update", ble.sensor_update_type},
-             {"ble_mesh.types.pos_cmd", ble.pos_cmd_type}})
-      if (result.is_set(key) == is_set) types.add(type, key);
+  types.add(ble.min_com_type, "ble_mesh.types.min_com");
+  types.add(ble.pos_cmd_type, "ble_mesh.types.pos_cmd");
+  types.add(ble.sensor_update_type, "ble_mesh.types.sensor_update");
   if (ble.gateway_group && std::ranges::find(ble.groups, *ble.gateway_group) != ble.groups.end())
     result.problem("ble_mesh.gateway_group",
                    "is in ble_mesh.groups, to which robots are subscribed: they would acknowledge "
