@@ -22,6 +22,7 @@
 #include "ctl/host/audit.hpp"
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
+#include "daemon/core/broker_link.hpp"
 #include "daemon/core/parse_number.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/time.hpp"
@@ -273,8 +274,7 @@ class Examination {
       return add("thread: search", Health::well, "a search of our own was answered");
     if (facts_.status.is_null())
       return add("thread: search", Health::unknown, "a search of our own was not answered");
-    const std::string broker = text_at(group_at(facts_.status, "broker"), "state");
-    const bool is_broker_up = broker == "up" || broker == "refusing";
+    const bool is_broker_up = is_broker_there(text_at(group_at(facts_.status, "broker"), "state"));
     add("thread: search", is_broker_up ? Health::problem : Health::warning,
         is_broker_up ? "a search of our own was not answered"
                      : "searches are not answered while the broker is away",

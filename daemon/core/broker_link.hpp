@@ -4,6 +4,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "daemon/core/time.hpp"
 
@@ -16,5 +17,8 @@ struct BrokerLink {
   std::string uri{};       ///< URI of the connected broker; empty while the link is down
   bool is_silent = false;  ///< the link is up, but the broker has not answered for seconds
 };
+
+/// Returns whether `broker.state` of a gateway's status is one of a connected gateway.
+inline bool is_broker_there(std::string_view state) { return state == "up" || state == "refusing"; }
 
 }  // namespace slamgw

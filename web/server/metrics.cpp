@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "daemon/core/broker_link.hpp"
 #include "web/server/exposition.hpp"
 
 namespace slamgw::web {
@@ -165,10 +166,9 @@ void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
       out.add("slamgw_gateway_robots", "Robots by state.", {{"gateway", gateway}, {"state", state}},
               *value);
   }
-  const std::string broker = text(stats, {"broker", "state"});
   out.add("slamgw_gateway_broker_up",
           "Whether the gateway is connected to the broker, which may refuse some topics.", labels,
-          broker == "up" || broker == "refusing" ? 1 : 0);
+          is_broker_there(text(stats, {"broker", "state"})) ? 1 : 0);
   const json* meshes = find(stats, {"meshes"});
   if (meshes == nullptr || !meshes->is_object()) return;
   for (const auto& [mesh, value] : meshes->items()) {
