@@ -75,6 +75,8 @@ class MqttLinkListener {
   /// `code`: the reason code of the PUBACK or PUBREC.
   virtual void on_publish_refused(std::uint64_t sequence, int code) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
+  /// The broker has answered an UNSUBSCRIBE.
+  virtual void on_unsubscribed(const std::string& filter) = 0;
 };
 
 /// Called on the loop's thread; no call blocks.

@@ -29,8 +29,9 @@ constexpr std::chrono::seconds refusal_to_loss{1};
 /// Wait after a change of the network: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
-/// A topic on which no client publishes. The broker answers a SUBSCRIBE to it, whatever its access
-/// control list says.
+/// A filter to which the gateway never subscribes. The broker answers an UNSUBSCRIBE of it all the
+/// same (MQTT 5 section 3.10.4). A SUBSCRIBE would need a right, and some brokers close the
+/// connection when it is missing.
 constexpr const char* question = "slam-gateway/alive";
 
 /// Replaces `%n` in a client id by the broker's number. Some clusters (RabbitMQ) keep a client's
@@ -332,19 +333,20 @@ void Upstream::on_publish_refused(std::uint64_t sequence, int code) {
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
-  if (filter == question) {
-    const TimePoint now = std::chrono::steady_clock::now();
-    const bool was_silent = stall_watch_.on_answer(now);
-    if (has_forgotten_a_message(now))
-      return on_lost(
-          fmt::format("the broker has not answered one message for {} s, but has answered others",
-                      traits_.longest_answer.count()),
-          false);
-    watch_for_stall();  // the deadline may be earlier now
-    if (was_silent) listener_.on_silence(false);
-    return;
-  }
   listener_.on_subscribe_result(filter, granted);
+}
+
+void Upstream::on_unsubscribed(const std::string& filter) {
+  if (filter != question) return;
+  const TimePoint now = std::chrono::steady_clock::now();
+  const bool was_silent = stall_watch_.on_answer(now);
+  if (has_forgotten_a_message(now))
+    return on_lost(
+        fmt::format("the broker has not answered one message for {} s, but has answered others",
+                    traits_.longest_answer.count()),
+        false);
+  watch_for_stall();  // the deadline may be earlier now
+  if (was_silent) listener_.on_silence(false);
 }
 
 void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial) {
@@ -376,7 +378,7 @@ void Upstream::watch_for_stall() {
 void Upstream::on_stall_deadline(TimePoint now) {
   switch (stall_watch_.on_deadline(now)) {
     case StallWatch::Step::none: return;
-    case StallWatch::Step::ask: return link_->subscribe(question);
+    case StallWatch::Step::ask: return link_->unsubscribe(question);
     case StallWatch::Step::silent: return listener_.on_silence(true);
     case StallWatch::Step::stalled:
       return on_lost(

@@ -116,6 +116,7 @@ class Upstream final : private MqttLinkListener {
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, int code) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_unsubscribed(const std::string& filter) override;
 
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};  ///< for blocking calls of a link

@@ -41,7 +41,11 @@ class OwnLink final : public MqttLink {
       if (listener_) listener_->on_subscribe_result(filter, true);
     });
   }
-  void unsubscribe(std::string) override {}
+  void unsubscribe(std::string filter) override {
+    boost::asio::post(io_, [this, filter] {
+      if (listener_) listener_->on_unsubscribed(filter);
+    });
+  }
   void abandon(bool) override { listener_ = nullptr; }
 
  private:

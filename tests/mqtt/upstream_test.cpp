@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <csignal>
 #include <map>
 #include <mutex>
@@ -209,6 +210,26 @@ TEST_P(Upstreams, TakesABrokerThatClosesAfterARefusalForNoRival) {
     EXPECT_EQ(link.listener.reasons.back().find("another client"), std::string::npos)
         << link.listener.reasons.back();
   }
+}
+
+/// Some brokers close the connection at a SUBSCRIBE for which the gateway lacks the right.
+TEST_P(Upstreams, AsksForASignOfLifeWithoutAnyRight) {
+  FakeBroker broker;
+  std::atomic<int> questions{0};
+  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.contains("slam-gateway/alive")) ++questions;
+    if (packet.type() != FakeBroker::subscribe) return false;
+    connection.close();
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  ASSERT_TRUE(link.sees([&] {
+    link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_most_once, false});
+    return questions == 3 || !link.listener.reasons.empty();
+  }));
+  EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
+  EXPECT_EQ(link.listener.silences, 0);
 }
 
 /// The broker answers everything but one message; with others after it, and without.

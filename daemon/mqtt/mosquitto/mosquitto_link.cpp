@@ -67,7 +67,10 @@ void MosquittoLink::subscribe(std::string filter) {
   });
 }
 
-void MosquittoLink::unsubscribe(std::string filter) { MosquittoClient::unsubscribe(filter); }
+void MosquittoLink::unsubscribe(std::string filter) {
+  if (const auto id = MosquittoClient::unsubscribe(filter))
+    unsubscribing_.emplace_back(*id, std::move(filter));
+}
 
 std::string MosquittoLink::explain_loss(const Ended& ended) const {
   if (ended.result == session_taken_over) return explain_rival(settings_.client_id);
@@ -119,6 +122,8 @@ void MosquittoLink::on_ended(const Ended& ended) {
 }
 
 void MosquittoLink::on_confirmed(const Confirmed& confirmed) {
+  if (const auto filter = take(unsubscribing_, confirmed.packet_id))
+    return listener_.on_unsubscribed(*filter);
   const auto sequence = take(in_flight_, confirmed.packet_id);
   if (!sequence) return;
   if (confirmed.reason < first_reason) return listener_.on_published(*sequence);

@@ -50,8 +50,9 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
   MqttLinkListener& listener_;
   Timer timeout_;
   Timer tick_;
-  bool has_failed_ = false;                               ///< on_connect_failed() was called
-  std::vector<std::pair<int, std::uint64_t>> in_flight_;  ///< packet ids and sequences, in order
+  bool has_failed_ = false;                                 ///< on_connect_failed() was called
+  std::vector<std::pair<int, std::uint64_t>> in_flight_;    ///< packet ids and sequences, in order
+  std::vector<std::pair<int, std::string>> unsubscribing_;  ///< packet ids and filters
   PublishProperties properties_;
 };
 

@@ -109,7 +109,7 @@ void PahoLink::on_success(const mqtt::token& token) {
       if (token.get_message_id() == 0) return on_written(sequence_of(token));  // QoS 0
       return report_answer(token, refusal_of(token));
     case mqtt::token::SUBSCRIBE: return report_suback(token, true);
-    case mqtt::token::UNSUBSCRIBE:
+    case mqtt::token::UNSUBSCRIBE: return report_unsuback(token);
     case mqtt::token::DISCONNECT: return;
   }
 }
@@ -150,6 +150,14 @@ void PahoLink::report_suback(const mqtt::token& token, bool is_granted) {
   post_to_loop([filter = (*topics)[0], is_granted](MqttLinkListener& listener) {
     listener.on_subscribe_result(filter, is_granted);
   });
+}
+
+/// Paho takes each UNSUBACK for a success, also one that refuses.
+void PahoLink::report_unsuback(const mqtt::token& token) {
+  const mqtt::const_string_collection_ptr topics = token.get_topics();
+  if (!topics || topics->empty()) return;
+  post_to_loop(
+      [filter = (*topics)[0]](MqttLinkListener& listener) { listener.on_unsubscribed(filter); });
 }
 
 PahoLink::PahoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,

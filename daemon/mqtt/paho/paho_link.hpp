@@ -204,6 +204,7 @@ class PahoLink final : public MqttLink,
   void on_connack(const mqtt::token& token);
   void report_answer(const mqtt::token& token, std::optional<int> refusal);
   void report_suback(const mqtt::token& token, bool is_granted);
+  void report_unsuback(const mqtt::token& token);
   std::uint64_t sequence_of(const mqtt::token& token) const;
   void on_written(std::uint64_t sequence);
 
