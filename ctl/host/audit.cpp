@@ -66,7 +66,7 @@ void record(const AuditedOrder& order, const std::string& error) {
   std::string who = user_words(getuid());
   const char* const behind_sudo = getuid() == 0 ? std::getenv("SUDO_USER") : nullptr;
   if (behind_sudo) who += std::string(", sudo by ") + behind_sudo;
-  const Notice notice = audit_notice(who, order, error);
+  const Notice notice = audit_notice(who, order, {{}, error});
   JournalSocket("/run/systemd/journal/socket")
       .send(journal_entry("slam-gatewayctl", notice.severity, escape_unprintable(notice.text),
                           notice_fields(notice)),

@@ -51,7 +51,7 @@ Gateway::Settings gateway_settings(const Config& config, const Now& started) {
 OrderDone record(const std::string& who, const std::optional<AuditedOrder>& order, OrderDone done) {
   if (!order) return done;
   return [who, order = *order, done = std::move(done)](OrderAnswer answer) {
-    log_notice(audit_notice(who, order, answer.error));
+    log_notice(audit_notice(who, order, answer));
     done(std::move(answer));
   };
 }
@@ -207,7 +207,7 @@ void App::wait_for_signal() {
 
 OrderAnswer App::reload(const std::string& who) {
   OrderAnswer answer = read_configuration();
-  log_notice(audit_notice(who, {"reload", {}}, answer.error));
+  log_notice(audit_notice(who, {"reload", {}}, answer));
   return answer;
 }
 
@@ -424,7 +424,7 @@ void App::send(const std::string& who, control::SendRequest command, const Answe
     return;
   }
   const std::string refusal = "robot and type must be one topic level each";
-  log_notice(audit_notice(who, {"command " + command.type, command.robot}, refusal));
+  log_notice(audit_notice(who, {"command " + command.type, command.robot}, {{}, refusal}));
   done({std::nullopt,
         CommandId::none,
         command.robot,
@@ -437,7 +437,7 @@ void App::send(const std::string& who, control::SendRequest command, const Answe
 OrderAnswer App::forget(const std::string& who, const std::string& robot) {
   const bool was_known = gateway_.registry().find(robot) != nullptr;
   const std::string problem = gateway_driver_->forget(robot);
-  log_notice(audit_notice(who, {"forget", robot}, problem));
+  log_notice(audit_notice(who, {"forget", robot}, {{}, problem}));
   if (!problem.empty()) return {{}, problem};
   meshes_.each(&MeshAdapter::forget, robot);
   return {nlohmann::json{{"forgotten", robot}, {"was_known", was_known}}.dump(), {}};

@@ -3,14 +3,38 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/algorithm/string/split.hpp>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "daemon/core/parse_number.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw {
+
+namespace {
+
+/// Returns the choice as the operator types it, with the first of very many ids.
+std::string words_of(const DeadLetterChoice& choice) {
+  constexpr std::size_t most = 100;
+  if (choice.is_all) return "--all";
+  if (!choice.topic.empty()) return "--topic " + choice.topic;
+  const std::vector<std::uint64_t>& ids = choice.ids;
+  const std::size_t shown = std::min(ids.size(), most);
+  const auto end = ids.begin() + static_cast<std::ptrdiff_t>(shown);
+  return fmt::format("{}", fmt::join(ids.begin(), end, " ")) +
+         (shown == ids.size() ? "" : fmt::format(" and {} more", ids.size() - shown));
+}
+
+std::string count_letters(const std::string& answer) {
+  const auto numbers = nlohmann::json::parse(answer);
+  const auto count = numbers.value("discarded", numbers.value("resent", std::uint64_t{0}));
+  return fmt::format(" ({} dead letter{})", count, count == 1 ? "" : "s");
+}
+
+}  // namespace
 
 std::optional<AuditedOrder> audited(const BleOrder& order) {
   using Audited = std::optional<AuditedOrder>;
@@ -50,17 +74,22 @@ std::optional<AuditedOrder> audited(const BleOrder& order) {
 }
 
 std::optional<AuditedOrder> audited(const StoreOrder& order) {
-  if (std::holds_alternative<ResendOrder>(order)) return AuditedOrder{"store resend", {}};
-  if (std::holds_alternative<DiscardOrder>(order)) return AuditedOrder{"store discard", {}};
+  if (const auto* resend = std::get_if<ResendOrder>(&order))
+    return AuditedOrder{"store resend", {}, words_of(resend->choice)};
+  if (const auto* discard = std::get_if<DiscardOrder>(&order))
+    return AuditedOrder{"store discard", {}, words_of(discard->choice)};
   return std::nullopt;
 }
 
-Notice audit_notice(const std::string& who, const AuditedOrder& order, const std::string& error) {
-  const bool is_done = error.empty();
+Notice audit_notice(const std::string& who, const AuditedOrder& order, const OrderAnswer& answer) {
+  const bool is_done = answer.error.empty();
+  std::string outcome = is_done ? "done" : "failed: ";
+  outcome += answer.error.substr(0, answer.error.find('\n'));
+  if (is_done && !order.letters.empty()) outcome += count_letters(answer.json);
+  const std::string object = order.letters.empty() ? order.robot : order.letters;
   Notice notice{Severity::notice,
-                fmt::format("{}{}{}: {}{}; asked by {}", order.what, order.robot.empty() ? "" : " ",
-                            order.robot,
-                            is_done ? "done" : "failed: ", error.substr(0, error.find('\n')), who),
+                fmt::format("{}{}{}: {}; asked by {}", order.what, object.empty() ? "" : " ",
+                            object, outcome, who),
                 order.robot};
   notice.audit = AuditFacts{who, order.what, is_done ? "done" : "failed"};
   return notice;

@@ -28,7 +28,8 @@ std::string value_of(const LogFields& fields, std::string_view name) {
 }
 
 TEST(NoticeFields, SayWhoAskedForWhatAndWhatCameOfIt) {
-  const Notice notice = audit_notice("uid 7 (ann)", {"forget", "r1"}, "it is online\nand more");
+  const Notice notice =
+      audit_notice("uid 7 (ann)", {"forget", "r1"}, {{}, "it is online\nand more"});
   EXPECT_EQ(notice.text, "forget r1: failed: it is online; asked by uid 7 (ann)");
   const LogFields fields = notice_fields(notice);
   EXPECT_EQ(value_of(fields, "SLAM_AUDIT"), "1");
@@ -57,6 +58,24 @@ TEST(AuditNotice, IsAboutWhatChangesThingsAndHoldsNoKey) {
   const auto imported = audited(BleOrder{ImportOrder{"00112233445566778899aabbccddeeff"}});
   ASSERT_TRUE(imported);
   EXPECT_EQ(audit_notice("uid 0", *imported, {}).text, "ble import: done; asked by uid 0");
+}
+
+TEST(AuditNotice, SaysWhichDeadLettersAreGone) {
+  const auto line = [](const DeadLetterChoice& choice, const std::string& answer) {
+    return audit_notice("uid 0", *audited(StoreOrder{DiscardOrder{choice}}), {answer, {}}).text;
+  };
+  EXPECT_EQ(line({{17, 18}, {}, false}, R"({"discarded":1})"),
+            "store discard 17 18: done (1 dead letter); asked by uid 0");
+  EXPECT_EQ(line({{}, "p/robot/r1/a", false}, R"({"discarded":5})"),
+            "store discard --topic p/robot/r1/a: done (5 dead letters); asked by uid 0");
+  EXPECT_EQ(line({{}, {}, true}, R"({"discarded":0})"),
+            "store discard --all: done (0 dead letters); asked by uid 0");
+  EXPECT_EQ(line({std::vector<std::uint64_t>(300, 7), {}, false}, "{}").find(" and 200 more: done"),
+            14 + 100 * 2u - 1);
+  EXPECT_EQ(audited(StoreOrder{DiscardOrder{{{}, {}, true}}})->what, "store discard");
+  const auto again = audited(StoreOrder{ResendOrder{{{}, {}, true}}});
+  EXPECT_EQ(audit_notice("uid 0", *again, {R"({"resent":2,"left":1})", {}}).text,
+            "store resend --all: done (2 dead letters); asked by uid 0");
 }
 
 TEST(UserWords, NameTheUsersOfThisHost) {
