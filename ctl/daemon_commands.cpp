@@ -563,8 +563,9 @@ void add_store(CLI::App& app, Order& order) {
     order.request["command"] = "store list";
     order.request["payloads"] = true;
   });
-  add_letter_choice(app, order, "store resend", "Send them again, behind what is undelivered",
-                    show::resent, resend_letters);
+  add_letter_choice(app, order, "store resend",
+                    "Send them again, before messages that were stored later", show::resent,
+                    resend_letters);
   add_letter_choice(app, order, "store discard", "Forget them for good", show::discarded,
                     discard_letters);
 }

@@ -139,7 +139,7 @@ struct ListDeadLetters {
   std::string topic;        ///< empty: any
   bool with_payloads = false;
 };
-/// Puts the chosen letters back among the undelivered messages, behind the others, oldest first.
+/// Puts the chosen letters back among the undelivered messages, before later ones, oldest first.
 /// Damaged letters are lost. Answer: `{"resent", "left"}`.
 struct ResendOrder {
   DeadLetterChoice choice;

@@ -81,6 +81,11 @@ TEST_F(ControlStoreIo, SaysThatThereIsNone) {
   EXPECT_EQ(result.err, "slam-gatewayctl: no dead letters\n");
 }
 
+TEST_F(ControlStoreIo, SaysWhereResentLettersGo) {
+  EXPECT_NE(order({"resend", "--help"}, {}).out.find("before messages that were stored later"),
+            std::string::npos);
+}
+
 TEST_F(ControlStoreIo, ResendsAndTellsWhatStays) {
   Ended result = order({"resend", "7", "9"}, {{R"({"resent":2,"left":0})", {}}});
   EXPECT_EQ(result.status, 0) << result.err;
