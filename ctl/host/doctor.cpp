@@ -475,8 +475,8 @@ class Examination {
           counted(dead, "message", "messages") + " that the broker would not take" +
               (have_little_room
                    ? "; there is nearly no room for more: on topics that the broker refuses, "
-                     "robots that send much are not acknowledged; " +
-                         text_at(most, "robot") + " has stored most"
+                     "robots that send much are not acknowledged" +
+                         (most.empty() ? "" : "; " + text_at(most, "robot") + " has stored most")
                    : ""),
           "slam-gatewayctl store list; those of a topic go up by themselves once the broker takes "
           "it, "

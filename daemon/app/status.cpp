@@ -99,11 +99,17 @@ json to_json(const Status::Retained& retained) {
       {"topics", retained.topics}, {"max", RetainedTopics::max_in_all}, {"most", std::move(most)}};
 }
 
+/// Returns the robot of the flow `<prefix>/robot/<id>`; empty when the flow is not a robot's.
+std::string robot_of(const std::string& flow) {
+  constexpr std::string_view before = "/robot/";
+  const std::size_t at = flow.rfind(before);
+  return at == std::string::npos ? "" : flow.substr(at + before.size());
+}
+
 json to_json(const Status::Store& store) {
   json largest;
-  if (!store.largest.name.empty())
-    largest = {{"robot", store.largest.name.substr(store.largest.name.rfind('/') + 1)},
-               {"bytes", store.largest.value}};
+  if (const std::string robot = robot_of(store.largest.name); !robot.empty())
+    largest = {{"robot", robot}, {"bytes", store.largest.value}};
   return {{"state", store.state},
           {"why", store.why},
           {"depth", store.depth},

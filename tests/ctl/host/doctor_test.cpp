@@ -224,6 +224,9 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   EXPECT_EQ(problems_of(facts), "clock; store: dead letters; robots; ");
   EXPECT_FALSE(has_problem(examine(facts)));
   facts.status["store"]["dead_letters_nearly_full"] = true;
+  EXPECT_TRUE(std::ranges::any_of(examine(facts), [](const Finding& finding) {
+    return finding.detail.ends_with("robots that send much are not acknowledged");
+  })) << "the gateway's own messages are the most";
   facts.status["store"]["largest"] = {{"robot", "r1"}, {"bytes", 3}};
   EXPECT_TRUE(has_problem(examine(facts))) << "robots are not acknowledged";
 }
