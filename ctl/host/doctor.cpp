@@ -450,9 +450,12 @@ class Examination {
     const json& store = group_at(facts_.status, "store");
     const std::string state = text_at(store, "state");
     const json& most = group_at(store, "largest");
+    const std::string filled_by = text_at(group_at(store, "filled_by"), "robot");
     if (is_true(store, "full"))
       add("store", Health::problem,
-          "is full: robots are not acknowledged" +
+          (filled_by.empty() ? "is full: robots are not acknowledged"
+                             : "is full or nearly so: robots are not acknowledged, at first only "
+                               "those that have stored much") +
               (most.empty() ? "" : "; most of it by " + text_at(most, "robot")),
           "bring the broker back, or raise store.max_bytes");
     else if (state == "failing" || state == "absent")
@@ -461,8 +464,8 @@ class Examination {
     else
       add("store", Health::well,
           counted(count_at(store, "depth"), "message waits", "messages wait"));
-    if (const std::string robot = text_at(group_at(store, "filled_by"), "robot"); !robot.empty())
-      add("store: nearly full", Health::warning, robot + " fills it; others still find room",
+    if (!filled_by.empty() && !is_true(store, "full"))
+      add("store: nearly full", Health::warning, filled_by + " fills it; others still find room",
           "bring the broker back, and look why the robot sends so much");
     if (const auto lost = count_at(group_at(facts_.status, "messages"), "lost"); lost > 0)
       add("store: lost messages", Health::problem,

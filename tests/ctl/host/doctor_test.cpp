@@ -214,6 +214,9 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts = healthy();
   facts.status["store"]["filled_by"] = {{"robot", "r1"}, {"bytes", 3}};
   EXPECT_EQ(problems_of(facts), "store: nearly full; ");
+  facts.status["store"]["full"] = true;
+  EXPECT_EQ(problems_of(facts), "store; ") << "others may find no room";
+  facts.status["store"]["full"] = false;
   facts.status["store"].erase("filled_by");
   facts.status["messages"]["lost"] = 2;
   EXPECT_EQ(problems_of(facts), "store: lost messages; ");
