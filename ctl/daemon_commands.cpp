@@ -308,7 +308,7 @@ void each_page(Connection& daemon, const Order& order, json page,
 int list_letters(Connection& daemon, const Order& order) {
   const json first = daemon.ask(order.request);
   if (!order.json) {
-    std::cout << show::dead_letters_head(first);
+    std::cout << show::dead_letters_head(first, order.request.contains("topic"));
     each_page(daemon, order, first,
               [](const json& letters) { std::cout << show::dead_letters(letters, this_screen()); });
     return 0;
@@ -326,7 +326,8 @@ int list_letters(Connection& daemon, const Order& order) {
 int export_letters(Connection& daemon, const Order& order) {
   const json first = daemon.ask(order.request);
   if (first.at("letters").empty())
-    std::cerr << "slam-gatewayctl: " << show::dead_letters_head(first);
+    std::cerr << "slam-gatewayctl: "
+              << show::dead_letters_head(first, order.request.contains("topic"));
   each_page(daemon, order, first, [](const json& letters) {
     for (const auto& letter : letters) std::cout << control::to_line(letter);
   });

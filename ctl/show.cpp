@@ -928,14 +928,16 @@ std::string done(const json& done, const Screen&) {
   return "done\n";
 }
 
-std::string dead_letters_head(const json& first_page) {
+std::string dead_letters_head(const json& first_page, bool is_of_topic) {
   const std::uint64_t count = count_at(first_page, "count");
   if (count == 0) return "no dead letters\n";
   if (first_page.at("letters").empty())
     return fmt::format("no dead letters of this topic; of others: {}\n", count);
-  return fmt::format("{}, {}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n",
+  return fmt::format("{}{}, {}{}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n",
+                     is_of_topic ? "of this topic, of " : "",
                      counted(count, "dead letter", "dead letters"),
-                     show_bytes(count_at(first_page, "bytes")), "ID", "AGE", "BYTES", "TRIES");
+                     show_bytes(count_at(first_page, "bytes")), is_of_topic ? " in all:" : "", "ID",
+                     "AGE", "BYTES", "TRIES");
 }
 
 std::string dead_letters(const json& letters, const Screen& screen) {

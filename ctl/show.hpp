@@ -95,7 +95,7 @@ std::string joining_countdown(const nlohmann::json& news);
 std::string joining(const nlohmann::json& event, const Screen& screen);
 
 /// Dead letters: the head of the table, and a page of it.
-std::string dead_letters_head(const nlohmann::json& first_page);
+std::string dead_letters_head(const nlohmann::json& first_page, bool is_of_topic);
 std::string dead_letters(const nlohmann::json& letters, const Screen& screen);
 std::string resent(const nlohmann::json& done, const Screen& screen);
 std::string discarded(const nlohmann::json& done, const Screen& screen);

@@ -53,6 +53,12 @@ TEST_F(ControlStoreIo, ListsAllPages) {
             "no dead letters\n");
 }
 
+TEST_F(ControlStoreIo, CountsNoOtherTopicsLettersAmongThoseOfOneTopic) {
+  const Ended result = order({"list", "--topic", "t"}, {second_page_, end_});
+  EXPECT_TRUE(result.out.starts_with("of this topic, of 3 dead letters, 2.0 KiB in all:\n"))
+      << result.out;
+}
+
 TEST_F(ControlStoreIo, ListsAsOneDocument) {
   const Ended result = order({"list", "--json", "--topic", "t"}, {first_page_, second_page_, end_});
   const json document = json::parse(result.out, nullptr, false);
