@@ -58,7 +58,10 @@ RobotPlaces FleetMember::places() {
           [this](const std::string& robot) {
             return host_.sessions().is_refused(robot) && !neighbours_.is_served_elsewhere(robot);
           },
-          [this] { return neighbours_.gateways().empty(); }};
+          [this] { return neighbours_.gateways().empty(); },
+          [this](const std::string& robot, const std::string& topic) {
+            return host_.sessions().may_want(robot, topic);
+          }};
 }
 
 void FleetMember::start() {

@@ -119,13 +119,17 @@ void Commands::on_handed_on(CommandId command) {
 void Commands::on_session_held(const std::string& robot, bool was_present, const Now& now) {
   for (StrayCommands::Stray& stray : strays_.take_all(robot)) {
     stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
-    if (!was_present) deliver({robot, std::move(stray.message)}, now);
+    if (was_present) continue;
+    if (directory_.places.may_want(robot, stray.message.topic))
+      deliver({robot, std::move(stray.message)}, now);
+    else
+      refuse_stray(stray, "the robot has not subscribed to " + stray.message.topic, now);
   }
 }
 
 void Commands::on_stop(const Now& now) {
   for (const StrayCommands::Stray& stray : strays_.take_all())
-    if (!awaits_session(stray.robot)) refuse_stray(stray, now);
+    if (!awaits_session(stray.robot)) refuse_unserved(stray, now);
 }
 
 std::optional<TimePoint> Commands::deadline() const {
@@ -203,7 +207,7 @@ void Commands::refuse_strays(const Now& now) {
     if (!std::exchange(stray->awaits_session, true) && awaits_session(stray->robot))
       hold(std::move(*stray));
     else
-      refuse_stray(*stray, now);
+      refuse_unserved(*stray, now);
   }
 }
 
@@ -215,17 +219,22 @@ bool Commands::awaits_session(const std::string& robot) const {
 }
 
 /// Refuses nothing for a robot whose session some gateway holds: the session brings the command.
-void Commands::refuse_stray(const StrayCommands::Stray& stray, const Now& now) {
+void Commands::refuse_unserved(const StrayCommands::Stray& stray, const Now& now) {
   const bool is_known = directory_.is_known(stray.robot);
   if (directory_.places.is_shown(stray.robot) && !directory_.places.is_refused(stray.robot)) return;
+  refuse_stray(stray,
+               is_known ? "the broker does not give the robot's session to this gateway"
+                        : "no robot of this name is known here",
+               now);
+}
+
+void Commands::refuse_stray(const StrayCommands::Stray& stray, std::string why, const Now& now) {
   const auto waited = std::chrono::duration_cast<std::chrono::milliseconds>(now.mono - stray.came);
   const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
   ++counts_.down;
-  refuse_unknown(
-      {std::nullopt, ledger_.next_id(), stray.robot, type, CommandResult::refused, waited,
-       is_known ? "the broker does not give the robot's session to this gateway"
-                : "no robot of this name is known here"},
-      now, stray.message.sender);
+  refuse_unknown({std::nullopt, ledger_.next_id(), stray.robot, type, CommandResult::refused,
+                  waited, std::move(why)},
+                 now, stray.message.sender);
 }
 
 void Commands::conclude(CommandOutcome outcome, const Sender& sender) {

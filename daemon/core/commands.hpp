@@ -49,7 +49,7 @@ class Commands {
   /// refused; nothing while the broker is offline.
   void on_broker_link(std::optional<TimePoint> settled_at);
   /// The stray commands for this robot wait no longer. A session that `was_present` brings them;
-  /// for a new session they are delivered here.
+  /// for a new session they are delivered here if the robot has subscribed to them.
   void on_session_held(const std::string& robot, bool was_present, const Now& now);
   /// Drops the stray commands for this robot: its session brought them, and they were refused.
   void on_session_sorted(const std::string& robot) { strays_.take_all(robot); }
@@ -71,7 +71,8 @@ class Commands {
   void hold(StrayCommands::Stray stray);
   void refuse_strays(const Now& now);
   bool awaits_session(const std::string& robot) const;
-  void refuse_stray(const StrayCommands::Stray& stray, const Now& now);
+  void refuse_unserved(const StrayCommands::Stray& stray, const Now& now);
+  void refuse_stray(const StrayCommands::Stray& stray, std::string why, const Now& now);
   void refuse_unknown(CommandOutcome outcome, const Now& now, const Sender& sender);
   void conclude(CommandOutcome outcome, const Sender& sender);
   void report(Notice notice, const std::string& type, std::string_view outcome,

@@ -29,6 +29,9 @@ struct RobotPlaces {
   Question is_refused = [](const std::string&) { return false; };
   /// No other gateway is known.
   std::function<bool()> is_alone = [] { return true; };
+  /// The robot may have a subscription to this topic; false: it is known to have none.
+  std::function<bool(const std::string& robot, const std::string& topic)> may_want =
+      [](const std::string&, const std::string&) { return true; };
 };
 
 /// Asks a mesh: MeshAdapter::presence_of.

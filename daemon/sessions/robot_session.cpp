@@ -157,6 +157,12 @@ bool RobotSession::hears_all_commands() const {
   return has_filter(filter);
 }
 
+bool RobotSession::may_want(const std::string& topic) const {
+  return !knows_all_ || std::ranges::any_of(filters_, [&](const auto& each) {
+    return filter_matches(each.first, topic);
+  });
+}
+
 void RobotSession::on_other_broker(TimePoint now) {
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
   unheld_since_ = now - 2 * stale_after;

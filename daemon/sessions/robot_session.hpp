@@ -146,6 +146,8 @@ class RobotSession {
   /// Call when another gateway serves the robot: what the robot has subscribed is known there only.
   void on_given_up();
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
+  /// Returns false if no filter matches the topic, and the broker's session has no others.
+  bool may_want(const std::string& topic) const;
   /// Grants the filters of subscribers that wait for the broker.
   void grant_waiting();
   /// Reads the robot's note, and asks for the session if it is not held. Answered by NoteRead.

@@ -344,6 +344,11 @@ bool RobotSessions::is_refused(const std::string& robot) const {
   return session && session->is_refused();
 }
 
+bool RobotSessions::may_want(const std::string& robot, const std::string& topic) const {
+  const RobotSession* session = find(robot);
+  return !session || !session->is_held() || session->may_want(topic);
+}
+
 Counters RobotSessions::counters() const {
   return {{"sessions", counts_.held},
           {"sessions_attached", counts_.attached},

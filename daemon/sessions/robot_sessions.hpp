@@ -111,6 +111,8 @@ class RobotSessions {
   bool was_just_taken(const std::string& robot, TimePoint now) const;
   bool is_contested(const std::string& robot) const;
   bool is_refused(const std::string& robot) const;
+  /// Returns false if the robot's session is held and has no subscription to this topic.
+  bool may_want(const std::string& robot, const std::string& topic) const;
   std::size_t held() const { return counts_.held; }
   Counters counters() const;
 

@@ -81,7 +81,10 @@ class SharedGatewayRig : public GatewayRig {
                                  left.contains(robot);
                         },
                         [this](const std::string& robot) { return refused.contains(robot); },
-                        [this] { return is_alone; }});
+                        [this] { return is_alone; },
+                        [this](const std::string& robot, const std::string&) {
+                          return !unsubscribed.contains(robot);
+                        }});
   }
   void session_comes(const std::string& robot, bool was_present = true,
                      const std::string& dead_owner = {}) {
@@ -104,6 +107,8 @@ class SharedGatewayRig : public GatewayRig {
   std::set<std::string> elsewhere;  ///< robots that another living gateway shows
   std::set<std::string> left;       ///< robots that a gateway shows that is gone
   std::set<std::string> refused;    ///< robots whose sessions the broker does not give
+  /// Robots that are known to have no subscription.
+  std::set<std::string> unsubscribed;
   bool is_alone = false;
 };
 

@@ -175,6 +175,20 @@ TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionIsHeldAMomentLaterInTheirOrd
   EXPECT_EQ(delivered.size(), 2u);
 }
 
+TEST_F(StrayCommandsTest, AreRefusedWhenTheRobotsNewSessionHasNoSubscriptionToThem) {
+  server_sends("late");
+  reach[{Mesh::thread, "late"}] = Presence::online;
+  unsubscribed.insert("late");
+  now.mono += 200ms;
+  session_comes("late", /*was_present=*/false);
+  take_actions();
+  EXPECT_TRUE(delivered.empty());
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].second["outcome"], "refused");
+  EXPECT_EQ(outcomes[0].second["after_ms"], 200);
+  EXPECT_EQ(outcomes[0].second["why"], "the robot has not subscribed to ntnu-slam/server/late/cmd");
+}
+
 TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionTakesSeconds) {
   say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
   server_sends("slow", "1");

@@ -64,6 +64,24 @@ TEST_F(RobotSessionRulesUp, UnsubscribesLaterWhatWasGivenUpWhileTheSessionWasAwa
   EXPECT_EQ(drain<UnsubscribeSession>().size(), 1U);
 }
 
+/// The session may have filters that this gateway does not know, unless the broker has just made
+/// it.
+TEST_F(RobotSessionRulesUp, ANewSessionWantsOnlyWhatItsRobotHasSubscribedTo) {
+  const std::string topic = "ntnu-slam/server/r1/cmd";
+  sessions.on_heard("r1", now);
+  EXPECT_TRUE(sessions.may_want("r1", topic)) << "it is not known yet";
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  EXPECT_TRUE(sessions.may_want("r1", topic));
+  sessions.on_detached("r1", now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", /*is_present=*/false, now);
+  EXPECT_FALSE(sessions.may_want("r1", topic));
+  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, false, now);
+  EXPECT_TRUE(sessions.may_want("r1", topic));
+  sessions.unsubscribe("r1", "ntnu-slam/server/r1/+");
+  EXPECT_FALSE(sessions.may_want("r1", topic));
+}
+
 TEST_F(RobotSessionRulesUp, ACleanRobotBeginsAnew) {
   sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, false, now);
   sessions.on_heard("r1", now);
