@@ -23,7 +23,10 @@ std::string short_name(std::uint16_t topic_id) {
   return {static_cast<char>(topic_id >> 8), static_cast<char>(topic_id & 0xff)};
 }
 
+bool is_short_name(std::string_view name) { return name.size() == 2 && !has_wildcard(name); }
+
 std::uint16_t short_name_id(std::string_view name) {
+  if (!is_short_name(name)) return 0;
   return static_cast<std::uint16_t>(static_cast<unsigned char>(name[0]) << 8 |
                                     static_cast<unsigned char>(name[1]));
 }

@@ -33,7 +33,9 @@ class PredefinedTopics {
 
 /// Returns the name of a short topic: the two octets of the id field (section 6.7).
 std::string short_name(std::uint16_t topic_id);
-/// Returns the id field of a short topic; `name` has exactly two octets.
+/// Returns true for two octets without a wildcard.
+bool is_short_name(std::string_view name);
+/// Returns the id field of a short topic; 0 if the name is not short.
 std::uint16_t short_name_id(std::string_view name);
 
 /// Returns true if a robot of another mesh has this name.

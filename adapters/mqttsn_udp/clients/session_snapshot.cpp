@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "adapters/mqttsn_udp/limits.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::mqttsn {
@@ -16,6 +17,12 @@ constexpr std::chrono::hours longest_command_age{1};
 /// Assumed absence after a reboot of the host, whose length is unknown: longer than a command may
 /// take.
 constexpr std::chrono::seconds unknown_absence{31};
+
+/// An earlier version took wildcards as short names.
+TopicIdType type_for(std::string_view name, TopicIdType type) {
+  const bool is_wrong = type == TopicIdType::short_name && !is_short_name(name);
+  return is_wrong ? TopicIdType::normal : type;
+}
 
 MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
   MessageSnapshot out{*waiting.message, waiting.qos, waiting.topic_id_type, waiting.predefined_id,
@@ -40,8 +47,9 @@ void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, T
     delivery.releasing.push_back({msg_id, TimePoint::min()});
   for (const MessageSnapshot& message : snapshot.messages) {
     delivery.queue.push_back({std::make_shared<const BrokerMessage>(message.message), message.qos,
-                              message.topic_id_type, message.predefined_id,
-                              command_of(message, snapshot, now), message.msg_id});
+                              type_for(message.message.topic, message.topic_id_type),
+                              message.predefined_id, command_of(message, snapshot, now),
+                              message.msg_id});
   }
 }
 
@@ -120,8 +128,8 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
     session.will = std::make_unique<Will>(*snapshot.will);
   for (const TopicTable::Topic& topic : snapshot.topics) session.topics.restore(topic);
   for (const SubscriptionSnapshot& s : snapshot.subscriptions)
-    session.subscriptions.emplace(s.filter,
-                                  Subscription{s.qos, s.topic_id_type, s.topic_id, 0, {}});
+    session.subscriptions.emplace(
+        s.filter, Subscription{s.qos, type_for(s.filter, s.topic_id_type), s.topic_id, 0, {}});
   for (const RepeatSnapshot& repeat : snapshot.repeats)
     session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
   if (snapshot.counts_ids) session.repeats.set_counts_ids();

@@ -176,6 +176,9 @@ Result<Subscriptions::Requested, ReturnCode> Subscriptions::read(ClientSession& 
       filter_of(session, request.topic_id_type, request.topic_id, request.topic_name);
   if (!filter) return ReturnCode::invalid_topic_id;
   if (!is_valid_filter(*filter)) return ReturnCode::not_supported;
+  // Section 6.10: a message for a wildcard has an id that was registered.
+  if (request.topic_id_type == TopicIdType::short_name && has_wildcard(*filter))
+    return ReturnCode::not_supported;
   if (!rules_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
     notice_refusal(session, *filter, now);
     return ReturnCode::not_supported;

@@ -417,6 +417,20 @@ TEST(SnGateway, R76_StillKnowsAfterARestartThatAClientCountsItsMsgIds) {
   EXPECT_EQ(after.reports.size(), 1U);
 }
 
+/// An earlier version took wildcards as short names.
+TEST(SnGateway, R85_RegistersTheNameOfAMessageForAKeptShortWildcard) {
+  SnRig before({}, {}, {}, {"#"});
+  before.connect(1, "r1", false);
+  SessionSnapshot kept = before.gateway.snapshot("r1", before.now).value();
+  kept.subscriptions = {{"+/", Qos::at_most_once, TopicIdType::short_name, 0}};
+  kept.messages = {
+      {{"/", to_bytes("old"), Qos::at_least_once}, Qos::at_least_once, TopicIdType::short_name}};
+  SnRig after({}, {}, {}, {"#"});
+  ASSERT_TRUE(after.gateway.restore(kept, after.now));
+  after.robot_message({"r1", {"abc/", to_bytes("hi"), Qos::at_most_once}});
+  EXPECT_EQ(after.last_to(1).substr(0, 8), "REGISTER");
+}
+
 TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
   ConnectedRig before;
   before.subscribe(1, "a/x", 1);

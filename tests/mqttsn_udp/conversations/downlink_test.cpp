@@ -30,6 +30,20 @@ TEST(SnGateway, R85_UsesTheKindOfIdThatTheClientSubscribedWith) {
                                    "PUBLISH dup=0 qos=0 retain=0 short id=24930 msg=0 data=6869"}));
 }
 
+/// A message's topic may be longer or shorter than the two octets of such a filter.
+TEST(SnGateway, R96_RefusesAWildcardAsAShortTopicName) {
+  SnRig rig({}, {}, {}, {"#"});
+  rig.connect(1, "r1");
+  constexpr std::uint16_t wildcards[] = {0x2f23, 0x2b2f, 0x2b2b};  // "/#", "+/", "++"
+  for (const std::uint16_t wildcard : wildcards) {
+    rig.send(1, Subscribe{false, WireQos::one, TopicIdType::short_name, 3, "", wildcard});
+    EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=3 code=3");
+  }
+  EXPECT_TRUE(rig.subscribes.empty());
+  rig.robot_message({"r1", {"/", to_bytes("hi"), Qos::at_most_once}});
+  EXPECT_TRUE(rig.is_silent(1));
+}
+
 TEST(SnGateway, R86_RegistersAgainWhatTheClientHasForgotten) {
   DownlinkRig rig;
   rig.broker("a/x", "hi", 1);
