@@ -58,6 +58,9 @@ constexpr std::size_t max_open_receipts = 64;
 constexpr std::size_t max_inbound_qos2 = 64;
 /// Remembered QoS 1 messages of one client: 30 a second for `repeat_window`, with room.
 constexpr std::size_t max_repeats = 1024;
+/// A QoS 1 message that is acknowledged makes its session worth a write while no more messages are
+/// remembered. The sessions of a thousand faster robots would be some 6 MB a second.
+constexpr std::size_t max_repeats_saved_at_once = 8;
 /// Nordic's client repeats after 8 and 16 s, others after 10 and 20 (R76).
 constexpr std::chrono::seconds repeat_window{25};
 /// Nordic's client repeats 8 s after it has sent; 4 s of them may pass before the PUBACK leaves.

@@ -431,6 +431,33 @@ TEST(SnGateway, R85_RegistersTheNameOfAMessageForAKeptShortWildcard) {
   EXPECT_EQ(after.last_to(1).substr(0, 8), "REGISTER");
 }
 
+TEST(SnGateway, R76_KnowsARepetitionAfterACrashIfTheClientSendsSeldom) {
+  SnRig before;
+  before.prove(1, "r1");
+  const auto id = before.register_topic(1, own_topic);
+  const auto say = [&](std::uint16_t msg_id) {
+    before.publish(1, id, 1, msg_id, "step");
+    before.receipt(before.reports.back().receipt.id);
+  };
+  before.gateway.take_changed(1000);
+  say(100);
+  SnRig after;
+  restart(before, after);
+  after.send_octets(1, encode(Publish{true, WireQos::one, false, TopicIdType::normal, id, 100,
+                                      to_bytes("step")}));
+  EXPECT_TRUE(after.reports.empty());
+  EXPECT_EQ(after.last_to(1), "PUBACK id=" + std::to_string(id) + " msg=100 code=0");
+
+  for (std::uint16_t n = 1; n <= 2 * limits::max_repeats_saved_at_once; ++n) say(100 + n);
+  before.gateway.take_changed(1000);
+  say(99);
+  EXPECT_FALSE(before.gateway.has_changed()) << "its messages would cost too many writes";
+  before.pass(limits::repeat_window + std::chrono::seconds{1});
+  before.gateway.take_changed(1000);
+  say(98);
+  EXPECT_TRUE(before.gateway.has_changed());
+}
+
 TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
   ConnectedRig before;
   before.subscribe(1, "a/x", 1);
