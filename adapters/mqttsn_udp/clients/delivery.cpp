@@ -94,6 +94,12 @@ bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id) {
          distance(msg_id) <= distance(delivery.last_msg_id);
 }
 
+void skip_message_ids(Delivery& delivery) {
+  constexpr int skipped = 256;  // a session is saved within half a second
+  delivery.last_msg_id =
+      static_cast<std::uint16_t>((delivery.last_msg_id + skipped) % highest_msg_id);
+}
+
 std::uint16_t next_message_id(Delivery& delivery) {
   do {
     delivery.last_msg_id = delivery.last_msg_id < highest_msg_id ? delivery.last_msg_id + 1 : 1;

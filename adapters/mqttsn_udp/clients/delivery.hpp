@@ -167,6 +167,8 @@ bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id);
 
 /// Some clients keep MsgIds in signed 16-bit numbers and fail on negative ones.
 inline constexpr std::uint16_t highest_msg_id = 0x7fff;
+/// Skips the MsgIds that a killed process may have used since the session was saved.
+void skip_message_ids(Delivery& delivery);
 /// Returns the next MsgId, from 1 to highest_msg_id: never one that still awaits its answer.
 std::uint16_t next_message_id(Delivery& delivery);
 

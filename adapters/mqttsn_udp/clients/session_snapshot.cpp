@@ -42,6 +42,7 @@ void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messag
 void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
+  if (delivery.last_msg_id != 0) skip_message_ids(delivery);
   delivery.abandoned = snapshot.abandoned;
   for (const std::uint16_t msg_id : snapshot.released)
     delivery.releasing.push_back({msg_id, TimePoint::min()});

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <set>
 
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -172,7 +173,7 @@ TEST(SnGateway, TellsTheOutcomesOfCommandsThatWereUnderWayAtARestart) {
   restart(before, after);
   after.pass_s(1);
   after.send(1, Puback{1, 1, ReturnCode::accepted});
-  after.send(1, Puback{2, 2, ReturnCode::accepted});
+  after.send(1, Puback{2, 258, ReturnCode::accepted});
   ASSERT_EQ(after.outcomes.size(), 2U);
   EXPECT_EQ(after.outcomes[0].type, "cmd");
   EXPECT_EQ(after.outcomes[1].type, "run");
@@ -346,8 +347,8 @@ TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
   restart(before, after);
   EXPECT_EQ(after.sent_to(1), Lines{"PUBREL msg=1"});
   after.send(1, Pubcomp{1});
-  EXPECT_EQ(after.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=2 data=32"});
-  after.send(1, Puback{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(after.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=258 data=32"});
+  after.send(1, Puback{1, 258, ReturnCode::accepted});
   EXPECT_EQ(after.gateway.queued_for("r1"), 0U);
 }
 
@@ -429,6 +430,33 @@ TEST(SnGateway, R85_RegistersTheNameOfAMessageForAKeptShortWildcard) {
   ASSERT_TRUE(after.gateway.restore(kept, after.now));
   after.robot_message({"r1", {"abc/", to_bytes("hi"), Qos::at_most_once}});
   EXPECT_EQ(after.last_to(1).substr(0, 8), "REGISTER");
+}
+
+/// A message that came after the snapshot had the next MsgId. The robot may hold this MsgId until a
+/// PUBREL that was lost.
+TEST(SnGateway, R90_UsesNoMsgIdAgainAfterACrash) {
+  ConnectedRig before(false);
+  before.subscribe(1, "a/x", 2);
+  before.sent_to(1);
+  SessionSnapshot kept = before.gateway.snapshot("r1", before.now).value();
+  std::set<std::string> used;
+  for (int i = 0; i < 200; ++i) {
+    before.broker("a/x", "hi", 2);
+    used.insert(before.last_to(1));
+    before.send(1, Pubrec{static_cast<std::uint16_t>(i + 1)});
+    before.send(1, Pubcomp{static_cast<std::uint16_t>(i + 1)});
+  }
+  EXPECT_EQ(used.size(), 200U);
+  const auto first_after = [](const SessionSnapshot& snapshot) {
+    SnRig after;
+    EXPECT_TRUE(after.gateway.restore(snapshot, after.now));
+    after.robot_message({"r1", {"a/x", to_bytes("hi"), Qos::exactly_once}});
+    return after.last_to(1);
+  };
+  kept.last_msg_id = 1;
+  EXPECT_FALSE(used.contains(first_after(kept)));
+  kept.last_msg_id = highest_msg_id - 1;
+  EXPECT_EQ(first_after(kept), "PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=256 data=6869");
 }
 
 TEST(SnGateway, R76_KnowsARepetitionAfterACrashIfTheClientSendsSeldom) {

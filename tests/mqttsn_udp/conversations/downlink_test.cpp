@@ -138,7 +138,7 @@ TEST(SnGateway, R90_NumbersItsMessagesForEachClientWithoutZeroAndNegative) {
   before.connect(2, "r2");
   before.subscribe(2, "a/x", 1);
   auto worn = *before.gateway.snapshot("r1", before.now);
-  worn.last_msg_id = 32766;
+  worn.last_msg_id = 32766 - 256;  // the MsgIds that are skipped at a restart
   SnRig rig;
   ASSERT_TRUE(rig.gateway.restore(worn, rig.now));
   ASSERT_TRUE(rig.gateway.restore(*before.gateway.snapshot("r2", before.now), rig.now));
