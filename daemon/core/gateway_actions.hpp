@@ -35,9 +35,10 @@ struct RobotForgotten {
 struct WantSession {
   std::string robot;
 };
-/// Subscribe for the gateway itself, at QoS 0.
+/// Subscribe for the gateway itself.
 struct SubscribeAtBroker {
   std::string filter;
+  Qos qos = Qos::at_most_once;
 };
 struct UnsubscribeAtBroker {
   std::string filter;

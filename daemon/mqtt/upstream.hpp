@@ -65,8 +65,7 @@ class Upstream final : private MqttLinkListener {
   /// `is_trial`: the broker may close the connection for the message. Then the back-off starts
   /// again from its first step; the outbox makes sure that such messages are rare.
   void publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial = false);
-  /// Subscribes at QoS 0.
-  void subscribe(const std::string& filter);
+  void subscribe(const std::string& filter, Qos qos = Qos::at_most_once);
   void unsubscribe(const std::string& filter);
 
   MqttVersion version() const { return place().version.version(); }
