@@ -188,8 +188,10 @@ std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings
   // A client that disconnects is heard at that moment.
   if (silence <= std::chrono::seconds{1})
     return "disconnected (DISCONNECT) and has not connected since";
-  return fmt::format("its keep-alive ran out after {} s of silence; it has not connected since",
-                     silence.count());
+  return fmt::format(
+      "its keep-alive, or the time that it meant to sleep, ran out after {} s of silence; it has "
+      "not connected since",
+      silence.count());
 }
 
 json robot_row(const std::string& id, const Robot& robot, const RobotSurroundings& surroundings,

@@ -179,7 +179,8 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   robot.last_seen = thread.since - 300ms;
   EXPECT_NE(why_absent(robot, around).find("disconnected (DISCONNECT)"), std::string::npos);
   robot.last_seen = thread.since - 90s;
-  EXPECT_NE(why_absent(robot, around).find("ran out after 90 s"), std::string::npos);
+  EXPECT_NE(why_absent(robot, around).find("meant to sleep, ran out after 90 s"),
+            std::string::npos);
   robot.last_mesh = Mesh::ble;
   robot.on_mesh[Mesh::ble].since = thread.since;
   EXPECT_NE(why_absent(robot, around).find("not heard it for 90 s"), std::string::npos);

@@ -67,7 +67,7 @@ void remember_abandoned(Delivery& delivery, const Outgoing& outgoing) {
 /// Returns why a command was not sent before its time was over.
 std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bool is_held) {
   const Delivery& delivery = session.delivery;
-  if (waiting.msg_id != 0) return "no acknowledgement";
+  if (waiting.msg_id != 0 && !delivery.paused_until) return "no acknowledgement";
   if (!session.is_connected()) return "the robot is not connected";
   if (session.state() == ClientState::asleep) return "the robot sleeps and did not wake in time";
   if (delivery.paused_until) return "the robot says that it is congested";

@@ -89,6 +89,19 @@ TEST(SnGateway, R86_LeavesACongestedClientAloneAndDropsWhatItRefuses) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
+TEST(SnGateway, SaysOfACommandThatTheRobotWasCongestedUntilItsTimeWasOver) {
+  ConnectedRig rig;
+  rig.subscribe(1, r1_command, 1);
+  for (int i = 0; i < 2; ++i) rig.broker(r1_command, "go", 1);
+  rig.send(1, Puback{1, 1, ReturnCode::congestion});
+  rig.pass(limits::command_patience);
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  for (const CommandOutcome& each : rig.outcomes) {
+    EXPECT_EQ(each.result, CommandResult::timeout);
+    EXPECT_EQ(each.why, "the robot says that it is congested");
+  }
+}
+
 TEST(SnGateway, R87_DeliversAtTheLowerQos) {
   ConnectedRig rig;
   rig.subscribe(1, "a/0", 0);
