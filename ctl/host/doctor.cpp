@@ -509,7 +509,11 @@ class Examination {
     if (!counters.contains("sessions")) return;
     const std::uint64_t here = count_at(robots, "online") + count_at(robots, "asleep");
     const std::uint64_t held = count_at(counters, "sessions");
-    if (held >= here)
+    // Thread clients that have not shown that they receive get no session before their first
+    // command.
+    const json& thread =
+        group_at(group_at(group_at(facts_.status, "meshes"), "thread"), "counters");
+    if (held + count_at(thread, "clients_unanswered") >= here)
       return add("robots: sessions", Health::well,
                  counted(held, "is", "are") + " held at the broker");
     const std::string& prefix = config_.topics.prefix;

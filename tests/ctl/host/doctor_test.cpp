@@ -266,6 +266,8 @@ TEST(Doctor, SaysWhenTheBrokerKeepsRobotsSessionsBack) {
   EXPECT_NE(text.find("1 for 2 robots"), text.npos) << text;
   EXPECT_NE(text.find("lab-slam-robot-<id>"), text.npos) << text;
   EXPECT_NE(text.find("topic readwrite lab/slam/fleet/robots/#"), text.npos) << text;
+  facts.status["meshes"]["thread"]["counters"]["clients_unanswered"] = 1;
+  EXPECT_EQ(problems_of(facts), "") << "such a robot gets its session with its first command";
   facts.status["broker"]["state"] = "down";
   EXPECT_EQ(problems_of(facts), "broker; ") << "without a broker nobody has a session";
   facts = healthy();
