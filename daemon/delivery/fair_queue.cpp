@@ -88,9 +88,12 @@ void FairQueue::withdraw(Item& item) {
 void FairQueue::take_front() {
   Flow* const flow = turns_.front();
   withdraw(*front());
-  if (turns_.empty() || turns_.front() != flow) return;
+  if (!turns_.empty() && turns_.front() == flow) pass_turn();
+}
+
+void FairQueue::pass_turn() {
+  turns_.push_back(turns_.front());
   turns_.pop_front();
-  turns_.push_back(flow);
 }
 
 void FairQueue::renumber(std::uint64_t shift) {

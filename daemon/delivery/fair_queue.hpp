@@ -94,6 +94,8 @@ class FairQueue {
   Item* front() const { return turns_.empty() ? nullptr : turns_.front()->items.front(); }
   /// Withdraws the front item and gives the turn to the next flow.
   void take_front();
+  /// Gives the turn of the front item to the next flow.
+  void pass_turn();
 
   /// Calls `visit(item)` for each item by rising row. `visit` may erase the item.
   template <class Visit>
@@ -110,6 +112,8 @@ class FairQueue {
   void renumber(std::uint64_t shift);
 
   std::size_t queued() const { return queued_; }
+  /// Returns the number of flows with queued items.
+  std::size_t flows() const { return turns_.size(); }
   /// Returns the number of items on disk that are queued or wait for a handshake.
   std::size_t durable_queued() const { return durable_queued_; }
   /// Returns the sum of OutboxItem::cost() that is queued or set aside in the flow of `topic`.

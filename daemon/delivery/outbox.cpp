@@ -61,7 +61,12 @@ void Outbox::store_if_needed(Item& item, TimePoint now, bool is_overdue) {
 
 void Outbox::store_all(TimePoint now, bool is_overdue) {
   if (!backlog_.can_keep()) return;
-  queue_.for_each([&](Item& item) { store_if_needed(item, now, is_overdue); });
+  queue_.for_each([&](Item& item) {
+    // A broker that answers may be slow for one robot: the others' messages do not queue behind its
+    // backlog.
+    const bool is_late = is_stalled_ || now - item.submitted >= broker_patience;
+    store_if_needed(item, now, is_overdue && is_late);
+  });
 }
 
 /// Removes the message from memory and from the disk.
@@ -145,7 +150,7 @@ bool Outbox::publish_next(TimePoint now) {
   if (!is_up_ || backlog_.state() == Backlog::State::opening || trial_) return false;
   if (window_.empty()) trial_waits_until_.reset();
   if (trial_waits_until_ && now < *trial_waits_until_) return false;
-  Item* const next = queue_.front();
+  Item* const next = next_in_turn();
   if (!next) return false;
   if (drop_if_too_old(*next, now)) return true;
   if (backlog_.is_ahead_of(*next)) {
@@ -174,6 +179,14 @@ bool Outbox::publish_next(TimePoint now) {
   }
   publish(*next, now);
   return true;
+}
+
+/// Returns the item whose turn it is, without flows that have their share of the window. There are
+/// few of them, because a share is half of the window.
+Outbox::Item* Outbox::next_in_turn() {
+  for (std::size_t passed = 0; passed < queue_.flows(); ++passed, queue_.pass_turn())
+    if (Item* const next = queue_.front(); window_.has_share_for(*next)) return next;
+  return nullptr;
 }
 
 /// Queues messages set aside that no longer wait for an earlier message, or for their topic. Those
@@ -484,9 +497,10 @@ void Outbox::trace(StepKind kind, const Item& item, std::string why) {
                             .since = item.submitted});
 }
 
-/// Drops QoS 0 that has waited too long. Stores all unsaved messages when the broker is too slow
-/// for one of them; while the broker is away, they are stored anyway. A store that cannot keep
-/// messages is checked again once it can. Visits the whole queue once a second at most.
+/// Drops QoS 0 that has waited too long. Stores unsaved messages for which the broker is too slow,
+/// or all of them when it acknowledges none; while the broker is away, they are stored anyway. A
+/// store that cannot keep messages is checked again once it can. Visits the whole queue once a
+/// second at most.
 void Outbox::check_ages(TimePoint now) {
   const bool can_save = is_up_ && backlog_.can_keep();
   bool is_overdue = false;

@@ -164,6 +164,7 @@ class Outbox {
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
+  Item* next_in_turn();
   void refuse_with_its_flow(const Item& next, TimePoint now);
   bool wait_to_be_alone(const Item& next, TimePoint now);
   bool has_memory_for(const Item& item) const;

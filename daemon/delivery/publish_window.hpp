@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The messages that were handed to the broker's client and are not answered yet. Limits their
-// number. Pure; part of the outbox.
+// number. One flow takes half of the QoS 1 and 2 messages under way at most, so that a robot whose
+// messages the broker does not answer leaves room for the others. Pure; part of the outbox.
 #pragma once
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <utility>
 
 #include "daemon/delivery/fair_queue.hpp"
+#include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
 
@@ -39,6 +41,16 @@ class PublishWindow {
   bool has_room_for(const Item& item) const {
     if (item.is_unacknowledged()) return !is_unacknowledged_paused_ && !is_silent_;
     return acknowledged_ < effective_size_;
+  }
+  /// Returns false when the flow of `item` has its share of the window under way.
+  bool has_share_for(const Item& item) const {
+    const std::size_t share = std::max<std::size_t>(1, effective_size_ / 2);
+    if (item.is_unacknowledged() || acknowledged_ < share) return true;
+    const std::string_view flow = flow_of(item.message.topic);
+    const auto is_of_flow = [&](const Item* other) {
+      return !other->is_unacknowledged() && flow_of(other->message.topic) == flow;
+    };
+    return static_cast<std::size_t>(std::ranges::count_if(items_, is_of_flow)) < share;
   }
   /// `item.sequence` rises from call to call.
   void add(Item& item, TimePoint now) {

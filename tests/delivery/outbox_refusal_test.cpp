@@ -100,11 +100,11 @@ TEST_F(OutboxRefusalTest, LaterMessagesOfARefusedTopicMayOvertake) {
   EXPECT_EQ(received_of("t"), (std::vector<std::string>{"2", "1"}));
 }
 
-TEST_F(OutboxRefusalTest, AWholeWindowThatIsRefusedArrivesInTheEnd) {
+TEST_F(OutboxRefusalTest, AWholeShareOfTheWindowThatIsRefusedArrivesInTheEnd) {
   link_up();
   for (std::uint64_t i = 1; i <= 40; ++i) submit("t", i);
-  ASSERT_EQ(under_way.size(), window);
-  std::swap(under_way[3], under_way[9]);  // answers may come in another order
+  ASSERT_EQ(under_way.size(), window / 2);
+  std::swap(under_way[3], under_way[7]);  // answers may come in another order
   refuse_first();
   submit("t", 41);
   refuse_all();

@@ -154,8 +154,24 @@ TEST_F(OutboxTest, BuriesWhatWaitedForARefusedMessage) {
 
 TEST_F(OutboxTest, RespectsTheBrokersReceiveMaximum) {
   link_up(5);
-  for (std::uint64_t i = 1; i <= 10; ++i) submit("t", i);
+  for (std::uint64_t i = 1; i <= 10; ++i) submit("t" + std::to_string(i), i);
   EXPECT_EQ(under_way.size(), 4u) << "one slot is left free";
+}
+
+TEST_F(OutboxTest, ARobotHasHalfOfTheWindowAtMost) {
+  link_up();
+  for (std::uint64_t i = 1; i <= 40; ++i) submit("r/1/" + std::to_string(i % 4), i);
+  EXPECT_EQ(under_way.size(), window / 2);
+  submit("r/1/unacknowledged", 0, Qos::at_most_once);
+  submit("r/2/t", 41);
+  submit("r/3/t", 42);
+  EXPECT_EQ(under_way.size(), window / 2 + 2) << "the others have their turns";
+  EXPECT_EQ(published_topics.back(), "r/3/t");
+  acknowledge_all();
+  EXPECT_EQ(fired.size(), 42u);
+  link_up(2);
+  submit("r/1/t", 43);
+  EXPECT_EQ(under_way.size(), 1u) << "a window of one";
 }
 
 TEST_F(OutboxTest, PublishesNothingBeforeItKnowsWhatTheStoreHolds) {
