@@ -49,6 +49,8 @@ struct OutboxItem {
   bool is_dead = false;           ///< becomes a dead letter as soon as it is on disk
   /// A QoS 0 message of a topic that is tried: published at QoS 1, because QoS 0 gets no answer.
   bool is_probe = false;
+  bool is_trial = false;    ///< was published alone
+  TimePoint handed_over{};  ///< PublishWindow sets it
 
   /// Returns true for QoS 0, also while it is under way as a probe.
   bool is_unacknowledged() const { return is_probe || message.qos == Qos::at_most_once; }

@@ -172,7 +172,8 @@ bool Outbox::publish_next(TimePoint now) {
     bury_refused(*next, now);
     return true;
   }
-  if (turn == Turn::alone) trial_ = {next_sequence_, now + trial_patience};
+  next->is_trial = turn == Turn::alone;
+  if (next->is_trial) trial_ = {next_sequence_, now + trial_patience};
   if (turn != Turn::open && next->is_unacknowledged()) {
     next->is_probe = true;
     next->message.qos = Qos::at_least_once;
@@ -297,16 +298,32 @@ void Outbox::find_cause_of_loss(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
   if (refused_.on_loss_after_refusal(now)) return;
-  if (trial) return on_lost_alone(*window_.take(trial->sequence, now), now);
-  refused_.on_loss(window_.items(), now);
+  if (trial)
+    return on_lost_alone(*window_.take(trial->sequence, now),
+                         "the connection is lost when messages of this topic are sent",
+                         "the connection was lost each time the message was sent alone", now);
+  if (!find_forgotten(now)) refused_.on_loss(window_.items(), now);
 }
 
-void Outbox::on_lost_alone(Item& item, TimePoint now) {
+/// Finds each topic that the broker does not answer. Returns false when there is none.
+bool Outbox::find_forgotten(TimePoint now) {
+  bool is_found = false;
+  for (Item* const item : PublishWindow::Items(window_.items())) {
+    if (!window_.is_forgotten(*item, forgotten_after, now)) continue;
+    is_found = true;
+    if (!item->is_trial && turn_of(*item, now) == Turn::rest) continue;  // its topic was found
+    on_lost_alone(*window_.take(item->sequence, now),
+                  "the broker does not answer messages of this topic",
+                  "the broker did not answer the message each time it was sent", now);
+  }
+  return is_found;
+}
+
+/// `why_at_fault`: when the message itself is at fault, not its topic alone.
+void Outbox::on_lost_alone(Item& item, const char* why, const char* why_at_fault, TimePoint now) {
   const std::string topic = item.message.topic;
-  const bool is_at_fault = refused_.on_lost_alone(topic, now);
-  const Refusal refusal{0, is_at_fault
-                               ? "the connection was lost each time the message was sent alone"
-                               : "the connection is lost when messages of this topic are sent"};
+  const bool is_at_fault = refused_.on_lost_alone(topic, {0, why}, now);
+  const Refusal refusal{0, is_at_fault ? why_at_fault : why};
   if (item.is_unacknowledged()) {
     notify(refusal_notices_.on_unacknowledged(item.message, refusal));
     return drop(item, "the connection is lost when it is sent", now);
@@ -318,7 +335,7 @@ void Outbox::on_lost_alone(Item& item, TimePoint now) {
 void Outbox::publish(Item& item, TimePoint now) {
   drop_older_withheld(item, now);
   item.sequence = next_sequence_++;
-  actions_.push(PublishAtBroker{item.sequence, trial_.has_value()});
+  actions_.push(PublishAtBroker{item.sequence, item.is_trial});
   refused_.on_published(item.message.topic);
   window_.add(item, now);
 }

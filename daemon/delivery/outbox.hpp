@@ -55,6 +55,9 @@ class Outbox {
   /// Before a message is published alone, the outbox waits at most this long for the answers to
   /// messages under way. Then all other messages wait at most this long for its answer.
   static constexpr std::chrono::seconds trial_patience{5};
+  /// A message that was skipped for this time is at fault when the connection ends: the broker has
+  /// answered later ones. Less than Upstream waits before it ends such a connection.
+  static constexpr std::chrono::seconds forgotten_after{30};
   /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
 
@@ -78,7 +81,8 @@ class Outbox {
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
   /// Queues the messages under way again, in order, for the next connection; QoS 0 is dropped. A
   /// message that was under way alone becomes a dead letter, because the broker closes the
-  /// connection for it. After the second time it is not tried again.
+  /// connection for it; so does the first message of each topic that the broker does not answer.
+  /// After the second time it is not tried again.
   void on_link_down(TimePoint now);
   /// Call when the broker becomes silent or answers again. QoS 0 waits during the silence.
   void on_silence(bool is_silent, TimePoint now) {
@@ -171,7 +175,8 @@ class Outbox {
   void publish(Item& item, TimePoint now);
   void note_answer(std::uint64_t sequence);
   void find_cause_of_loss(TimePoint now);
-  void on_lost_alone(Item& item, TimePoint now);
+  bool find_forgotten(TimePoint now);
+  void on_lost_alone(Item& item, const char* why, const char* why_at_fault, TimePoint now);
   Turn turn_of(const Item& item, TimePoint now) const;
   void bury_refused(Item& item, TimePoint now);
   void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);

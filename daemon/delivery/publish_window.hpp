@@ -54,6 +54,7 @@ class PublishWindow {
   }
   /// `item.sequence` rises from call to call.
   void add(Item& item, TimePoint now) {
+    item.handed_over = now;
     if (item.is_unacknowledged()) {
       is_unacknowledged_paused_ = ++unacknowledged_ == max_unacknowledged;
     } else if (acknowledged_++ == 0) {
@@ -73,6 +74,7 @@ class PublishWindow {
     Item* const item = *found;
     items_.erase(found);
     item->sequence = 0;
+    if (item->message.qos != Qos::at_most_once) last_taken_ = std::max(last_taken_, sequence);
     if (item->message.qos == Qos::exactly_once) --exactly_once_;
     if (item->is_unacknowledged()) {
       if (--unacknowledged_ <= max_unacknowledged / 2) is_unacknowledged_paused_ = false;
@@ -98,6 +100,13 @@ class PublishWindow {
              return item->message.qos == Qos::exactly_once && item->message.topic == topic;
            });
   }
+  /// Returns true when the broker owes the answer to `item` for `patience`, though it has answered
+  /// a later message, or nothing was under way before `item`. Brokers answer in order (MQTT 5,
+  /// section 4.6).
+  bool is_forgotten(const Item& item, Duration patience, TimePoint now) const {
+    return item.message.qos != Qos::at_most_once && now - item.handed_over >= patience &&
+           (item.is_trial || item.sequence < last_taken_);
+  }
   /// Returns true when the broker owes an acknowledgement and has sent none for `patience`.
   bool is_stalled(Duration patience, TimePoint now) const {
     return acknowledged_ > 0 && now - progress_ >= patience;
@@ -119,6 +128,7 @@ class PublishWindow {
   std::size_t exactly_once_ = 0;           // QoS 2
   bool is_unacknowledged_paused_ = false;  // until half of it is written
   bool is_silent_ = false;
+  std::uint64_t last_taken_ = 0;  // the highest QoS 1 or 2 message that was answered
   TimePoint progress_{};  // the last acknowledgement, or when the first message came to wait
 };
 

@@ -186,11 +186,11 @@ void RefusedTopics::accuse(const std::string& topic, TimePoint now) {
   wake_ = earlier(wake_, now + forgotten_after);
 }
 
-bool RefusedTopics::on_lost_alone(const std::string& topic, TimePoint now) {
+bool RefusedTopics::on_lost_alone(const std::string& topic, const Refusal& refusal, TimePoint now) {
   put_off_tries(now);
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
-  known->refusal = {0, "the connection is lost when messages of this topic are sent"};
+  known->refusal = refusal;
   if (now - up_since_ >= stable_after && ++known->losses == 1) known->answers_at_loss = answers_;
   grow_pause(*known, longest_closing_pause, now);
   const bool is_at_fault = known->losses >= losses_at_fault && answers_ > known->answers_at_loss;

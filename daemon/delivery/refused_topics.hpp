@@ -126,10 +126,11 @@ class RefusedTopics {
   bool on_loss_after_refusal(TimePoint now);
   /// Call when the connection was lost for another reason, with these messages unanswered.
   void on_loss(const PublishWindow::Items& unanswered, TimePoint now);
-  /// Call when the connection was lost while a message of `topic` was under way alone. Returns true
-  /// when the message is at fault: this is the second loss, and the broker has answered other
-  /// messages in between. Short connections, as on a bad line, do not count.
-  bool on_lost_alone(const std::string& topic, TimePoint now);
+  /// Call when the connection was lost while a message of `topic` was under way alone, or after the
+  /// broker has skipped it. Returns true when the message is at fault: this is the second loss, and
+  /// the broker has answered other messages in between. Short connections, as on a bad line, do not
+  /// count.
+  bool on_lost_alone(const std::string& topic, const Refusal& refusal, TimePoint now);
   /// Call after one of the three above: tries under way will not be answered.
   void on_link_down(TimePoint now);
 

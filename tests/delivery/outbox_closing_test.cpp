@@ -82,6 +82,18 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
       link_up();
     }
   }
+  /// The broker answers no message of `mute`. The connection ends 60 s after one of them was sent.
+  void serve_broker_that_does_not_answer(const std::set<std::string>& mute) {
+    acknowledge_all_but(mute);
+    if (under_way.empty()) unanswered_since.reset();
+    if (!under_way.empty() && !unanswered_since) unanswered_since = now;
+    if (!unanswered_since || now - *unanswered_since < 60s) return;
+    unanswered_since.reset();
+    ++closings;
+    link_down();
+    link_up();
+  }
+  std::optional<TimePoint> unanswered_since;
   bool all_dead_letters_are_retried() const {
     return std::ranges::all_of(store.dead_letters, [](const auto& known) {
       return is_retried(known.second.why.code, known.second.why.tries);
@@ -391,6 +403,81 @@ TEST_F(OutboxClosingTest, ATrialIsNotAwaitedForEverWhenTheBrokerOwesAnAnswer) {
   EXPECT_EQ(under_way.size(), 1u);
   pass(Outbox::trial_patience);
   EXPECT_EQ(under_way.size(), 3u) << "all go on";
+}
+
+TEST_F(OutboxClosingTest, ATopicThatIsNotAnsweredStopsNoOtherRobot) {
+  link_up();
+  for (std::uint64_t i = 1; i <= 600; ++i) {
+    for (int flood = 0; flood < 10; ++flood) say("r/evil/mute");
+    say("r/good/t");
+    for (int step = 0; step < 10; ++step, pass(100ms))
+      serve_broker_that_does_not_answer({"r/evil/mute"});
+    ASSERT_GE(received_of("r/good/t").size() + 6, i) << "one trial at a time";
+  }
+  EXPECT_LE(closings, 8u) << "fewer and fewer";
+  EXPECT_EQ(fired.size(), number) << "kept on disk";
+  EXPECT_EQ(said("refuses messages on r/evil/mute: the broker does not answer messages"), 1);
+  EXPECT_GE(said("dead letter now: the broker did not answer"), 1);
+  ASSERT_EQ(outbox->refused_topics().count(), 1u);
+  expect_promises_kept_in_the_end();
+}
+
+TEST_F(OutboxClosingTest, TopicsOfSeveralRobotsThatAreNotAnsweredAreFoundAtOnce) {
+  const std::set<std::string> mute{"r/a/mute", "r/b/mute", "r/b/mute2"};
+  link_up();
+  for (int i = 0; i < 20; ++i) {
+    for (const std::string& topic : mute) say(topic);
+    if (i == 0) say("r/good/t");
+  }
+  for (int i = 0; i < 700; ++i, pass(100ms)) serve_broker_that_does_not_answer(mute);
+  say("r/good/t");
+  for (int i = 0; i < 60; ++i, pass(100ms)) serve_broker_that_does_not_answer(mute);
+  EXPECT_EQ(received_of("r/good/t").size(), 2u);
+  EXPECT_EQ(closings, 1u);
+  EXPECT_EQ(outbox->refused_topics().count(), 3u);
+  expect_promises_kept_in_the_end();
+}
+
+TEST_F(OutboxClosingTest, ATopicThatIsNotAnsweredIsFoundInAWindowOfOneToo) {
+  link_up();
+  const auto run_mute = [&](int steps) {
+    for (int i = 0; i < steps; ++i, pass(100ms)) {
+      serve_broker_that_does_not_answer({"r/evil/mute"});
+    }
+  };
+  link_down();
+  link_up(2);
+  say("r/evil/mute");
+  say("r/evil/mute");
+  say("r/good/t");
+  run_mute(2000);
+  EXPECT_EQ(received_of("r/good/t").size(), 1u);
+  EXPECT_EQ(closings, 3u) << "twice among others, once alone";
+  expect_promises_kept_in_the_end();
+}
+
+TEST_F(OutboxClosingTest, AMessageWhoseAnswerWasLostArrivesInTheEnd) {
+  link_up();
+  say("r/1/t");
+  say("r/2/t");
+  for (int i = 0; i < 605; ++i, pass(100ms)) serve_broker_that_does_not_answer({"r/1/t"});
+  EXPECT_EQ(closings, 1u);
+  run(10s);
+  EXPECT_EQ(received_of("r/1/t").size(), 1u);
+  EXPECT_EQ(depth(), 0u);
+  EXPECT_TRUE(store.dead_letters.empty());
+}
+
+/// It is slow, but skips none.
+TEST_F(OutboxClosingTest, ABrokerThatAnswersNothingForAMinuteAccusesNobody) {
+  link_up();
+  for (int i = 0; i < 20; ++i) say("r/" + std::to_string(i % 4) + "/t");
+  pass(60s);
+  link_down();
+  EXPECT_TRUE(outbox->refused_topics().empty());
+  settle();
+  EXPECT_EQ(said("refuses messages"), 0);
+  test::expect_promises_kept(*this, topic_of, 1);
 }
 
 TEST_F(OutboxClosingTest, WithoutAStoreTheMessageIsNotAcknowledged) {

@@ -85,6 +85,14 @@ class OutboxRig {
     });
     acknowledge(quick == under_way.end() ? under_way.begin() : quick);
   }
+  void acknowledge_all_but(const std::set<std::string>& topics) {
+    const auto is_answered = [&](const Published& published) {
+      return !topics.contains(published.message.topic);
+    };
+    for (auto next = std::ranges::find_if(under_way, is_answered); next != under_way.end();
+         next = std::ranges::find_if(under_way, is_answered))
+      acknowledge(next);
+  }
   void acknowledge_all() {
     while (!under_way.empty()) acknowledge_first();
   }
