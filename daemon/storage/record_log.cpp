@@ -525,16 +525,21 @@ void RecordLog::append(const Changes& puts, bool is_durable) {
   write_tally();
 }
 
-void RecordLog::create_segment(std::uint32_t number) {
-  const std::string path = path_of(number);
+Bytes RecordLog::header_of(std::uint32_t number) const {
+  const auto before = segments_.find(number - 1);
   ByteWriter header;
   header.write(magic).write_u32_le(number);
-  header.write_u32_le(segments_.contains(number - 1) ? newest().records : unknown_records);
+  header.write_u32_le(before != segments_.end() ? before->second.records : unknown_records);
   header.write_u64_le(last_key_).write_u32_le(0);
   header.write_u32_le(checksum({}, header.bytes()));
+  return header.take();
+}
+
+void RecordLog::create_segment(std::uint32_t number) {
+  const std::string path = path_of(number);
   OwnedFile file = open_file(path, O_RDWR | O_CREAT | O_TRUNC);
   if (file.get() < 0) fail(path);
-  if (!write_at(file.get(), header.bytes(), 0)) {
+  if (!write_at(file.get(), header_of(number), 0)) {
     const int error = errno;
     ::unlink(path.c_str());
     throw LogError(path, error);
@@ -561,6 +566,7 @@ void RecordLog::save_all_erased(bool is_durable) {
   save_lists(false);
   remove_dead_segments();
   save_lists(true);  // of segments that could not be removed
+  shorten_newest();
 }
 
 void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_durable) {
@@ -595,6 +601,25 @@ void RecordLog::remove_dead_segments() {
     ::unlink((path_of(one->first) + ".erased").c_str());
     one = segments_.erase(one);
   }
+}
+
+/// Takes back the room of the newest segment once its records are erased, if the next record begins
+/// a new segment. On a full disk there may be no other room, neither for the list of erased records
+/// nor for a new segment.
+void RecordLog::shorten_newest() {
+  if (segments_.empty() || !(needs_segment_ || newest().bytes >= segment_bytes_)) return;
+  auto& [number, segment] = *segments_.rbegin();
+  if (segment.live > 0 || segment.bytes <= header_bytes) return;
+  needs_segment_ = true;
+  const std::uint32_t records = std::exchange(segment.records, 0);
+  if (!write_tally() || !write_at(segment.file.get(), header_of(number), 0) ||
+      ftruncate(segment.file.get(), header_bytes) != 0) {
+    segment.records = records;
+    return;
+  }
+  segment.bytes = header_bytes;
+  segment.unsaved.clear();
+  ::unlink((path_of(number) + ".erased").c_str());
 }
 
 std::optional<Bytes> RecordLog::read(std::uint64_t key) const {

@@ -134,6 +134,7 @@ class RecordLog {
   void mark_erased(const Entry& entry);
   std::optional<Bytes> read(const Entry& entry) const;
   Segment& newest() { return segments_.rbegin()->second; }
+  Bytes header_of(std::uint32_t number) const;
   void create_segment(std::uint32_t number);
   void append(const Changes& puts, bool is_durable);
   /// Returns the segment with the most erased bytes, when there are too many of them on disk.
@@ -143,6 +144,7 @@ class RecordLog {
   void save_erased(std::uint32_t number, Segment& segment, bool is_durable);
   void restore_erased(std::uint32_t number, Segment& segment);
   void remove_dead_segments();
+  void shorten_newest();
   bool write_tally();
   std::optional<Tally> read_tally();
   std::uint64_t bytes() const;

@@ -315,6 +315,31 @@ TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
   EXPECT_TRUE(small.log->has(2));
 }
 
+/// A full disk may have no room for the list of erased records, nor for a new segment.
+TEST(RecordLog, TakesBackTheRoomOfItsLastRecordsAfterAFailedWrite) {
+  SmallLog small;
+  small.log->put(1, Bytes(1000, 1));
+  small.log->put(2, Bytes(1000, 2));
+  small.log->commit(true);
+  const std::string segment = *segments_in(small.path).begin();
+  FaultyDisk::fails_writes = true;
+  small.log->put(3, Bytes(1000, 3));
+  EXPECT_THROW(small.log->commit(true), LogError);
+  FaultyDisk::fails_writes = false;
+  small.log->erase(1);
+  small.log->commit(true);
+  EXPECT_GT(std::filesystem::file_size(segment), 2000U) << "one record is needed";
+  small.log->erase(2);
+  small.log->commit(true);
+  EXPECT_EQ(std::filesystem::file_size(segment), 32U) << "the header";
+  EXPECT_EQ(small.reopen().lost_at_most, 0U);
+  EXPECT_EQ(small.log->last_key(), 2U);
+  EXPECT_FALSE(small.log->has(1) || small.log->has(2));
+  small.write(3);
+  EXPECT_EQ(small.reopen().lost_at_most, 0U);
+  EXPECT_TRUE(small.log->has(3));
+}
+
 TEST(RecordLog, LeavesNoFileForEachFailedCommit) {
   SmallLog small;
   small.log->put(1, Bytes(10, 1));
