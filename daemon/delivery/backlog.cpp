@@ -74,7 +74,7 @@ bool Backlog::bury(Item& item, const Refusal& refusal, std::uint32_t tries, Time
     if (!can_keep() || !has_room || !keep(item)) return false;
   }
   erasures_[item.row] = {item.row, refusal.why, refusal.code, tries, cost};
-  erasure_due_ = now;
+  if (can_keep()) erasure_due_ = now;
   dead_letters_.bytes += cost;  // the store counts exactly, but later
   ++dead_letters_.count;
   if (item.is_durable()) release(item);
@@ -103,14 +103,15 @@ void Backlog::on_opened(StoreOpened opened, TimePoint now) {
 }
 
 std::optional<WriteToStore> Backlog::next_write(FairQueue& queue, TimePoint now) {
-  if (state_ != State::working || is_writing_) return std::nullopt;
+  if (!is_open() || is_writing_) return std::nullopt;
   WriteToStore write;
   take_to_write(write, queue);
+  const bool is_batch = can_keep() && (erasures_.size() >= forget_batch || is_stopping_);
   const bool is_erasure_due =
-      !erasures_.empty() &&
-      (erasures_.size() >= forget_batch || is_stopping_ || (erasure_due_ && now >= *erasure_due_));
+      !erasures_.empty() && (is_batch || (erasure_due_ && now >= *erasure_due_));
   if (write.keep.empty() && !is_erasure_due && !is_probe_due_) return std::nullopt;
   take_erasures(write, queue);
+  if (!can_keep() && write.forget.empty()) return std::nullopt;
   is_probe_due_ = false;
   is_writing_ = true;
   return write;
@@ -129,12 +130,13 @@ void Backlog::take_to_write(WriteToStore& write, FairQueue& queue) {
   }
 }
 
-/// Moves all erasures into `write`, except dead letters whose message is stored by a later write.
+/// Moves all erasures into `write`, except dead letters whose message is stored by a later write,
+/// and all dead letters while the store is failing: they need room, and erasures make room.
 void Backlog::take_erasures(WriteToStore& write, FairQueue& queue) {
   Erasures later;
   for (auto& [row, letter] : erasures_) {
     const Item* const item = letter ? queue.find(row) : nullptr;
-    if (item && item->disk == Disk::asked) {
+    if (letter && (!can_keep() || (item && item->disk == Disk::asked))) {
       later[row] = std::move(letter);
     } else if (letter) {
       write.dead_letters.push_back(*letter);
@@ -147,11 +149,12 @@ void Backlog::take_erasures(WriteToStore& write, FairQueue& queue) {
   erasure_due_.reset();
 }
 
-std::vector<std::uint64_t> Backlog::on_written() {
+std::vector<std::uint64_t> Backlog::on_written(TimePoint now) {
   stored_total_ += writing_.size();
   erasing_.clear();
   is_writing_ = false;
   retry_wait_ = first_retry;
+  if (write_retry_) write_retry_ = std::min(*write_retry_, now + first_retry);
   return std::exchange(writing_, {});
 }
 
@@ -162,9 +165,11 @@ void Backlog::on_write_failed(FairQueue& queue, TimePoint now) {
   writing_.clear();
   for (const std::uint64_t row : std::exchange(to_write_, {}))
     if (Item* const item = queue.find(row)) abandon(*item, queue);
-  if (!erasures_.empty()) erasure_due_ = now;
   is_writing_ = false;
-  state_ = State::failing;
+  // Erasures alone follow at once: a full disk has room for nothing else.
+  erasure_due_.reset();
+  if (!erasures_.empty()) erasure_due_ = can_keep() ? now : now + retry_wait_;
+  if (std::exchange(state_, State::failing) == State::failing) return;
   write_retry_ = now + retry_wait_;
   retry_wait_ = std::min(2 * retry_wait_, longest_retry);
 }
@@ -181,8 +186,7 @@ void Backlog::abandon(Item& item, FairQueue& queue) {
 }
 
 std::optional<LoadFromStore> Backlog::next_load(const FairQueue& queue) {
-  const bool is_open = state_ == State::working || state_ == State::failing;
-  if (!is_open || is_loading_ || load_retry_ || is_stopping_ || unread_ == 0) return std::nullopt;
+  if (!is_open() || is_loading_ || load_retry_ || is_stopping_ || unread_ == 0) return std::nullopt;
   if (queue.durable_queued() > page_messages / 2 || erasures_.size() >= max_unforgotten)
     return std::nullopt;
   is_loading_ = true;
@@ -242,7 +246,7 @@ void Backlog::on_load_failed(TimePoint now) {
 }
 
 std::optional<TimePoint> Backlog::deadline() const {
-  const auto erasure = can_keep() && !is_writing_ ? erasure_due_ : std::nullopt;
+  const auto erasure = is_open() && !is_writing_ ? erasure_due_ : std::nullopt;
   return earlier(earlier(write_retry_, load_retry_), erasure);
 }
 

@@ -58,6 +58,8 @@ class Backlog {
 
   State state() const { return state_; }
   bool can_keep() const { return state_ == State::working; }
+  /// Returns true when rows can be read and erased; so also while nothing can be kept.
+  bool is_open() const { return can_keep() || state_ == State::failing; }
   /// Returns true when an earlier message of its topic may be on disk and unread, so that `item`
   /// has to wait.
   bool is_ahead_of(const Item& item) const {
@@ -84,10 +86,11 @@ class Backlog {
 
   void on_opened(StoreOpened opened, TimePoint now);
   void on_absent() { state_ = State::absent; }
-  /// Returns the rows that are now durable; some may have left memory.
-  std::vector<std::uint64_t> on_written();
+  /// Returns the rows that are now durable; some may have left memory. A failing store that could
+  /// erase is tried again soon.
+  std::vector<std::uint64_t> on_written(TimePoint now);
   /// Makes all messages that wait for a write unsaved again. Queues those that were to become dead
-  /// letters.
+  /// letters. Erasures are written alone from now on, until the store is tried again.
   void on_write_failed(FairQueue& queue, TimePoint now);
   /// Removes from `loaded` the rows in memory or to be erased; the caller takes the others into
   /// memory.

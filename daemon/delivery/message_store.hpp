@@ -109,7 +109,7 @@ struct DeadLetterCounts {
 
 /// One transaction: all of it is durable when StoreWritten comes, nothing of it when
 /// StoreWriteFailed comes. `keep` is carried out before the others; unknown rows in `forget` and
-/// `dead_letters` are not an error.
+/// `dead_letters` are not an error. `forget` alone needs no room on the disk.
 struct WriteToStore {
   std::vector<StoredMessage> keep;
   std::vector<std::uint64_t> forget;

@@ -439,10 +439,10 @@ void Outbox::handle(StoreAbsent& absent, TimePoint) {
   backlog_.on_absent();
 }
 
-void Outbox::handle(StoreWritten&, TimePoint) {
-  for (const std::uint64_t row : backlog_.on_written())
+void Outbox::handle(StoreWritten&, TimePoint now) {
+  for (const std::uint64_t row : backlog_.on_written(now))
     if (Item* const item = queue_.find(row)) on_durable(*item);
-  notify(store_trouble_.on_written());
+  if (backlog_.can_keep()) notify(store_trouble_.on_written());  // else it has only erased
 }
 
 /// Fires the receipt. The message stays in memory only while it is under way.

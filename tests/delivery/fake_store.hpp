@@ -93,6 +93,7 @@ class FakeStore {
   std::map<std::uint64_t, Letter> dead_letters;
   std::set<std::uint64_t> damaged;  ///< rows that are not what was stored
   bool is_failing = false;
+  bool is_full = false;            ///< takes erasures only
   std::size_t fail_countdown = 0;  ///< the n-th write from now fails; 0: none
   std::size_t commits = 0;
   std::size_t largest_page = 0;
@@ -101,7 +102,9 @@ class FakeStore {
  private:
   StoreEvent serve(WriteToStore& write, TimePoint now) {
     const bool is_counted_out = fail_countdown > 0 && --fail_countdown == 0;
-    if (is_failing || is_counted_out) return StoreWriteFailed{"no space left on device"};
+    const bool is_without_room = is_full && !(write.keep.empty() && write.dead_letters.empty());
+    if (is_failing || is_counted_out || is_without_room)
+      return StoreWriteFailed{"no space left on device"};
     ++commits;
     for (StoredMessage& stored : write.keep) rows[stored.row] = {std::move(stored.message), now};
     for (NewDeadLetter& letter : write.dead_letters) {

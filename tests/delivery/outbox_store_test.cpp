@@ -404,6 +404,50 @@ TEST_F(OutboxStoreTest, AStoreThatFailsToWriteStillDrains) {
   EXPECT_EQ(received_of("t").size(), 601u);
 }
 
+TEST_F(OutboxStoreTest, AFullDiskDrainsAndHasRoomAgain) {
+  const std::uint64_t many = Backlog::max_unforgotten + 5000;
+  store_backlog("t", 1, many);
+  store.is_full = true;
+  link_up();
+  for (std::uint64_t i = 1; received_of("t").size() < many && i <= 1000; ++i) {
+    submit("t", many + i);  // waits for those before it, and so should be stored
+    for (int k = 0; k < 64; ++k) {
+      acknowledge_all();
+      serve_store();
+    }
+    pass(100ms);
+  }
+  ASSERT_GE(received_of("t").size(), many);
+  pass(500ms);
+  serve_all();
+  EXPECT_LT(store.rows.size(), Backlog::forget_batch) << "erased, though nothing can be stored";
+  store.is_full = false;
+  for (int i = 0; i < 3; ++i) {
+    pass(1s);
+    serve_all();
+  }
+  EXPECT_EQ(outbox->store_trouble(), "") << "soon";
+  settle();
+  EXPECT_EQ(depth(), 0u);
+}
+
+TEST_F(OutboxStoreTest, ADiskThatTakesNoErasureEitherIsTriedSeldom) {
+  store_backlog("t", 1, 20);
+  store.is_failing = true;
+  link_up();
+  for (int i = 0; i < 300; ++i) {
+    acknowledge_all();
+    serve_all();
+    pass(100ms);
+  }
+  EXPECT_EQ(received_of("t"), numbers(1, 20));
+  EXPECT_LE(outbox->store_failures(), 14u) << "two for each of five or six attempts in 30 s";
+  store.is_failing = false;
+  pass(60s);
+  settle();
+  EXPECT_TRUE(store.rows.empty());
+}
+
 TEST_F(OutboxStoreTest, AfterARestartTheBacklogComesBeforeFreshMessages) {
   store_backlog("t", 1, 300);
   pass(90s);
