@@ -70,6 +70,15 @@ Notice RefusalNotices::on_dropped(const std::string& topic, std::size_t bytes,
                   bytes, topic, words_of(refusal)));
 }
 
+Notice RefusalNotices::on_own_dropped(const std::string& topic, std::size_t bytes,
+                                      const Refusal& refusal) {
+  return of_refusal(
+      Severity::error,
+      fmt::format("a message of {} octets on {} was not delivered: {}; the gateway publishes on "
+                  "the topic again when that changes",
+                  bytes, topic, words_of(refusal)));
+}
+
 std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& message,
                                                         const Refusal& refusal) {
   if (!unacknowledged_.insert(SlotSums::slot(message.topic)).second) return std::nullopt;

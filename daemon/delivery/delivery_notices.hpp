@@ -35,6 +35,8 @@ class RefusalNotices {
   static Notice on_dead_letter(const std::string& topic, std::size_t bytes, const Refusal& refusal);
   /// Reports a message that was not acknowledged to a robot and cannot become a dead letter.
   static Notice on_dropped(const std::string& topic, std::size_t bytes, const Refusal& refusal);
+  /// Reports a dropped retained message of the gateway itself, which a newer one follows.
+  static Notice on_own_dropped(const std::string& topic, std::size_t bytes, const Refusal& refusal);
   /// Reports dropped QoS 0 messages, each topic once.
   std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal);
 

@@ -245,6 +245,10 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
   if (is_own_retained(item) && will_be_tried) return withhold(item, now);
   const std::string topic = item.message.topic;
   const std::size_t bytes = item.message.payload.size();
+  if (is_own_retained(item)) {  // sent again later, it would replace a newer one
+    notify(refusal_notices_.on_own_dropped(topic, bytes, refusal));
+    return drop(item, "the broker refuses it", now);
+  }
   if (backlog_.bury(item, refusal, tries, now)) {
     item.is_dead = true;
     item.is_durable() ? queue_.erase(item) : queue_.withdraw(item);

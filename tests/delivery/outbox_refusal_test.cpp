@@ -252,6 +252,26 @@ TEST_F(OutboxRefusalTest, WithoutAStoreWhatCanNeverBeTakenIsNotAcknowledged) {
   EXPECT_EQ(said("was not delivered"), 1);
 }
 
+/// Sent again by an operator, it would replace a newer one at the broker.
+TEST_F(OutboxRefusalTest, AnOwnRetainedMessageIsNeverADeadLetter) {
+  constexpr int packet_too_large = 0x95;
+  is_store_quick = true;
+  link_up();
+  const auto submit_state = [this](const std::string& text) {
+    outbox->submit({"gateway/g/state", to_bytes(text), Qos::at_least_once, true}, no_receipt, now);
+    drain();
+  };
+  submit_state("online");
+  refuse_first(packet_too_large);
+  EXPECT_TRUE(store.dead_letters.empty());
+  EXPECT_EQ(outbox->statistics().dropped, 1u);
+  EXPECT_NE(notices.back().find("was not delivered"), std::string::npos) << notices.back();
+  submit_state("offline");
+  acknowledge_all();
+  EXPECT_EQ(received_of("gateway/g/state"), (std::vector<std::string>{"offline"}));
+  EXPECT_EQ(depth(), 0u);
+}
+
 TEST_F(OutboxRefusalTest, WithoutAStoreRefusedMessagesAreNotAcknowledged) {
   outbox->on_store_event(StoreAbsent{}, now);
   link_up();
