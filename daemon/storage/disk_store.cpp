@@ -222,8 +222,8 @@ void DiskStore::report_losses() {
   const RecordLog::Summary& lost = log_->lost();
   if (lost.strays > 0)
     notify(Severity::warning,
-           fmt::format("{} files in {} belong to another store: they are left alone, and their "
-                       "messages are not delivered",
+           fmt::format("{} files in {} belong to another store, or are copies: they are left "
+                       "alone, and their messages are not delivered",
                        lost.strays, settings_.directory));
   if (lost.lost_at_most == 0) return;
   post(MessagesLost{

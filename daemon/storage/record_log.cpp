@@ -260,9 +260,10 @@ std::map<std::uint32_t, std::string> RecordLog::find_segments() {
   return put_under_their_numbers(by_id[id_]);
 }
 
-/// Renames segments whose header has another number than their name.
+/// Renames segments whose header has another number than their name. Puts them aside if there is
+/// one of that number: they are copies, and their headers describe other segments.
 std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
-    const std::map<std::uint32_t, std::string>& named) const {
+    const std::map<std::uint32_t, std::string>& named) {
   std::map<std::uint32_t, std::string> segments;
   for (const auto& [number, path] : named) {
     std::array<std::uint8_t, header_bytes> header{};
@@ -271,8 +272,12 @@ std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
         file.get() >= 0 && read_at(file.get(), header, 0) == static_cast<ssize_t>(header.size()) &&
         checksum({}, ByteView(header).first(header_bytes - 4)) == u32_at(header, header_bytes - 4);
     const std::uint32_t own = is_whole ? u32_at(header, 8) : number;
-    const bool is_misplaced = own != number && !named.contains(own) && !segments.contains(own) &&
-                              ::rename(path.c_str(), path_of(own).c_str()) == 0;
+    if (own != number && (named.contains(own) || segments.contains(own))) {
+      ++strays_;
+      std::ignore = ::rename(path.c_str(), (path + ".stray").c_str());
+      continue;
+    }
+    const bool is_misplaced = own != number && ::rename(path.c_str(), path_of(own).c_str()) == 0;
     if (is_misplaced)
       std::ignore = ::rename((path + ".erased").c_str(), (path_of(own) + ".erased").c_str());
     segments[is_misplaced ? own : number] = is_misplaced ? path_of(own) : path;

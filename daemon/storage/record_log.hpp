@@ -49,7 +49,7 @@ class RecordLog {
     std::size_t lost_at_least = 0;
     std::size_t lost_at_most = 0;
     std::string where;       ///< the first damaged file
-    std::size_t strays = 0;  ///< segments of other logs, which are left alone
+    std::size_t strays = 0;  ///< segments of other logs, and copies; none of them is read
   };
 
   /// Makes the directory (0700), and locks the log; waits up to 3 s for an earlier process. Throws
@@ -122,7 +122,7 @@ class RecordLog {
   void lock();
   std::map<std::uint32_t, std::string> find_segments();
   std::map<std::uint32_t, std::string> put_under_their_numbers(
-      const std::map<std::uint32_t, std::string>& named) const;
+      const std::map<std::uint32_t, std::string>& named);
   Scan scan(std::uint32_t number, bool skips_unreadable);
   void note_missing(std::uint32_t number, const Scan& scan, Segment& segment,
                     Summary& summary) const;

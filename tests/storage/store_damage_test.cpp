@@ -561,6 +561,30 @@ TEST_F(StoreDamage, AnOldCopyOfASegmentIsNoticed) {
   EXPECT_NE(next.notices().find(told(7)), std::string::npos) << next.notices();
 }
 
+/// Its header tells how many records another segment has.
+TEST_F(StoreDamage, ACopyUnderTheNextNumberCostsNothing) {
+  fill(100);
+  for (std::uint64_t first = 101; first < 400; first += 100) {
+    StoreUser user(directory.path());  // each begins a new segment
+    ASSERT_TRUE(user.keep(first, first == 101 ? 10 : 100, 100));
+  }
+  std::vector<std::string> paths;
+  for (const auto& file : std::filesystem::directory_iterator(directory / "messages"))
+    if (file.path().extension() == ".log") paths.push_back(file.path());
+  std::ranges::sort(paths);
+  ASSERT_EQ(paths.size(), 4u);
+  std::string next = paths[3];
+  ++next[next.rfind('/') + 8];
+  std::filesystem::copy(paths[2], next);
+  StoreUser user(directory.path());
+  EXPECT_EQ(user.await<StoreOpened>()->count, 310u);
+  EXPECT_EQ(user.notices().find("lost"), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find("1 files"), std::string::npos) << user.notices();
+  ASSERT_TRUE(user.keep(401, 1, 100));
+  EXPECT_TRUE(std::filesystem::exists(next + ".stray"));
+  expect_intact(*user.load(0), 100);
+}
+
 TEST_F(StoreDamage, ARenamedSegmentIsFoundAgain) {
   fill(100);
   const std::string path = segment();
