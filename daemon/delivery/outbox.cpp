@@ -94,10 +94,15 @@ bool Outbox::drop_if_too_old(Item& item, TimePoint now) {
 }
 
 void Outbox::refuse(Item& item, TimePoint now) {
-  if (const auto count = full_throttle_.on_event(now))
-    actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.taken() : 0,
-                                  store_max_bytes_, turn_of(item, now) == Turn::rest,
-                                  unsaved_bytes_ - item.cost(), backlog_.largest_share()}));
+  const bool is_full = backlog_.is_full();
+  const bool is_resting = turn_of(item, now) == Turn::rest;
+  LogThrottle& throttle = is_full      ? full_throttle_
+                          : is_resting ? refused_throttle_
+                                       : memory_throttle_;
+  if (const auto count = throttle.on_event(now))
+    actions_.push(
+        no_room_notice({*count, is_full ? backlog_.taken() : 0, store_max_bytes_, is_resting,
+                        unsaved_bytes_ - item.cost(), backlog_.largest_share()}));
   if (!item.receipt.is_owed()) return drop(item, "there is no room for it", now);
   ++statistics_.refused;
   actions_.push(FireReceipt{item.receipt, ReceiptOutcome::refused});

@@ -217,7 +217,9 @@ class Outbox {
   std::optional<TimePoint> stop_check_;
   Statistics statistics_;
   RefusalNotices refusal_notices_;
-  LogThrottle full_throttle_;
+  LogThrottle full_throttle_;  // one for each reason, so that a line counts no other's messages
+  LogThrottle refused_throttle_;
+  LogThrottle memory_throttle_;
   StoreTrouble store_trouble_;
   ActionQueue<OutboxAction> actions_;
 };

@@ -588,6 +588,21 @@ TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
   EXPECT_EQ(received_of("good").size(), 300u);
 }
 
+TEST_F(OutboxRefusalTest, ALineAboutRefusedTopicsCountsNoMessagesForWhichTheStoreWasFull) {
+  max_bytes = 1000 * stored_cost(3, 4);
+  start();
+  is_store_quick = true;
+  for (std::uint64_t i = 1; i <= 1100; ++i) submit("full", i);
+  ASSERT_TRUE(has_fired(1100, ReceiptOutcome::refused));
+  settle();
+  be_refused(2000, "bad", 2001);
+  const auto line = std::ranges::find_if(notices, [](const std::string& notice) {
+    return notice.find("the broker refuses their topics") != std::string::npos;
+  });
+  ASSERT_NE(line, notices.end());
+  EXPECT_TRUE(line->starts_with("1 new messages")) << *line;
+}
+
 TEST_F(OutboxRefusalTest, DeadLettersLeaveRoomForMessages) {
   max_bytes = 400 * stored_cost(3, 4);
   start();
