@@ -60,7 +60,9 @@ RobotPlaces FleetMember::places() {
           },
           [this] { return neighbours_.gateways().empty(); },
           [this](const std::string& robot, const std::string& topic) {
-            return host_.sessions().may_want(robot, topic);
+            // A robot on BLE takes all commands, but its filter may come just after its session.
+            return meshes_.presence_of(Mesh::ble, robot) ||
+                   host_.sessions().may_want(robot, topic);
           }};
 }
 
