@@ -99,6 +99,8 @@ class Output {
   void count(Count what) { ++counts_[static_cast<std::size_t>(what)]; }
   /// Has the session's note told again if it is another one.
   void mark_noteworthy(const ClientSession& session) { noteworthy_.mark(session); }
+  /// Call when only what the session's note does not hold has changed.
+  void mark_unsaved(const ClientSession& session) { changed_.mark(session); }
   /// Call when something in the session has changed that must survive a restart.
   void mark_changed(const ClientSession& session) {
     changed_.mark(session);

@@ -233,7 +233,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
   if (open.qos == Qos::at_least_once) {
     is_known = session.repeats.on_safe(receipt_id, now);
     const bool sends_seldom = session.repeats.entries().size() <= limits::max_repeats_saved_at_once;
-    if (is_known && sends_seldom) output_.mark_changed(session);
+    if (is_known && sends_seldom) output_.mark_unsaved(session);
   } else {
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
