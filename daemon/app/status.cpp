@@ -99,17 +99,18 @@ json to_json(const Status::Retained& retained) {
       {"topics", retained.topics}, {"max", RetainedTopics::max_in_all}, {"most", std::move(most)}};
 }
 
-/// Returns the robot of the flow `<prefix>/robot/<id>`; empty when the flow is not a robot's.
+/// Returns the robot of the flow `<prefix>/robot/<id>`; the flow itself when it is not a robot's.
 std::string robot_of(const std::string& flow) {
   constexpr std::string_view before = "/robot/";
   const std::size_t at = flow.rfind(before);
-  return at == std::string::npos ? "" : flow.substr(at + before.size());
+  const std::string id = at == std::string::npos ? "" : flow.substr(at + before.size());
+  return id.empty() || id.find('/') != std::string::npos ? flow : id;
 }
 
 json to_json(const Status::Store& store) {
   json largest;
-  if (const std::string robot = robot_of(store.largest.name); !robot.empty())
-    largest = {{"robot", robot}, {"bytes", store.largest.value}};
+  if (const std::string& flow = store.largest.name; !flow.empty())
+    largest = {{"robot", robot_of(flow)}, {"bytes", store.largest.value}};
   return {{"state", store.state},
           {"why", store.why},
           {"depth", store.depth},
