@@ -475,7 +475,7 @@ export class Model {
   noteCommand(id, command) {
     const robot = this.robots.get(id);
     if (!robot) return;
-    const own = !command.isOwn && robot.commands.find((each) => each.isUnheard && !each.outcome && each.text === command.text);
+    const own = !command.isOwn && robot.commands.find((each) => each.isUnheard && !each.outcome && each.text === command.text && each.at - command.at <= OUTCOME_MS);
     if (own) Object.assign(own, { at: command.at, isUnheard: false });
     else robot.commands.push(command);
     robot.commands.sort((a, b) => a.at - b.at);
