@@ -84,7 +84,7 @@ App::App(Config config, std::string config_file)
                     [this](Upload& up) { submit(std::move(up.message), up.receipt); },
                     [this](RobotForgotten& forgotten) { fleet_.perform(forgotten); },
                     [this](WantSession& want) { fleet_.perform(want); },
-                    [this](SubscribeAtBroker& what) { upstream_.subscribe(what.filter, what.qos); },
+                    [this](SubscribeAtBroker& what) { upstream_.subscribe(what.filter); },
                     [this](UnsubscribeAtBroker& what) { upstream_.unsubscribe(what.filter); },
                     [this](DeliverToMesh& down) { meshes_.deliver(down); },
                     [](AnswerAsker& answer) { answer.asker->done(answer.outcome); },

@@ -191,9 +191,8 @@ void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoi
   if (Robot* robot = directory_.registry.find(arrival.robot)) robot->numbers.on_safe(latency, now);
 }
 
-void Gateway::subscribe_own(const std::string& filter, Qos qos) {
-  if (own_filters_.try_emplace(filter, qos).second && broker_.is_up)
-    actions_.push(SubscribeAtBroker{filter, qos});
+void Gateway::subscribe_own(const std::string& filter) {
+  if (own_filters_.insert(filter).second && broker_.is_up) actions_.push(SubscribeAtBroker{filter});
 }
 
 void Gateway::unsubscribe_own(const std::string& filter) {
@@ -201,14 +200,14 @@ void Gateway::unsubscribe_own(const std::string& filter) {
 }
 
 void Gateway::hear_all_commands(bool does_hear) {
-  if (does_hear) return subscribe_own(all_commands_, Qos::at_least_once);
+  if (does_hear) return subscribe_own(all_commands_);
   unsubscribe_own(all_commands_);
   commands_.forget_strays();
 }
 
 void Gateway::on_broker_link(const Now& now) {
   if (broker_.is_up)
-    for (const auto& [filter, qos] : own_filters_) actions_.push(SubscribeAtBroker{filter, qos});
+    for (const std::string& filter : own_filters_) actions_.push(SubscribeAtBroker{filter});
   rights_.on_broker_link();
   presence_.on_broker_link(now);
   commands_.on_broker_link(presence_.settled_at());

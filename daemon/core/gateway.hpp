@@ -49,7 +49,7 @@ class Gateway {
   void on_broker_link(const Now& now);
   void on_subscribe_result(const std::string& filter, bool is_granted, const Now& now);
   /// Subscribes for the gateway itself, to hear other gateways; renewed at each connection.
-  void subscribe_own(const std::string& filter, Qos qos = Qos::at_most_once);
+  void subscribe_own(const std::string& filter);
   void unsubscribe_own(const std::string& filter);
   /// Starts or stops hearing commands for all names. A gateway that hears them refuses commands for
   /// names that no robot has.
@@ -135,7 +135,7 @@ class Gateway {
   PresencePublisher presence_;
   Commands commands_;
   RightsProbe rights_;
-  std::map<std::string, Qos> own_filters_;
+  std::set<std::string> own_filters_;
   RetainedTopics retained_;
   LogThrottle retained_throttles_[2];  // indexed by Report::is_proven
   std::map<ReceiptKey, Arrival, std::less<>,

@@ -35,10 +35,9 @@ struct RobotForgotten {
 struct WantSession {
   std::string robot;
 };
-/// Subscribe for the gateway itself.
+/// Subscribe for the gateway itself, at QoS 0.
 struct SubscribeAtBroker {
   std::string filter;
-  Qos qos = Qos::at_most_once;
 };
 struct UnsubscribeAtBroker {
   std::string filter;

@@ -41,11 +41,6 @@ struct LastWill {
   bool is_retained = true;
 };
 
-/// The default of MQTT 5, which CONNECT names all the same: else Mosquitto 2.0.11 takes 20. It
-/// counts each message that is too large for us as under way for ever, so that after 20 no command
-/// comes any more.
-inline constexpr std::uint16_t largest_receive_maximum = 65535;
-
 struct LinkOptions {
   BrokerSettings broker;
   WayToBroker way;
@@ -93,7 +88,8 @@ class MqttLink {
   // Between on_connected() and abandon():
   /// `message` must be within the broker's limits, and may be destroyed after the call.
   virtual void publish(std::uint64_t sequence, const BrokerMessage& message) = 0;
-  virtual void subscribe(std::string filter, Qos qos) = 0;
+  /// Subscribes at QoS 0.
+  virtual void subscribe(std::string filter) = 0;
   virtual void unsubscribe(std::string filter) = 0;
 
   /// Ends the connection and its events. `is_orderly`: published messages are written, and then

@@ -410,8 +410,8 @@ bool Upstream::fits_packet(std::uint64_t sequence, const BrokerMessage& message)
   return false;
 }
 
-void Upstream::subscribe(const std::string& filter, Qos qos) {
-  if (is_up_) link_->subscribe(filter, qos);
+void Upstream::subscribe(const std::string& filter) {
+  if (is_up_) link_->subscribe(filter);
 }
 
 void Upstream::unsubscribe(const std::string& filter) {

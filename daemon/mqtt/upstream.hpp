@@ -65,7 +65,8 @@ class Upstream final : private MqttLinkListener {
   /// `is_trial`: the broker may close the connection for the message. Then the back-off starts
   /// again from its first step; the outbox makes sure that such messages are rare.
   void publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial = false);
-  void subscribe(const std::string& filter, Qos qos = Qos::at_most_once);
+  /// Subscribes at QoS 0.
+  void subscribe(const std::string& filter);
   void unsubscribe(const std::string& filter);
 
   MqttVersion version() const { return place().version.version(); }

@@ -36,7 +36,7 @@ class OwnLink final : public MqttLink {
     });
   }
   void publish(std::uint64_t, const BrokerMessage&) override {}
-  void subscribe(std::string filter, Qos) override {
+  void subscribe(std::string filter) override {
     boost::asio::post(io_, [this, filter] {
       if (listener_) listener_->on_subscribe_result(filter, true);
     });

@@ -489,7 +489,7 @@ TEST_P(UpstreamOf, AnOrderlyStopPublishesNoWillAndLosesNothing) {
 struct FakeLink final : MqttLink {
   void connect() override {}
   void publish(std::uint64_t, const BrokerMessage&) override {}
-  void subscribe(std::string, Qos) override {}
+  void subscribe(std::string) override {}
   void unsubscribe(std::string) override {}
   void abandon(bool) override {}
   std::uint64_t inbound_dropped() const override { return 0; }

@@ -42,8 +42,7 @@ void MosquittoLink::connect() {
         .address = way.addresses[options_.attempt % way.addresses.size()],
         .version = options_.version,
         .will = &options_.will,
-        .max_inbound_octets = options_.max_inbound_octets,
-        .receive_maximum = largest_receive_maximum},
+        .max_inbound_octets = options_.max_inbound_octets},
        way.tls);
   tick_.every(tick_interval, [this] {
     const auto until_done = self();
@@ -61,8 +60,8 @@ void MosquittoLink::publish(std::uint64_t sequence, const BrokerMessage& message
   });
 }
 
-void MosquittoLink::subscribe(std::string filter, Qos qos) {
-  if (MosquittoClient::subscribe(filter, qos) || is_over()) return;
+void MosquittoLink::subscribe(std::string filter) {
+  if (MosquittoClient::subscribe(filter, Qos::at_most_once) || is_over()) return;
   boost::asio::post(io_, [self = self(), filter = std::move(filter)] {
     if (!self->is_ended()) self->listener_.on_subscribe_result(filter, false);
   });

@@ -26,7 +26,7 @@ class MosquittoLink final : public MqttLink, public MosquittoClient {
 
   void connect() override;
   void publish(std::uint64_t sequence, const BrokerMessage& message) override;
-  void subscribe(std::string filter, Qos qos) override;
+  void subscribe(std::string filter) override;
   void unsubscribe(std::string filter) override;
   void abandon(bool is_orderly) override;
 

@@ -218,6 +218,11 @@ std::string PahoLink::host_of_attempt() const {
   return addresses[options_.attempt % addresses.size()];
 }
 
+/// The default of MQTT 5, which CONNECT names all the same: else Mosquitto 2.0.11 takes 20. It
+/// counts each message that is too large for us as under way for ever, so that after 20 no command
+/// comes any more.
+constexpr std::int32_t largest_receive_maximum = 65535;
+
 /// Sets the options in place, because copies of Paho's options lose their properties.
 void PahoLink::set_connect_options() {
   mqtt::connect_options& options = connect_options_;
@@ -226,7 +231,7 @@ void PahoLink::set_connect_options() {
     options.set_clean_start(true);
     options.set_properties(mqtt::properties(
         {{mqtt::property::MAXIMUM_PACKET_SIZE, std::int32_t{max_inbound_packet_octets}},
-         {mqtt::property::RECEIVE_MAXIMUM, std::int32_t{largest_receive_maximum}}}));
+         {mqtt::property::RECEIVE_MAXIMUM, largest_receive_maximum}}));
   } else {
     options.set_clean_session(true);
   }
@@ -324,10 +329,10 @@ void PahoLink::on_written(std::uint64_t sequence) {
   });
 }
 
-void PahoLink::subscribe(std::string filter, Qos qos) {
-  post_to_lane([filter = std::move(filter), qos](PahoLink& session) {
+void PahoLink::subscribe(std::string filter) {
+  post_to_lane([filter = std::move(filter)](PahoLink& session) {
     try {
-      session.client_->subscribe(filter, static_cast<int>(qos), nullptr, session);
+      session.client_->subscribe(filter, 0, nullptr, session);
     } catch (const mqtt::exception& error) {
       session.report_lost(explain_no_answer("a subscribe", error.get_return_code()));
     }

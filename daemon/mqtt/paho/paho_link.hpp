@@ -158,7 +158,7 @@ class PahoLink final : public MqttLink,
 
   void connect() override;
   void publish(std::uint64_t sequence, const BrokerMessage& message) override;
-  void subscribe(std::string filter, Qos qos) override;
+  void subscribe(std::string filter) override;
   void unsubscribe(std::string filter) override;
   void abandon(bool is_orderly) override;
   std::uint64_t inbound_dropped() const override { return inbound_dropped_; }
