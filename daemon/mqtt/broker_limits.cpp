@@ -22,7 +22,6 @@ std::string to_words(const BrokerLimits& limits) {
   if (limits.max_qos != Qos::exactly_once)
     words += fmt::format(", QoS up to {}", static_cast<int>(limits.max_qos));
   if (!limits.keeps_retained) words += ", no retained messages";
-  if (limits.keep_alive) words += fmt::format(", a keep-alive of {} s", limits.keep_alive->count());
   return words.empty() ? words : words.substr(2);
 }
 

@@ -3,7 +3,6 @@
 // defaults hold. The gateway never uses topic aliases, and so keeps to their maximum.
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -17,7 +16,6 @@ struct BrokerLimits {
   std::optional<std::uint32_t> max_packet_bytes;  ///< nothing: no limit
   Qos max_qos = Qos::exactly_once;
   bool keeps_retained = true;
-  std::optional<std::chrono::seconds> keep_alive{};  ///< the broker's, in place of the gateway's
   bool operator==(const BrokerLimits&) const = default;
 };
 

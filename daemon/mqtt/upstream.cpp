@@ -192,8 +192,6 @@ void Upstream::go_on(const std::string& why, Duration least) {
 void Upstream::on_connected(const BrokerLimits& limits) {
   limits_ = limits;
   if (limits_.max_packet_bytes == 0) limits_.max_packet_bytes.reset();  // a protocol error
-  if (limits_.keep_alive == std::chrono::seconds{0} || limits_.keep_alive >= own_keep_alive())
-    limits_.keep_alive.reset();  // none, or a longer one: ours keeps to it
   place().attempt = 0;
   place().version.on_connected();
   up_since_ = std::chrono::steady_clock::now();
@@ -205,7 +203,7 @@ void Upstream::on_connected(const BrokerLimits& limits) {
   come_up();
 }
 
-std::chrono::seconds Upstream::own_keep_alive() const {
+std::chrono::seconds Upstream::keep_alive_in_use() const {
   const bool is_bounded = settings_.client == MqttClient::mosquitto;
   return is_bounded ? std::max(settings_.keep_alive, MosquittoLink::shortest_keep_alive)
                     : settings_.keep_alive;
@@ -213,9 +211,7 @@ std::chrono::seconds Upstream::own_keep_alive() const {
 
 void Upstream::come_up() {
   is_up_ = true;
-  // The questions are also the packets that the broker's keep-alive wants: Paho 1.3.12 ignores it.
-  stall_watch_.on_link_up(limits_.keep_alive.value_or(own_keep_alive()),
-                          std::chrono::steady_clock::now());
+  stall_watch_.on_link_up(keep_alive_in_use(), std::chrono::steady_clock::now());
   watch_for_stall();
   if (at_ != 0 && settings_.returns_to_first)
     probe_first_broker_in(

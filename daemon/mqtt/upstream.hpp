@@ -96,7 +96,7 @@ class Upstream final : private MqttLinkListener {
   void connect_in(Duration wait);
   void go_on(const std::string& why, Duration least);
   void drop_link(bool is_orderly);
-  std::chrono::seconds own_keep_alive() const;
+  std::chrono::seconds keep_alive_in_use() const;
   void come_up();
   void probe_first_broker_in(Duration wait);
   void probe_first_broker();

@@ -14,9 +14,6 @@ TEST(BrokerLimits, SayWhatAnOperatorShouldKnow) {
   EXPECT_EQ(to_words({}), "");
   EXPECT_EQ(to_words({20, 500, Qos::at_least_once, false}),
             "packets up to 500 octets, QoS up to 1, no retained messages");
-  BrokerLimits hurried;
-  hurried.keep_alive = std::chrono::seconds{3};
-  EXPECT_EQ(to_words(hurried), "a keep-alive of 3 s");
 }
 
 TEST(BrokerLimits, CountThePacketAsItIsOnTheWire) {

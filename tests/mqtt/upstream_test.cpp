@@ -232,24 +232,6 @@ TEST_P(Upstreams, AsksForASignOfLifeWithoutAnyRight) {
   EXPECT_EQ(link.listener.silences, 0);
 }
 
-/// The broker closes the connection when nothing came for one and a half times its keep-alive.
-TEST_P(Upstreams, KeepsToTheBrokersKeepAlive) {
-  FakeBroker broker;
-  std::atomic<int> packets{0};
-  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
-    ++packets;
-    if (packet.type() != FakeBroker::connect) return false;
-    connection.send(FakeBroker::connack << 4, {0, 0, 3, 0x13, 0, 1});  // one second
-    return true;
-  });
-  BrokerSettings settings = settings_for(broker.port());
-  settings.keep_alive = 600s;
-  Link link(settings);
-  ASSERT_TRUE(link.comes_up());
-  EXPECT_TRUE(link.sees([&] { return packets >= 4; })) << "nothing is published";
-  EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
-}
-
 /// The broker answers everything but one message; with others after it, and without.
 TEST_P(Upstreams, DoesNotWaitForEverForTheAnswerToOneMessage) {
   for (const bool is_alone : {false, true}) {

@@ -45,9 +45,6 @@ BrokerLimits limits_of(const mosquitto_property* connack) {
     limits.max_qos = static_cast<Qos>(octet);
   if (mosquitto_property_read_byte(connack, MQTT_PROP_RETAIN_AVAILABLE, &octet, false))
     limits.keeps_retained = octet != 0;
-  std::uint16_t keep_alive_s = 0;
-  if (mosquitto_property_read_int16(connack, MQTT_PROP_SERVER_KEEP_ALIVE, &keep_alive_s, false))
-    limits.keep_alive = std::chrono::seconds{keep_alive_s};
   return limits;
 }
 

@@ -101,9 +101,6 @@ BrokerLimits limits_of(const mqtt::token& token, MqttVersion version) {
     limits.max_qos = static_cast<Qos>(mqtt::get<std::uint8_t>(said, property::MAXIMUM_QOS));
   if (said.contains(property::RETAIN_AVAILABLE))
     limits.keeps_retained = mqtt::get<std::uint8_t>(said, property::RETAIN_AVAILABLE) != 0;
-  if (said.contains(property::SERVER_KEEP_ALIVE))
-    limits.keep_alive =
-        std::chrono::seconds{mqtt::get<std::uint16_t>(said, property::SERVER_KEEP_ALIVE)};
   return limits;
 }
 
