@@ -617,7 +617,9 @@ void RecordLog::shorten_newest() {
   if (segment.live > 0 || segment.bytes <= header_bytes) return;
   needs_segment_ = true;
   const std::uint32_t records = std::exchange(segment.records, 0);
-  if (!write_tally() || !write_at(segment.file.get(), header_of(number), 0) ||
+  // Else a power cut could leave the old tally beside the short segment: records would seem lost.
+  if (!write_tally() || fdatasync(tally_file_.get()) != 0 ||
+      !write_at(segment.file.get(), header_of(number), 0) ||
       ftruncate(segment.file.get(), header_bytes) != 0) {
     segment.records = records;
     return;
