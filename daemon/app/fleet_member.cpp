@@ -61,8 +61,7 @@ RobotPlaces FleetMember::places() {
           [this] { return neighbours_.gateways().empty(); },
           [this](const std::string& robot, const std::string& topic) {
             // A robot on BLE takes all commands, but its filter may come just after its session.
-            return meshes_.presence_of(Mesh::ble, robot) ||
-                   host_.sessions().may_want(robot, topic);
+            return meshes_.presence_of(Mesh::ble, robot) || host_.sessions().may_want(robot, topic);
           }};
 }
 
