@@ -350,6 +350,7 @@ void Outbox::publish(Item& item, TimePoint now) {
 }
 
 void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
+  window_.on_answered(sequence);
   Item* const item = window_.take(sequence, now);
   if (!item) return;  // an answer from before a reconnect
   if (!item->is_unacknowledged()) is_stalled_ = false;
@@ -373,6 +374,8 @@ void Outbox::note_answer(std::uint64_t sequence) {
 }
 
 void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now) {
+  // A message that can never be sent may have been refused by this host's client, not the broker.
+  if (!refusal.is_permanent()) window_.on_answered(sequence);
   Item* const item = window_.take(sequence, now);
   if (!item) return;  // an answer from before a reconnect
   const std::string topic = item->message.topic;

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <deque>
 #include <string_view>
@@ -74,7 +75,6 @@ class PublishWindow {
     Item* const item = *found;
     items_.erase(found);
     item->sequence = 0;
-    if (item->message.qos != Qos::at_most_once) last_taken_ = std::max(last_taken_, sequence);
     if (item->message.qos == Qos::exactly_once) --exactly_once_;
     if (item->is_unacknowledged()) {
       if (--unacknowledged_ <= max_unacknowledged / 2) is_unacknowledged_paused_ = false;
@@ -100,12 +100,20 @@ class PublishWindow {
              return item->message.qos == Qos::exactly_once && item->message.topic == topic;
            });
   }
+  /// Call when the broker has answered the message, before take().
+  void on_answered(std::uint64_t sequence) {
+    const auto found = position_of(sequence);
+    if (found == items_.end()) return;
+    std::uint64_t& last = last_answered_[static_cast<std::size_t>((*found)->message.qos)];
+    last = std::max(last, sequence);
+  }
   /// Returns true when the broker owes the answer to `item` for `patience`, though it has answered
-  /// a later message, or nothing was under way before `item`. Brokers answer in order (MQTT 5,
-  /// section 4.6).
+  /// a later message of the same QoS, or nothing was under way before `item`. Brokers answer the
+  /// messages of each QoS in order (MQTT 5, section 4.6).
   bool is_forgotten(const Item& item, Duration patience, TimePoint now) const {
     return item.message.qos != Qos::at_most_once && now - item.handed_over >= patience &&
-           (item.is_trial || item.sequence < last_taken_);
+           (item.is_trial ||
+            item.sequence < last_answered_[static_cast<std::size_t>(item.message.qos)]);
   }
   /// Returns true when the broker owes an acknowledgement and has sent none for `patience`.
   bool is_stalled(Duration patience, TimePoint now) const {
@@ -128,7 +136,8 @@ class PublishWindow {
   std::size_t exactly_once_ = 0;           // QoS 2
   bool is_unacknowledged_paused_ = false;  // until half of it is written
   bool is_silent_ = false;
-  std::uint64_t last_taken_ = 0;  // the highest QoS 1 or 2 message that was answered
+  std::array<std::uint64_t, 3>
+      last_answered_{};   // the highest of each QoS; that of QoS 0 is unused
   TimePoint progress_{};  // the last acknowledgement, or when the first message came to wait
 };
 

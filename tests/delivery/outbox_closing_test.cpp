@@ -480,6 +480,35 @@ TEST_F(OutboxClosingTest, ABrokerThatAnswersNothingForAMinuteAccusesNobody) {
   test::expect_promises_kept(*this, topic_of, 1);
 }
 
+/// It is too large, so this host refuses it.
+TEST_F(OutboxClosingTest, AMessageThatCannotBeSentShowsNoAnswerOfTheBroker) {
+  link_up();
+  for (int i = 0; i < 4; ++i) say("r/" + std::to_string(i) + "/t");
+  say("r/large/t");
+  std::rotate(under_way.begin(), std::prev(under_way.end()), under_way.end());
+  refuse_first(0x95);
+  pass(60s);
+  link_down();
+  EXPECT_EQ(said("does not answer"), 0);
+  link_up();
+  acknowledge_all();
+  EXPECT_EQ(received_of("r/0/t").size(), 1u) << "published again at once";
+}
+
+/// A message of QoS 2 takes two round trips, so later ones of QoS 1 pass it.
+TEST_F(OutboxClosingTest, AMessageOfQos2ThatOthersPassIsNotForgotten) {
+  link_up();
+  say("r/exact/t", Qos::exactly_once);
+  say("r/1/t");
+  pass(35s);
+  acknowledge_quickest();
+  link_down();
+  EXPECT_EQ(said("does not answer"), 0);
+  link_up();
+  acknowledge_all();
+  EXPECT_EQ(received_of("r/exact/t").size(), 1u) << "published again at once";
+}
+
 TEST_F(OutboxClosingTest, WithoutAStoreTheMessageIsNotAcknowledged) {
   outbox->on_store_event(StoreAbsent{}, now);
   link_up();
