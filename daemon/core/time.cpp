@@ -6,7 +6,7 @@
 namespace slamgw {
 namespace {
 
-/// Writes `value` over the zeros of `out` that end before `end`. Expects at least so many zeros.
+/// Adds the digits of `value` to the zeros of `out` that stand before `end`, a zero for each digit.
 void write(std::string& out, std::size_t end, std::int64_t value) {
   for (; value > 0; value /= 10) out[--end] += static_cast<char>(value % 10);
 }

@@ -75,7 +75,7 @@ Notice RefusalNotices::on_own_dropped(const std::string& topic, std::size_t byte
   return of_refusal(
       Severity::error,
       fmt::format("a message of {} octets on {} was not delivered: {}; the gateway publishes on "
-                  "the topic again when that changes",
+                  "the topic again at its next change",
                   bytes, topic, words_of(refusal)));
 }
 

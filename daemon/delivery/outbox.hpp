@@ -63,7 +63,7 @@ class Outbox {
 
   struct Statistics {
     std::uint64_t published = 0;     ///< QoS 1 and 2: acknowledged by the broker; QoS 0: written
-    std::uint64_t dropped = 0;       ///< QoS 0: too old, refused, without room, lost with the link
+    std::uint64_t dropped = 0;       ///< QoS 0: too old, refused, no room, link lost; own retained
     std::uint64_t refused = 0;       ///< not acknowledged: no room, or the broker refuses them
     std::uint64_t dead_letters = 0;  ///< how often a message became a dead letter
     std::uint64_t lost = 0;          ///< upper bound of stored messages that were lost to damage

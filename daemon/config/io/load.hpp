@@ -19,7 +19,8 @@ inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.
 /// Returns `gateway.d` beside `gateway.json`: the site's own files.
 std::filesystem::path site_directory(const std::string& configuration);
 /// Returns `gateway.json` and the `.json` files in `gateway.d/`, in the order of reading, without
-/// those that editors and packages have put aside. `error`: why those in `gateway.d/` are missing.
+/// those that editors and packages have put aside. If `gateway.d/` cannot be read, `error` says
+/// why.
 std::vector<std::string> configuration_files(const std::string& path, std::error_code& error);
 
 /// Never throws because of a file's content; an unreadable file is a problem like any other. A file
