@@ -311,7 +311,7 @@ void FleetMember::give_up(const std::string& robot) {
 /// serve a lost robot without having shown it yet, so the robot is left to it for a while.
 void FleetMember::perform(WantSession& action) {
   if (!lost_.contains(action.robot)) return attach(action.robot);
-  keep(action.robot, {}, sessions::RobotSessions::unheard_delay);
+  keep(action.robot, {}, RobotSessions::unheard_delay);
 }
 
 void FleetMember::perform(RobotForgotten& action) {
