@@ -16,6 +16,7 @@ from slamgw_experiment.sites import DEFAULT_PREFIX, DEFAULT_SOCKET, RunningDaemo
 WRONG_ARGUMENTS = 2
 OF_SIMULATOR = {"seed": 1, "compress": 1, "sim_args": []}  # options that are for --sim only, and their defaults
 COMPARED = "compare.html"
+MOST_SIMULATED = 1000  # robots; a BLE mesh of slam-gateway-sim takes fewer, and says so
 
 
 @dataclasses.dataclass
@@ -97,9 +98,9 @@ def parser(version):
     verbs.add_parser("list", help="the experiments, and what each showed in the thesis")
     run = verbs.add_parser("run", help="measure; leaves a folder with events.csv, result.json, figure.svg and figure.png")
     run.add_argument("name", metavar="NAME", help="an experiment, or all")
-    who = run.add_mutually_exclusive_group(required=True)
-    who.add_argument("--robots", type=robot_ids, metavar="ID,...", help="real robots that the running daemon hears")
-    who.add_argument("--sim", action="store_true", help="simulated robots, with a broker and a daemon of their own")
+    run.add_argument("--robots", type=robot_ids, metavar="ID,...",
+                     help="real robots that the running daemon hears; with --sim how many (default: as in the thesis)")
+    run.add_argument("--sim", action="store_true", help="simulated robots, with a broker and a daemon of their own")
     run.add_argument("--seed", type=seed, help="of the simulator (default: 1)")
     run.add_argument("--repeat", type=positive(int), default=1, metavar="N", help="N runs, with --sim from seed to seed, and their spread")
     run.add_argument("--messages", type=positive(int), help="of each robot (default: as in the thesis, else 1000)")
@@ -205,10 +206,23 @@ def chosen_runs(asked):
     return [(experiment, mesh) for mesh in meshes]
 
 
+def wrong_robots(asked, runs):
+    """What is wrong with --robots or --sim, if anything."""
+    text = ",".join(asked.robots or [])
+    if not asked.sim and not text:
+        return "one of --robots ID,... and --sim is required"
+    if asked.sim and text and (not text.isdecimal() or not 1 <= int(text) <= MOST_SIMULATED):
+        return f"--robots {text}: with --sim this is a number, 1 to {MOST_SIMULATED}"
+    if asked.sim and text and runs[0][0].kind == "limits":
+        return "limits chooses by itself how many robots it simulates: leave --robots out"
+    return None
+
+
 def run(asked, version, programs):
     runs = chosen_runs(asked)
-    if isinstance(runs, str):
-        print(f"slam-gateway-experiment: {runs}", file=sys.stderr)
+    wrong = runs if isinstance(runs, str) else wrong_robots(asked, runs)
+    if wrong:
+        print(f"slam-gateway-experiment: {wrong}", file=sys.stderr)
         return WRONG_ARGUMENTS
     given = [name for name in OF_SIMULATOR if getattr(asked, name) is not None]
     if given and not asked.sim:
@@ -302,5 +316,6 @@ def simulated_site(asked, experiment, mesh, payload, request, programs, stop):
                "--messages", str(request.messages), "--rate", f"{1000 / period_ms:.6f}"]
     if mesh == catalogue.THREAD:
         own += ["--retry", f"{8 / request.compress:.6f}"]
-    return SimulatedSite(programs, mesh, experiment.robots, [*own, *asked.sim_args], experiment.daemon,
+    robots = int(asked.robots[0]) if asked.robots else experiment.robots
+    return SimulatedSite(programs, mesh, robots, [*own, *asked.sim_args], experiment.daemon,
                          request.message_type, stop)

@@ -317,6 +317,8 @@ class Run:
         differences = []
         if asked.messages < self._experiment.messages:
             differences.append(f"{asked.messages} messages in place of {self._experiment.messages}")
+        if self._site.simulator_arguments and len(self._site.robots) != self._experiment.robots:
+            differences.append(f"{len(self._site.robots)} robots in place of {self._experiment.robots}")
         if asked.compress != 1:
             differences.append(f"time compressed {asked.compress:g} times: the period and the client's repeats; "
                                "the radio's own times are not")

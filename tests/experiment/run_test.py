@@ -302,7 +302,7 @@ class Program(unittest.TestCase):
             self.assertIn(f"figure {figure} ", out)
 
     def test_wrong_arguments_end_with_two(self):
-        for arguments, words in ((["run", "ble-latency"], "--robots --sim"), (["run", "nothing", "--sim"], "there is no experiment"),
+        for arguments, words in ((["run", "ble-latency"], "--robots ID,... and --sim"), (["run", "nothing", "--sim"], "there is no experiment"),
                                  (["run", "ble-hop", "--sim", "--mesh", "thread"], "on BLE Mesh only"),
                                  (["run", "ring", "--sim", "--messages", "-1"], "not above 0"), ([], "required"),
                                  (["run", "ring", "--sim", "--messages", "1000000000"], "below 1e9"),
@@ -312,6 +312,8 @@ class Program(unittest.TestCase):
                                  (["run", "ring", "--robots", "r1", "--compress", "1", "--sim-args=--x"], "only with --sim: --compress, --sim-args"),
                                  (["run", "ring", "--robots", "r1", "--seed", "0"], "only with --sim: --seed"),
                                  (["run", "ring", "--robots", " ,"], "no robot is named"),
+                                 (["run", "ring", "--sim", "--robots", "r1"], "a number, 1 to"), (["run", "ring", "--sim", "--robots", "0"], "a number, 1 to"),
+                                 (["run", "limits", "--sim", "--robots", "3"], "leave --robots out"),
                                  (["run", "ring", "--robots", "r1", "--broker", "here"], "not HOST:PORT")):
             status, _, err = self.run_program(*arguments)
             self.assertEqual((status, words in err), (2, True), err)

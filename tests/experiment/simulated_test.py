@@ -89,6 +89,19 @@ class All(unittest.TestCase):
             self.assertAlmostEqual(self.result(name)["measured"]["ring"]["radius_cm"], 79, delta=2.5)
 
 
+class Several(unittest.TestCase):
+    def test_as_many_robots_as_asked_for_speak(self):
+        with tempfile.TemporaryDirectory() as directory:
+            out = os.path.join(directory, "run")
+            ended = subprocess.run([PROGRAM, "run", "ring", "--sim", "--seed", "4", "--robots", "3", "--messages", "5", "--out", out],
+                                   capture_output=True, text=True, timeout=120, check=False)
+            self.assertEqual(ended.returncode, 0, ended.stderr)
+            result = recount.check(self, out)
+        self.assertEqual(result["conditions"]["robots"], ["robot1", "robot2", "robot3"])
+        self.assertEqual(result["measured"]["counts"]["arrived"], 15)
+        self.assertIn("3 robots in place of 1", result["differs"])
+
+
 class Repeated(unittest.TestCase):
     def test_two_seeds_leave_two_results_and_their_spread(self):
         with tempfile.TemporaryDirectory() as directory:
