@@ -2,6 +2,7 @@
 // suggestion() of schema.hpp: finds the known key that a misspelt key was meant to be.
 #include <limits>
 #include <set>
+#include <utility>
 
 #include "daemon/config/schema.hpp"
 #include "daemon/core/edit_distance.hpp"
@@ -74,11 +75,14 @@ std::string suggestion(std::string_view unknown_path) {
   const Split unknown = split_path(unknown_path);
   const std::string name = plain(unknown.name);
   std::string_view best;
-  std::size_t best_score = std::numeric_limits<std::size_t>::max();
+  // Of equally near names the one that needs fewer edits as a whole: `groups` for `group`.
+  std::pair best_score(std::numeric_limits<std::size_t>::max(), std::size_t{0});
   for (const std::string_view path : known_paths()) {
     const Split known = split_path(path);
-    const std::size_t score = distance(name, plain(known.name)) +
-                              (known.parent == unknown.parent ? 0 : elsewhere_penalty);
+    const std::pair score(distance(name, plain(known.name)) +
+                              (known.parent == unknown.parent ? 0 : elsewhere_penalty),
+                          edit_distance(std::string(unknown.name.substr(0, longest_compared)),
+                                        std::string(known.name)));
     if (score < best_score) {
       best_score = score;
       best = path;
