@@ -188,7 +188,8 @@ std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings
     return fmt::format("had not been heard for {} s", silence.count());
   // A client that disconnects is heard at that moment.
   if (silence <= std::chrono::seconds{1})
-    return "disconnected (DISCONNECT) and has not connected since";
+    return "disconnected (DISCONNECT), was banned with its host, or lost its address to another "
+           "client; it has not connected since";
   return fmt::format(
       "its keep-alive, or the time that it meant to sleep, ran out after {} s of silence; it has "
       "not connected since",

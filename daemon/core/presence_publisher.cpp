@@ -71,9 +71,10 @@ void PresencePublisher::on_presence(const PresenceChange& change, const Now& now
   }
   if (robot) announce(change.robot, *robot, now.mono);
   if (change.presence != Presence::offline) waiting_wills_.erase(change.robot);
+  const std::string& address = robot ? robot->on_mesh[change.mesh].address : change.address;
   actions_.push(Notice{.severity = change.is_deaf ? Severity::warning : Severity::info,
                        .text = fmt::format("{} {} is {} at {}{}", to_string(change.mesh),
-                                           change.robot, to_string(change.presence), change.address,
+                                           change.robot, to_string(change.presence), address,
                                            change.is_deaf ? ", but does not hear the gateway"
                                            : hears_again  ? ", and hears the gateway again"
                                                           : ""),

@@ -76,7 +76,8 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   const bool is_same_state = there.is_known && there.presence == change.presence;
   there.is_known = true;
   there.presence = change.presence;
-  there.address = change.address;
+  // A client whose address another one took has none: it is shown where it was last.
+  if (!change.address.empty()) there.address = change.address;
   if (!is_same_state) there.since = now.wall;
   there.is_deaf = change.is_deaf;
   there.is_contested = change.is_contested;

@@ -178,6 +178,7 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   EXPECT_EQ(why_absent(robot, around), "not heard since the daemon started");
   robot.last_seen = thread.since - 300ms;
   EXPECT_NE(why_absent(robot, around).find("disconnected (DISCONNECT)"), std::string::npos);
+  EXPECT_NE(why_absent(robot, around).find("or lost its address to another"), std::string::npos);
   robot.last_seen = thread.since - 90s;
   EXPECT_NE(why_absent(robot, around).find("meant to sleep, ran out after 90 s"),
             std::string::npos);

@@ -30,6 +30,13 @@ TEST(RobotRegistry, NamesTheLastMeshOfARobotThatIsGone) {
   EXPECT_EQ(registry.find("a")->mesh(), Mesh::thread);
 }
 
+TEST(RobotRegistry, ShowsARobotWithoutAnAddressWhereItWasLast) {
+  RobotRegistry registry;
+  registry.on_presence({Mesh::thread, "a", Presence::online, "[::1]:5"}, {});
+  registry.on_presence({Mesh::thread, "a", Presence::offline, ""}, {});
+  EXPECT_EQ(registry.find("a")->presence().address, "[::1]:5");
+}
+
 TEST(RobotRegistry, CountsRobotsByTheirPresenceOnAllMeshes) {
   RobotRegistry registry;
   registry.on_report(report_of("heard", Mesh::thread), {});
