@@ -69,6 +69,7 @@ bool Robots::make_room(TimePoint now) {
   }
   if (oldest == robots_.end()) return false;
   leave_name(oldest->second, "the robot has been silent, and others need its place", now);
+  emit(SessionEvicted{Mesh::ble, oldest->second.id});
   robots_.erase(oldest);
   return true;
 }

@@ -397,6 +397,16 @@ TEST_F(Uplink, TheNumberOfRobotsIsBounded) {
   EXPECT_TRUE(rig.has_notice("beyond the 256"));
 }
 
+TEST_F(Uplink, AnAddressThatMakesRoomLeavesNothingAtTheBroker) {
+  for (std::uint16_t address = 1; address <= 0x0101; ++address) rig.hear(address, "04 00 59 00");
+  rig.run_for(60s);
+  EXPECT_TRUE(rig.all<SessionEvicted>().empty());
+  rig.hear(0x1234, "04 00 59 00");
+  const auto evicted = rig.all<SessionEvicted>();
+  ASSERT_EQ(evicted.size(), 1u);
+  EXPECT_EQ(evicted[0].robot, "ble-0002") << "0x0001 is the gateway";
+}
+
 Settings with_will() {
   Settings settings;
   settings.will = WillSettings{"ntnu-slam/robot/{id}/adv", "{id} gone"};
