@@ -123,15 +123,10 @@ void MeshdRadio::begin(TimePoint now) {
   forget();
   if (!keys_) {
     stage_ = Stage::awaiting_keys;
-    return actions_.push(GenerateKeys{});
+    return actions_.push(KeysWanted{});
   }
   if (node_ && node_->token) return ask_for_source(max_sources);
   begin_node(now);
-}
-
-void MeshdRadio::on_keys(const MeshKeys& keys, TimePoint now) {
-  keys_ = RadioKeys{keys};
-  if (stage_ == Stage::awaiting_keys) begin(now);
 }
 
 void MeshdRadio::on_keys_failed(const std::string& why, TimePoint now) {
@@ -237,6 +232,7 @@ bool MeshdRadio::restart(TimePoint) {
 void MeshdRadio::change_keys(const RadioKeys& keys, TimePoint now) {
   const bool sends_as_before = keys_ && keys_->keys == keys.keys;
   keys_ = keys;
+  if (stage_ == Stage::awaiting_keys) return begin(now);
   if (stage_ == Stage::absent || stage_ == Stage::leaving) return;
   if (!sends_as_before) {
     if (node_ && node_->token) return leave("the mesh has new keys");

@@ -10,7 +10,6 @@
 #include <map>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -64,8 +63,6 @@ class MeshdRadio final : public Radio {
   static constexpr Duration join_time_limit = std::chrono::seconds{90};
   static constexpr Duration iv_index_interval = std::chrono::minutes{1};
 
-  using RandomSource = std::function<bool(std::span<std::uint8_t>)>;
-
   /// `random` makes the UUID and the device key of the gateway's node.
   MeshdRadio(MeshdSettings settings, std::optional<RadioKeys> keys, RandomSource random)
       : settings_(std::move(settings)),
@@ -92,7 +89,6 @@ class MeshdRadio final : public Radio {
   void forget_device_key(std::uint16_t address) override {
     actions_.push(DeviceKeyUsed{address, {}});
   }
-  void on_keys(const MeshKeys& keys, TimePoint now) override;
   void on_keys_failed(const std::string& why, TimePoint now) override;
   void change_keys(const RadioKeys& keys, TimePoint now) override;
   void use_source(std::uint16_t source, std::uint16_t count, TimePoint now) override;
@@ -204,7 +200,7 @@ class MeshdRadio final : public Radio {
 /// Makes the radio of the mesh with this database. `random` as for MeshdRadio.
 inline std::unique_ptr<Radio> make_meshd_radio(const Settings& settings,
                                                const std::optional<NodeDatabase>& database,
-                                               MeshdRadio::RandomSource random) {
+                                               RandomSource random) {
   return std::make_unique<MeshdRadio>(
       MeshdSettings{settings.heard_groups(), settings.ttl, database ? database->life.radio : ""},
       radio_keys(database), std::move(random));

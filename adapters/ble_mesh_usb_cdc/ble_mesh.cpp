@@ -17,12 +17,13 @@ bool is_unicast(std::uint16_t address) { return address != 0 && address <= last_
 }  // namespace
 
 BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
-                 std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio)
+                 std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio,
+                 RandomSource random)
     : settings_(std::move(settings)),
       topics_(std::move(topics)),
       radio_(std::move(radio)),
       provisioner_(settings_, *radio_, link_, actions_, topics_.gateway_id(), std::move(names),
-                   std::move(database)),
+                   std::move(database), std::move(random)),
       gate_(provisioner_.nodes(), settings_.gateway_group.has_value()),
       shared_{settings_, topics_, *radio_, link_, gate_, actions_, is_traced_},
       downlink_(shared_),
@@ -33,18 +34,6 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
 void BleMesh::on_start() { robots_.on_start(); }
 
 // --- The radio -----------------------------------------------------------------------------------
-
-void BleMesh::on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now) {
-  provisioner_.on_keys(wanted, keys, now);
-  if (!wanted.is_refresh) radio_->on_keys(keys, now);
-  settle(now);
-}
-
-void BleMesh::on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now) {
-  provisioner_.on_keys_failed(wanted, why, now);
-  if (!wanted.is_refresh) radio_->on_keys_failed(why, now);
-  settle(now);
-}
 
 void BleMesh::on_port_open(TimePoint now) {
   radio_->on_port_open(now);
@@ -76,10 +65,6 @@ void BleMesh::settle(TimePoint now) {
 
 void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
   std::visit(overloaded{
-                 [&](GenerateKeys& generate) {
-                   provisioner_.on_keys_wanted();
-                   actions_.push(generate);
-                 },
                  [&](LinkIsUp& up) { on_link_up(up, now); },
                  [&](LinkIsDown& down) { on_link_down(down, now); },
                  [&](SendRefused& refused) { on_send_refused(refused, now); },

@@ -24,9 +24,10 @@ class BleMesh {
   /// an earlier life. Deafness that begins later has another cause.
   static constexpr Duration address_suspected_for = std::chrono::minutes{10};
 
-  /// `database` is the content of this gateway's mesh.json; empty if there is none.
+  /// `database` is the content of this gateway's mesh.json; empty if there is none. `random` makes
+  /// the mesh's keys.
   BleMesh(Settings settings, TopicScheme topics, RobotNames names,
-          std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio);
+          std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio, RandomSource random);
 
   /// Call first. Subscribes to the commands for the robots that the configuration and the database
   /// name.
@@ -34,9 +35,6 @@ class BleMesh {
   /// Sets the TID that the first on/off Set follows. Call before the first command, with a random
   /// number: robots drop a TID that they saw within 6 s, also from the daemon before a restart.
   void begin_tids_after(std::uint8_t tid) { downlink_.begin_tids_after(tid); }
-  /// `wanted` is the action that these keys answer.
-  void on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now);
-  void on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now);
   /// `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   // Inputs of the radio's serial port. A radio without one gets its inputs from its shell, which

@@ -16,6 +16,7 @@ namespace slamgw::ble {
 /// Put the mesh's database on disk; answered by on_stored. Holds secrets.
 struct StoreMesh {
   NodeDatabase database;
+  bool is_new = false;  ///< of a new mesh: it must not replace a file
 };
 /// The radio has heard a robot, in a mesh that several gateways share.
 struct HeardRobot {
@@ -28,8 +29,8 @@ struct OrderEnded {
   OrderAnswer answer;
 };
 
-using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, HeardRobot,
-                                OrderEnded, MeshEvent>;
+using MeshAction =
+    std::variant<WriteSerial, ReopenPort, StoreMesh, HeardRobot, OrderEnded, MeshEvent>;
 using MeshActions = ActionQueue<MeshAction>;
 
 /// The state of the link to the radio, from the radio's events. BleMesh keeps it.

@@ -6,7 +6,9 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <variant>
 
@@ -21,6 +23,9 @@ inline constexpr std::uint16_t last_unicast_address = 0x7fff;  // Mesh Profile s
 using Key = std::array<std::uint8_t, 16>;
 /// A device's UUID, most significant octet first.
 using Uuid = std::array<std::uint8_t, 16>;
+
+/// Fills a span with random octets fit for keys. Returns false if the system has no randomness.
+using RandomSource = std::function<bool(std::span<std::uint8_t>)>;
 
 /// The secrets of one mesh. Never printed, never in a Notice.
 struct MeshKeys {
@@ -68,11 +73,9 @@ struct ReopenPort {
 
 // Events that the radio reports.
 
-/// Make keys for a new mesh and store them; answered by BleMesh::on_keys or on_keys_failed. For a
-/// key refresh, the mesh itself asks for the keys and has them stored.
-struct GenerateKeys {
-  bool is_refresh = false;
-};
+/// Asks for the keys of a new mesh; answered by Radio::change_keys when they are on disk, or by
+/// on_keys_failed.
+struct KeysWanted {};
 
 /// The radio did not send a message to `destination`. The mesh repeats messages by its own rules.
 struct SendRefused {
@@ -152,10 +155,10 @@ struct SourceWanted {
 };
 
 /// The events about taking in and configuring nodes.
-using ProvisionerEvent = std::variant<SourceWanted, UnprovisionedBeacon, DeviceAnswered,
+using ProvisionerEvent = std::variant<KeysWanted, SourceWanted, UnprovisionedBeacon, DeviceAnswered,
                                       DeviceJoined, JoinEnded, DeviceKeyUsed, RadioCleared>;
-using RadioEvent = std::variant<LinkIsUp, LinkIsDown, GenerateKeys, SendRefused, MessageReceived,
-                                Heartbeat, IvUpdate, ProvisionerEvent, Notice>;
+using RadioEvent = std::variant<LinkIsUp, LinkIsDown, SendRefused, MessageReceived, Heartbeat,
+                                IvUpdate, ProvisionerEvent, Notice>;
 using RadioAction = std::variant<WriteSerial, ReopenPort, RadioEvent>;
 
 /// A radio that goes down forgets all requests. No call leads back into the mesh: results are
@@ -192,11 +195,10 @@ class Radio {
   /// Removes the node's device key; answered by DeviceKeyUsed.
   virtual void forget_device_key(std::uint16_t address) = 0;
 
-  /// on_keys or on_keys_failed answers GenerateKeys.
-  virtual void on_keys(const MeshKeys& keys, TimePoint now) = 0;
+  /// Answers KeysWanted.
   virtual void on_keys_failed(const std::string& why, TimePoint now) = 0;
-  /// Call when the mesh's keys have changed. The link goes down if the keys change under which the
-  /// radio sends.
+  /// Call when the mesh's keys have changed, or are there. The link goes down if the keys change
+  /// under which the radio sends.
   virtual void change_keys(const RadioKeys& keys, TimePoint now) = 0;
 
   /// Answers SourceWanted with an address that is on disk. `count` is the number of addresses for a

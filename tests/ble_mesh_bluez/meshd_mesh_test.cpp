@@ -30,8 +30,12 @@ struct MeshdRig : EventLog {
       std::ranges::generate(octets, [this] { return ++random; });
       return true;
     };
+    const auto next_key = [this](std::span<std::uint8_t> octets) {
+      std::ranges::fill(octets, ++key_number);
+      return true;
+    };
     mesh = std::make_unique<BleMesh>(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(), stored,
-                                     make_meshd_radio(settings, stored, next_octets));
+                                     make_meshd_radio(settings, stored, next_octets), next_key);
     mesh->on_start();
   }
   void meshd_comes() { feed(MeshdCame{}); }
@@ -87,12 +91,7 @@ struct MeshdRig : EventLog {
                request);
   }
   void perform(MeshAction& action) {
-    if (const auto* wanted = std::get_if<GenerateKeys>(&action)) {
-      MeshKeys keys;
-      keys.net_key.fill(++key_number);
-      keys.app_key.fill(++key_number);
-      mesh->on_keys(*wanted, keys, now);
-    } else if (auto* store = std::get_if<StoreMesh>(&action)) {
+    if (auto* store = std::get_if<StoreMesh>(&action)) {
       if (disk_problem.empty()) stored = std::move(store->database);
       mesh->on_stored(disk_problem, now);
     } else if (auto* ended = std::get_if<OrderEnded>(&action)) {

@@ -57,7 +57,12 @@ class MeshRig : public EventLog {
                    const std::optional<NodeDatabase>& database = test_database(),
                    RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
       : mesh(settings, TopicScheme("ntnu-slam", "gw"), std::move(names), database,
-             make_board_radio(settings, database, test_random(), 7)) {}
+             make_board_radio(settings, database, test_random(), 7),
+             [this, first = database ? 3 : 1](std::span<std::uint8_t> octets) {
+               if (!has_randomness) return false;
+               std::ranges::fill(octets, static_cast<std::uint8_t>(0x11 * (first + keys_drawn++)));
+               return true;
+             }) {}
 
   /// Opens the port; the link is up some time later.
   void open() {
@@ -173,8 +178,9 @@ class MeshRig : public EventLog {
   std::vector<TimePoint> event_times;    ///< of each of them
   std::vector<std::size_t> sent_before;  ///< packets on air when each of them was said
   std::vector<Duration> reopens;
-  int key_requests = 0;
-  bool answers_key_requests = true;
+  /// The mesh's keys are test_keys() first, then new_keys().
+  int keys_drawn = 0;
+  bool has_randomness = true;
   bool reopens_port = true;
   std::vector<NodeDatabase> stored;
   bool answers_stores = true;
@@ -201,11 +207,6 @@ class MeshRig : public EventLog {
                        in_flight_.clear();
                        now += reopen.after;
                        if (reopens_port) mesh.on_port_open(now);
-                     },
-                     [&](GenerateKeys& wanted) {
-                       ++key_requests;
-                       if (answers_key_requests)
-                         mesh.on_keys(wanted, wanted.is_refresh ? new_keys() : test_keys(), now);
                      },
                      [&](StoreMesh& store) {
                        stored.push_back(std::move(store.database));

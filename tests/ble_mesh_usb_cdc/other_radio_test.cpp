@@ -59,12 +59,11 @@ class OtherRadio final : public Radio {
     say(ProvisionerEvent{DeviceKeyUsed{address, {}}});
   }
 
-  void on_keys(const MeshKeys& keys, TimePoint) override {
-    has_keys = keys.net_key != Key{};
+  void on_keys_failed(const std::string&, TimePoint) override {}
+  void change_keys(const RadioKeys& radio_keys, TimePoint) override {
+    has_keys = radio_keys.keys.net_key != Key{};
     say(LinkIsUp{"another radio", "", 0x0001, false});
   }
-  void on_keys_failed(const std::string&, TimePoint) override {}
-  void change_keys(const RadioKeys&, TimePoint) override {}
   void use_source(std::uint16_t, std::uint16_t, TimePoint) override {}
   void delay_source(const std::string&) override {}
   void clear(TimePoint) override { say(ProvisionerEvent{RadioCleared{"it can't be cleared"}}); }
@@ -103,7 +102,7 @@ struct OtherRadioRig : EventLog {
   OtherRadioRig() {
     radio.devices.add(1);
     mesh.on_start();
-    radio.say(GenerateKeys{});
+    radio.say(ProvisionerEvent{KeysWanted{}});
   }
 
   void run_for(Duration time) {
@@ -113,11 +112,6 @@ struct OtherRadioRig : EventLog {
     }
   }
   void perform(MeshAction& action) {
-    if (const auto* wanted = std::get_if<GenerateKeys>(&action)) {
-      MeshKeys keys;
-      keys.net_key.fill(1);
-      mesh.on_keys(*wanted, keys, now);
-    }
     if (auto* store = std::get_if<StoreMesh>(&action)) {
       stored = std::move(store->database);
       mesh.on_stored({}, now);
@@ -138,8 +132,15 @@ struct OtherRadioRig : EventLog {
   TimePoint now{};
   std::unique_ptr<OtherRadio> owned = std::make_unique<OtherRadio>();
   OtherRadio& radio = *owned;
-  BleMesh mesh{Settings{}, TopicScheme("ntnu-slam", "gw"), RobotNames(), std::nullopt,
-               std::move(owned)};
+  BleMesh mesh{Settings{},
+               TopicScheme("ntnu-slam", "gw"),
+               RobotNames(),
+               std::nullopt,
+               std::move(owned),
+               [](std::span<std::uint8_t> octets) {
+                 std::ranges::fill(octets, std::uint8_t{1});
+                 return true;
+               }};
   NodeDatabase stored;
 };
 

@@ -106,8 +106,6 @@ class MeshInputs {
         if (write->bytes[0] == 9 && write->bytes[1] == 2) echo = write->bytes;
         last_command_ = write->bytes[1];
       }
-      if (const auto* wanted = std::get_if<GenerateKeys>(&*action))
-        mesh_.on_keys(*wanted, {}, now_);
       if (std::holds_alternative<OrderEnded>(*action)) ++answered_;
       auto* event = std::get_if<MeshEvent>(&*action);
       if (event != nullptr && std::holds_alternative<CommandOutcome>(*event)) ++ended_;
@@ -123,8 +121,12 @@ class MeshInputs {
     return true;
   }
 
-  BleMesh mesh_{Settings{}, TopicScheme("p", "g"), RobotNames({{"nr1", 0x0010, {}}}),
-                NodeDatabase{}, make_board_radio(Settings{}, NodeDatabase{}, not_random, 1)};
+  BleMesh mesh_{Settings{},
+                TopicScheme("p", "g"),
+                RobotNames({{"nr1", 0x0010, {}}}),
+                NodeDatabase{},
+                make_board_radio(Settings{}, NodeDatabase{}, not_random, 1),
+                not_random};
   TimePoint now_{};
   std::uint8_t last_command_ = 0;
   std::uint64_t asked_ = 0;

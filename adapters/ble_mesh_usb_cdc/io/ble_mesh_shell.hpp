@@ -85,8 +85,7 @@ class BleMeshShell : public BleShell<BleMesh> {
     std::visit(overloaded{
                    [&](WriteSerial& serial) { perform_on_port(serial); },
                    [&](ReopenPort& port) { perform_on_port(port); },
-                   [this](GenerateKeys& wanted) { generate_keys(wanted); },
-                   [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
+                   [this](StoreMesh& mesh) { store(std::move(mesh)); },
                    [this](HeardRobot& heard) { on_heard_(heard); },
                    [this](OrderEnded& ended) { end_order(ended); },
                    [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
@@ -112,42 +111,26 @@ class BleMeshShell : public BleShell<BleMesh> {
     const auto loaded = file.load(settings.address);
     const auto database = loaded.has_value() ? *loaded : std::nullopt;
     return {std::make_unique<BleMesh>(settings, std::move(topics), std::move(names), database,
-                                      make_radio(database)),
+                                      make_radio(database), fill_random),
             loaded.has_value() ? std::string() : loaded.error().why};
   }
-  void generate_keys(const GenerateKeys& wanted) {
-    const auto keys = generate_random_keys();
-    write_file(
-        [this, keys, wanted]() -> std::string {
-          if (!keys) return "no randomness for the mesh's keys";
-          return wanted.is_refresh ? std::string() : file_.create({*keys});
-        },
-        [this, keys, wanted](const std::string& problem) { on_keys_made(wanted, keys, problem); });
+  /// Writes on the disk's thread, then reports to the machine on the loop.
+  void store(StoreMesh mesh) {
+    boost::asio::post(disk_, [this, mesh = std::move(mesh), executor = loop_.get_executor()] {
+      const std::string problem =
+          mesh.is_new ? file_.create(mesh.database) : file_.replace(mesh.database);
+      boost::asio::post(executor,
+                        [this, problem, is_new = mesh.is_new, alive = std::weak_ptr(alive_)] {
+                          if (!alive.expired() && !is_stopped()) on_stored(problem, is_new);
+                        });
+    });
   }
-  void on_keys_made(const GenerateKeys& wanted, const std::optional<MeshKeys>& keys,
-                    const std::string& problem) {
-    if (!problem.empty() && wanted.is_refresh) notify(Severity::error, problem);
-    if (problem.empty() && !wanted.is_refresh)
+  void on_stored(const std::string& problem, bool is_new) {
+    if (is_new && problem.empty())
       notify(Severity::notice,
              "a new BLE mesh begins: " + file_.path() +
                  " holds its keys; keep a backup, without them every robot must join again");
-    problem.empty() ? driver()->on_keys(wanted, *keys, read_clocks())
-                    : driver()->on_keys_failed(wanted, problem, read_clocks());
-  }
-  void store(NodeDatabase database) {
-    write_file([this, database = std::move(database)] { return file_.replace(database); },
-               [this](const std::string& problem) { driver()->on_stored(problem, read_clocks()); });
-  }
-  /// Runs `write` on the disk's thread, then `done` on the loop with the problem that `write`
-  /// returned.
-  void write_file(std::function<std::string()> write,
-                  std::function<void(const std::string&)> done) {
-    boost::asio::post(disk_, [this, write = std::move(write), done = std::move(done),
-                              executor = loop_.get_executor()] {
-      boost::asio::post(executor, [this, problem = write(), done, alive = std::weak_ptr(alive_)] {
-        if (!alive.expired() && !is_stopped()) done(problem);
-      });
-    });
+    driver()->on_stored(problem, read_clocks());
   }
   void end_order(OrderEnded& ended) {
     const auto waiting = orders_.find(ended.id);

@@ -132,10 +132,4 @@ bool fill_random(std::span<std::uint8_t> octets) {
   return RAND_bytes(octets.data(), static_cast<int>(octets.size())) == 1;
 }
 
-std::optional<MeshKeys> generate_random_keys() {
-  MeshKeys keys;
-  if (!fill_random(keys.net_key) || !fill_random(keys.app_key)) return std::nullopt;
-  return keys;
-}
-
 }  // namespace slamgw::ble

@@ -38,7 +38,5 @@ class MeshFile {
 
 /// The system's RandomSource.
 bool fill_random(std::span<std::uint8_t> octets);
-/// Returns fresh random keys; nothing if the system has no randomness.
-std::optional<MeshKeys> generate_random_keys();
 
 }  // namespace slamgw::ble

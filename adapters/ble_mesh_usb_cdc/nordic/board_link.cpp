@@ -130,6 +130,7 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
 void BoardLink::change_keys(const RadioKeys& keys, TimePoint now) {
   const bool sends_as_before = keys_ && keys_->keys == keys.keys;
   keys_ = keys;
+  if (awaits(StartUp::State::needs_keys)) return on_keys_needed(now);
   if (stage_ == Stage::closed) return;
   if (!sends_as_before) go_down("the mesh has new keys");
   begin_resync(now);
@@ -221,18 +222,8 @@ void BoardLink::on_started(TimePoint now) {
 }
 
 void BoardLink::on_keys_needed(TimePoint now) {
-  if (keys_) {  // the keys came while the board started again
-    start_up_->on_keys(keys_->keys);
-    return continue_start_up(now);
-  }
-  if (!std::exchange(are_keys_requested_, true)) actions_.push(GenerateKeys{});
-}
-
-void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
-  keys_ = RadioKeys{keys};
-  are_keys_requested_ = false;
-  if (!awaits(StartUp::State::needs_keys)) return;  // the next start-up uses the keys
-  start_up_->on_keys(keys);
+  if (!keys_) return actions_.push(KeysWanted{});
+  start_up_->on_keys(*keys_);
   continue_start_up(now);
 }
 
@@ -259,7 +250,6 @@ void BoardLink::on_source_delayed(const std::string& why) {
 }
 
 void BoardLink::on_keys_failed(const std::string& why, TimePoint now) {
-  are_keys_requested_ = false;
   if (awaits(StartUp::State::needs_keys)) refuse(why, now);
 }
 

@@ -115,7 +115,7 @@ struct AnswerLost {};
 
 /// StartedBoard comes each time when the board was started up, before LinkIsUp if the link was
 /// down. CommandResponse answers the radio's command.
-using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, StartedBoard,
+using LinkAction = std::variant<WriteSerial, ReopenPort, KeysWanted, SourceWanted, StartedBoard,
                                 LinkIsUp, LinkIsDown, CommandResponse, AnswerLost, MessageReceived,
                                 Heartbeat, IvUpdate, ProvisioningEvent, RadioCleared, Notice>;
 
@@ -156,7 +156,6 @@ class BoardLink {
   void on_port_open(TimePoint now);
   void on_port_closed(const std::string& why, TimePoint now);
   void on_bytes(ByteView bytes, TimePoint now);
-  void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
   /// Takes the address to send from, which is on disk. `count` is the number of addresses for a
   /// board that has none.
@@ -173,7 +172,8 @@ class BoardLink {
   /// Sends State Clear: the board forgets keys, addresses and sequence numbers and is started up
   /// again. Call only on an operator's order. Returns false if no board can be cleared now.
   bool clear_board(TimePoint now);
-  /// Starts the board up with the mesh's changed keys. A board that has the former keys is cleared.
+  /// Starts the board up with the mesh's new or changed keys. A board that has the former keys is
+  /// cleared.
   void change_keys(const RadioKeys& keys, TimePoint now);
 
   std::optional<TimePoint> deadline() const;
@@ -230,7 +230,6 @@ class BoardLink {
   ActionQueue<LinkAction> actions_;
   Stage stage_ = Stage::closed;
   bool is_up_ = false;
-  bool are_keys_requested_ = false;
   std::string down_reason_;
   std::set<std::string> notified_;  ///< notices since the link last went down
   FrameDecoder decoder_;

@@ -87,7 +87,6 @@ class BoardRadio final : public Radio {
   void answer_device(const std::string& refusal, TimePoint now) override;
   void use_device_key(std::uint16_t address, const std::optional<Key>& key) override;
   void forget_device_key(std::uint16_t address) override;
-  void on_keys(const MeshKeys& keys, TimePoint now) override { link_.on_keys(keys, now); }
   void on_keys_failed(const std::string& why, TimePoint now) override {
     link_.on_keys_failed(why, now);
   }

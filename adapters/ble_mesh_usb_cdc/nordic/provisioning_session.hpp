@@ -5,9 +5,7 @@
 #pragma once
 
 #include <deque>
-#include <functional>
 #include <optional>
-#include <span>
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
@@ -18,9 +16,6 @@ namespace slamgw::ble {
 
 // P-256 for provisioning (Mesh Profile 1.0 section 5.4.2.3), which the serial board leaves to its
 // host. Arithmetic only: randomness comes from the caller. Never printed.
-
-/// Fills a span with random octets fit for keys. Returns false if the system has no randomness.
-using RandomSource = std::function<bool(std::span<std::uint8_t>)>;
 
 /// Returns a fresh key pair for one provisioning; nothing without randomness.
 std::optional<KeyPair> make_key_pair(const RandomSource& random);

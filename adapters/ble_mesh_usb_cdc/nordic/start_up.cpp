@@ -142,9 +142,9 @@ void StartUp::on_subnets(const CommandResponse& response) {
   begin_writing();
 }
 
-void StartUp::on_keys(const MeshKeys& keys) {
+void StartUp::on_keys(const RadioKeys& keys) {
   assert(state_ == State::needs_keys);
-  keys_ = RadioKeys{keys};
+  keys_ = keys;
   state_ = State::commanding;
   begin_writing();
 }

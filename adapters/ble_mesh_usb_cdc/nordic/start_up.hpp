@@ -112,7 +112,7 @@ class StartUp {
   /// Takes the response to that command.
   void on_response(const CommandResponse& response);
   /// Call only in `needs_keys`.
-  void on_keys(const MeshKeys& keys);
+  void on_keys(const RadioKeys& keys);
   /// Call only in `needs_source`. `source` is the address to send from. `count` is the number of
   /// addresses, from `BoardSettings::address` up, for a board that has none.
   void on_source(std::uint16_t source, std::uint16_t count);

@@ -14,12 +14,7 @@ RefreshStep KeyRefresh::step() const {
   return database && database->refresh ? database->refresh->step : RefreshStep::none;
 }
 
-void KeyRefresh::begin() {
-  if (!std::exchange(awaits_keys_, true)) actions_.push(GenerateKeys{.is_refresh = true});
-}
-
-void KeyRefresh::on_keys(const MeshKeys& keys) {
-  if (!std::exchange(awaits_keys_, false)) return;
+void KeyRefresh::begin(const MeshKeys& keys) {
   nodes_.change().refresh = RefreshState{RefreshStep::distributing, keys};
   begin_step(RefreshStep::distributing);
 }

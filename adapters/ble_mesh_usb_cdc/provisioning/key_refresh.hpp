@@ -17,15 +17,10 @@ class KeyRefresh : private ProvisionerPart {
   explicit KeyRefresh(const ProvisionerPart& shared)
       : ProvisionerPart(shared), radio_step_(step()) {}
 
-  /// Asks for new keys, unless they are being made already; answered by on_keys or on_keys_failed.
-  void begin();
-  /// The refresh begins when these keys are on disk. Ignores keys that begin() has not asked for.
-  void on_keys(const MeshKeys& keys);
-  void on_keys_failed() { awaits_keys_ = false; }
+  /// The refresh begins when these new keys are on disk.
+  void begin(const MeshKeys& keys);
 
   bool is_on() const { return step() != RefreshStep::none; }
-  /// Returns true if a refresh is on, or its keys are being made.
-  bool is_ordered() const { return awaits_keys_ || is_on(); }
   RefreshStep step() const;
   /// Returns true if the node is configured and has not taken the present step.
   bool is_due(const Node& node) const;
@@ -48,7 +43,6 @@ class KeyRefresh : private ProvisionerPart {
   void begin_step(RefreshStep step);
   void end();
 
-  bool awaits_keys_ = false;
   RefreshStep radio_step_;     ///< the step that the radio knows
   bool has_switched_ = false;  ///< the radio has only the new keys
 };

@@ -22,17 +22,16 @@ void NodeTable::remove(Uuid uuid) {
   announce_change();
 }
 
-void NodeTable::replace(NodeDatabase database) {
+void NodeTable::replace(std::optional<NodeDatabase> database) {
   strangers_.clear();
   database_ = std::move(database);
-  is_changed_ = true;
+  is_changed_ = database_.has_value();
+  if (!is_changed_) store_retry_at_.reset();
 }
 
-void NodeTable::begin(std::optional<NodeDatabase> database) {
-  database_ = std::move(database);
-  is_changed_ = false;
-  awaits_keys_ = false;
-  store_retry_at_.reset();
+void NodeTable::begin(const MeshKeys& keys) {
+  database_ = NodeDatabase{.keys = keys};
+  is_changed_ = is_beginning_ = true;
 }
 
 const NodeDatabase* NodeTable::take_write(TimePoint now) {
@@ -40,12 +39,14 @@ const NodeDatabase* NodeTable::take_write(TimePoint now) {
   is_changed_ = false;
   is_writing_ = true;
   store_retry_at_.reset();
-  return database();
+  return &*database_;
 }
 
 void NodeTable::on_stored(bool is_done, TimePoint now) {
   is_writing_ = false;
+  const bool was_beginning = std::exchange(is_beginning_, false);
   if (is_done) return;
+  if (was_beginning) return database_.reset();
   is_changed_ = true;
   store_retry_at_ = now + store_retry_interval;
 }

@@ -43,23 +43,22 @@ class NodeTable {
   NodeTable(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database)
       : settings_(settings), names_(std::move(names)), database_(std::move(database)) {}
 
-  /// Returns null while the gateway has no keys of the mesh.
-  const NodeDatabase* database() const { return database_ ? &*database_ : nullptr; }
+  /// Returns null while the gateway has no keys of the mesh on disk.
+  const NodeDatabase* database() const {
+    return database_ && !is_beginning_ ? &*database_ : nullptr;
+  }
   /// Returns the database, which must exist, for a change. take_write() hands the change out.
   NodeDatabase& change() {
     is_changed_ = true;
     return *database_;
   }
-  /// Takes a new mesh that is on disk, or none if the disk did not take the first one.
-  void begin(std::optional<NodeDatabase> database);
-  /// Replaces the mesh by another one, which must then be written.
-  void replace(NodeDatabase database);
+  /// Begins a new mesh. It counts when it is on disk; if the disk does not take it, there is none.
+  void begin(const MeshKeys& keys);
+  bool is_beginning() const { return is_beginning_; }
+  /// Replaces the mesh by another one, which must then be written, or by none.
+  void replace(std::optional<NodeDatabase> database);
 
   bool is_saved() const { return !is_changed_ && !is_writing_; }
-  /// Keys for a new mesh are being made and stored; ended by begin() or on_no_keys().
-  void on_keys_wanted() { awaits_keys_ = true; }
-  bool awaits_keys() const { return awaits_keys_; }
-  void on_no_keys() { awaits_keys_ = false; }
   /// Returns the database to write now, or null; answered by on_stored.
   const NodeDatabase* take_write(TimePoint now);
   void on_stored(bool is_done, TimePoint now);
@@ -129,7 +128,7 @@ class NodeTable {
   std::optional<NodeDatabase> database_;
   bool is_changed_ = false;
   bool is_writing_ = false;
-  bool awaits_keys_ = false;
+  bool is_beginning_ = false;  ///< `database_` is a new mesh that is not on disk yet
   std::optional<TimePoint> store_retry_at_;
   bool is_change_announced_ = false;
   std::map<Uuid, NodeHistory> histories_;

@@ -65,7 +65,7 @@ void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint
 OrderAnswer OperatorOrders::measure(const MeasureHearingOrder& wanted, TimePoint now) {
   std::string problem = problem_with_mesh();
   if (problem.empty() && !wanted.is_question)
-    problem = refresh_.is_ordered() ? is_refreshing : survey_.begin(now);
+    problem = refresh_.is_on() ? is_refreshing : survey_.begin(now);
   if (!problem.empty()) return {{}, std::move(problem)};
   return {survey_.json(), {}};
 }
@@ -264,7 +264,7 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
 // --- The mesh ------------------------------------------------------------------------------------
 
 void OperatorOrders::take(const ImportOrder& wanted, TimePoint) {
-  if (refresh_.is_ordered()) return order_.refuse(is_refreshing);
+  if (refresh_.is_on()) return order_.refuse(is_refreshing);
   auto imported = decode_imported_mesh(wanted.text);
   if (!imported.has_value())
     return order_.refuse("the file can't be imported: " + imported.error().why);
@@ -273,9 +273,9 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint) {
   auto merged = merge_imported_mesh(own, std::move(*imported), settings_.address);
   if (!merged.has_value())
     return order_.refuse("the file can't be imported: " + merged.error().why);
+  if (nodes_.is_beginning()) return order_.refuse("the mesh's keys are being made; try again");
   if (!nodes_.is_saved() || !admission_.is_idle())
     return order_.refuse("the mesh is being changed right now; try again");
-  if (nodes_.awaits_keys()) return order_.refuse("the mesh's keys are being made; try again");
   order_.set(Kind::import_mesh, when_stored);
   order_->before = std::move(own);
   nodes_.replace(std::move(*merged));
@@ -284,7 +284,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint) {
 /// The address is on disk before the other gateway gets it, so that it is not given away again.
 void OperatorOrders::take(const ExportOrder& wanted, TimePoint) {
   if (is_refused(problem_with_mesh())) return;
-  if (refresh_.is_ordered()) return order_.refuse(is_refreshing);
+  if (refresh_.is_on()) return order_.refuse(is_refreshing);
   const NodeDatabase& database = *nodes_.database();
   if (wanted.address != 0) {
     if (std::ranges::find(database.gateways, wanted.address) == database.gateways.end())
@@ -310,7 +310,7 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
     if (is_import) {
-      undo_import();
+      undo_import(problem, now);
     } else {
       std::erase(nodes_.change().gateways, order_->address);
     }
@@ -326,8 +326,11 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
 }
 
 /// Puts the former mesh back, but keeps what the radio has reported since the import.
-void OperatorOrders::undo_import() {
-  if (!order_->before) return nodes_.begin({});
+void OperatorOrders::undo_import(const std::string& problem, TimePoint now) {
+  if (!order_->before) {
+    nodes_.replace({});
+    return radio_.on_keys_failed(problem, now);  // it may have asked for keys
+  }
   NodeDatabase& before = *order_->before;
   before.life = nodes_.database()->life;
   before.iv_index = nodes_.database()->iv_index;
@@ -370,8 +373,14 @@ void OperatorOrders::take(const RefreshKeysOrder& wanted, TimePoint now) {
   if (is_refused(problem_with_refresh(wanted))) return;
   order_.set(Kind::refresh_keys, now + short_order_time_limit);
   leave_behind(wanted);
-  if (!refresh_.is_on()) return refresh_.begin();
+  if (!refresh_.is_on()) return begin_refresh();
   if (nodes_.is_saved()) order_.answer(refresh_.json());
+}
+
+void OperatorOrders::begin_refresh() {
+  if (const auto keys = make_keys()) return refresh_.begin(*keys);
+  notify(Severity::error, no_randomness);
+  order_.refuse(no_randomness);
 }
 
 std::string OperatorOrders::problem_with_refresh(const RefreshKeysOrder& wanted) const {
@@ -417,10 +426,6 @@ void OperatorOrders::leave_behind(const RefreshKeysOrder& wanted) {
                                  : ""),
            id);
   }
-}
-
-void OperatorOrders::on_no_keys(const std::string& why) {
-  if (order_.is(Kind::refresh_keys)) order_.refuse(why);
 }
 
 void OperatorOrders::on_refresh_stored(const std::string& problem) {

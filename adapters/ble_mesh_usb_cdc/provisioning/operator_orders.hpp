@@ -33,8 +33,6 @@ class OperatorOrders : private ProvisionerPart {
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
   void on_radio_cleared(const std::string& problem);
-  /// Call when no keys could be made for a key refresh.
-  void on_no_keys(const std::string& why);
   /// Call after NodeTable::on_stored(). `problem` is empty if the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   void on_deadline(TimePoint now);
@@ -63,6 +61,7 @@ class OperatorOrders : private ProvisionerPart {
   }
   std::string problem_with_refresh(const RefreshKeysOrder& wanted) const;
   void leave_behind(const RefreshKeysOrder& wanted);
+  void begin_refresh();
   void on_refresh_stored(const std::string& problem);
   void on_removal_stored(const std::string& problem);
   const Node* find_robot(const std::string& robot) const;
@@ -72,7 +71,7 @@ class OperatorOrders : private ProvisionerPart {
   const Node* node_to_ask(OpenOrder::Kind kind, const std::string& robot, Duration limit,
                           TimePoint now);
   void answer_export(std::uint16_t address);
-  void undo_import();
+  void undo_import(const std::string& problem, TimePoint now);
   void warn_of_unheard_robots();
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   std::string link_is_down() const { return "the BLE link is down: " + link_.down_reason; }

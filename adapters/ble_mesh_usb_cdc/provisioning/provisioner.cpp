@@ -9,13 +9,14 @@ namespace slamgw::ble {
 
 Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState& link,
                          MeshActions& actions, std::string gateway, RobotNames names,
-                         std::optional<NodeDatabase> database)
+                         std::optional<NodeDatabase> database, RandomSource random)
     : radio_(radio),
       link_(link),
       actions_(actions),
+      random_(std::move(random)),
       nodes_(settings, std::move(names), std::move(database)),
       order_(actions),
-      shared_{settings, radio, link, nodes_, order_, actions_},
+      shared_{settings, radio, link, nodes_, order_, actions_, random_},
       lives_(shared_),
       admission_(shared_),
       refresh_(shared_),
@@ -43,6 +44,7 @@ void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
 
 void Provisioner::on_event(const ProvisionerEvent& event, TimePoint now) {
   std::visit(overloaded{
+                 [&](const KeysWanted&) { begin_mesh(now); },
                  [&](const SourceWanted& wanted) { lives_.on_source_wanted(wanted, now); },
                  [&](const UnprovisionedBeacon& beacon) {
                    admission_.candidates().on_beacon(beacon, now);
@@ -70,26 +72,19 @@ void Provisioner::on_iv_index(std::uint32_t iv_index, TimePoint now) {
   advance(now);
 }
 
-void Provisioner::on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now) {
-  if (wanted.is_refresh) {
-    refresh_.on_keys(keys);
-    return advance(now);
-  }
-  NodeDatabase fresh;
-  fresh.keys = keys;
-  nodes_.begin(std::move(fresh));
-}
-
-void Provisioner::on_keys_failed(const GenerateKeys& wanted, const std::string& why,
-                                 TimePoint now) {
-  if (!wanted.is_refresh) return nodes_.on_no_keys();
-  refresh_.on_keys_failed();
-  orders_.on_no_keys(why);
-  advance(now);
+/// The radio gets the keys when they are on disk. While an import is being stored, it gets those.
+void Provisioner::begin_mesh(TimePoint now) {
+  if (nodes_.database() != nullptr || nodes_.is_beginning()) return;
+  const auto keys = shared_.make_keys();
+  keys ? nodes_.begin(*keys) : radio_.on_keys_failed(ProvisionerPart::no_randomness, now);
 }
 
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
+  const bool was_beginning = nodes_.is_beginning();
   nodes_.on_stored(problem.empty(), now);
+  if (was_beginning)
+    return problem.empty() ? radio_.change_keys(radio_keys(*nodes_.database()), now)
+                           : radio_.on_keys_failed(problem, now);
   if (!problem.empty() && !is_store_problem_known_)
     shared_.notify(Severity::error, problem + "; no robot joins until they can be stored");
   is_store_problem_known_ = !problem.empty();
@@ -119,7 +114,8 @@ void Provisioner::advance(TimePoint now) {
         [this](const Node& node) { return conversations_.is_talking_with(node); }, now);
     conversations_.begin_due(now);
   }
-  if (const NodeDatabase* changed = nodes_.take_write(now)) actions_.push(StoreMesh{*changed});
+  if (const NodeDatabase* changed = nodes_.take_write(now))
+    actions_.push(StoreMesh{*changed, nodes_.is_beginning()});
   if (link_.is_up) scan_or_restart(now);
 }
 

@@ -19,7 +19,8 @@ class Provisioner {
   /// `settings`, `radio`, `link` and `actions` must outlive this object. `gateway`: `gateway.id`,
   /// for gateways that join this mesh.
   Provisioner(const Settings& settings, Radio& radio, const LinkState& link, MeshActions& actions,
-              std::string gateway, RobotNames names, std::optional<NodeDatabase> database);
+              std::string gateway, RobotNames names, std::optional<NodeDatabase> database,
+              RandomSource random);
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
@@ -34,11 +35,6 @@ class Provisioner {
   /// A message came from this unicast address.
   void on_heard(std::uint16_t address, TimePoint now) { nodes_.on_heard(address, now); }
   void on_iv_index(std::uint32_t iv_index, TimePoint now);
-  /// The radio has asked for the keys of a new mesh.
-  void on_keys_wanted() { nodes_.on_keys_wanted(); }
-  /// Takes the keys that `wanted` has asked for. Those of a new mesh are on disk.
-  void on_keys(const GenerateKeys& wanted, const MeshKeys& keys, TimePoint now);
-  void on_keys_failed(const GenerateKeys& wanted, const std::string& why, TimePoint now);
   void on_stored(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// Call when `robots` of the configuration was read again.
@@ -53,12 +49,14 @@ class Provisioner {
   void on_deadline(TimePoint now) { advance(now); }
 
  private:
+  void begin_mesh(TimePoint now);
   void advance(TimePoint now);
   void scan_or_restart(TimePoint now);
 
   Radio& radio_;
   const LinkState& link_;
   MeshActions& actions_;
+  const RandomSource random_;
   NodeTable nodes_;
   OpenOrder order_;
   ProvisionerPart shared_;

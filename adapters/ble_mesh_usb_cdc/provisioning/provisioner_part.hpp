@@ -72,6 +72,13 @@ class OpenOrder {
 
 /// The references that the parts of Provisioner share. All of them must outlive the part.
 struct ProvisionerPart {
+  static constexpr const char* no_randomness = "no randomness for the mesh's keys";
+
+  /// Returns fresh keys; nothing if the system has no randomness.
+  std::optional<MeshKeys> make_keys() const {
+    MeshKeys keys;
+    return random_(keys.net_key) && random_(keys.app_key) ? std::optional(keys) : std::nullopt;
+  }
   void notify(Severity severity, std::string text, std::string robot = {}) {
     actions_.push(MeshEvent(Notice{severity, std::move(text), std::move(robot)}));
   }
@@ -82,6 +89,7 @@ struct ProvisionerPart {
   NodeTable& nodes_;
   OpenOrder& order_;
   MeshActions& actions_;
+  const RandomSource& random_;
 };
 
 }  // namespace slamgw::ble

@@ -48,22 +48,23 @@ TEST(BoardLink, UsesABoardThatHasTheSameKeys) {
 TEST(BoardLink, AsksForKeysOnlyForAFreshBoard) {
   MeshRig rig({}, std::nullopt);
   rig.start();
-  EXPECT_EQ(rig.key_requests, 1);
+  EXPECT_EQ(rig.keys_drawn, 2);
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
 }
 
 TEST(BoardLink, AsksForKeysOnceHoweverOftenTheBoardRestartsMeanwhile) {
   MeshRig rig({}, std::nullopt);
-  rig.answers_key_requests = false;  // storing them takes its time
+  rig.answers_stores = false;  // it takes its time
   rig.start();
   rig.say(rig.board.restart());
   rig.run_for(1s);
   rig.mesh.on_port_closed("unplugged", rig.now);
   rig.open();
-  rig.mesh.on_keys({}, test_keys(), rig.now);
-  rig.run_for(1s);
-  EXPECT_EQ(rig.key_requests, 1);
+  rig.answers_stores = true;
+  rig.mesh.on_stored({}, rig.now);
+  rig.run_for(2s);
+  EXPECT_EQ(rig.keys_drawn, 2);
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
 }
@@ -74,7 +75,7 @@ TEST(BoardLink, UsesAConfiguredBoardAsItIsWhenNoKeysAreKnown) {
   rig.board.subnets[0].second = key(0x77);
   rig.start();
   EXPECT_TRUE(rig.is_up());
-  EXPECT_EQ(rig.key_requests, 0);
+  EXPECT_EQ(rig.keys_drawn, 0);
   EXPECT_EQ(rig.board.count(0x92) + rig.board.count(0x97), 0u);
   EXPECT_TRUE(rig.has_notice("used as it is"));
 }
@@ -105,13 +106,27 @@ TEST(BoardLink, RefusesABoardWithAnotherAddress) {
 
 TEST(BoardLink, RefusesWhenKeysCannotBeStored) {
   MeshRig rig({}, std::nullopt);
-  rig.answers_key_requests = false;
+  rig.store_problem = "disk full";
   rig.start();
-  rig.mesh.on_keys_failed({}, "disk full", rig.now);
-  rig.run_for(1s);
   EXPECT_FALSE(rig.is_up());
   EXPECT_TRUE(rig.has_notice("disk full"));
   EXPECT_TRUE(rig.board.subnets.empty());
+  rig.store_problem.clear();
+  rig.run_for(40s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.keys_drawn, 4) << "others, as the first ones may be on disk";
+}
+
+TEST(BoardLink, RefusesWhenNoKeysCanBeMade) {
+  MeshRig rig({}, std::nullopt);
+  rig.has_randomness = false;
+  rig.start();
+  EXPECT_FALSE(rig.is_up());
+  EXPECT_TRUE(rig.has_notice("no randomness for the mesh's keys"));
+  EXPECT_TRUE(rig.stored.empty());
+  rig.has_randomness = true;
+  rig.run_for(40s);
+  EXPECT_TRUE(rig.is_up());
 }
 
 TEST(BoardLink, GetsInStepWithABoardInTheMiddleOfAPacket) {

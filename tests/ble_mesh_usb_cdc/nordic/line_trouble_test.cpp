@@ -126,13 +126,14 @@ TEST(LineTrouble, ABoardThatWasFreshIsNotClearedUnlessAnOperatorSaysSo) {
 
 TEST(LineTrouble, ABoardThatWasFreshAndGotItsKeysElsewhereIsNotCleared) {
   MeshRig rig({}, std::nullopt);
-  rig.answers_key_requests = false;
+  rig.answers_stores = false;
   rig.start();
-  ASSERT_EQ(rig.key_requests, 1) << "a fresh board";
+  ASSERT_EQ(rig.keys_drawn, 2) << "a fresh board";
   rig.mesh.on_port_closed("unplugged", rig.now);
   rig.board.unicast = 1;
   rig.board.subnets = {{std::uint16_t{0}, Bytes(16, 0x77)}};
-  rig.mesh.on_keys({}, test_keys(), rig.now);
+  rig.answers_stores = true;
+  rig.mesh.on_stored({}, rig.now);
   rig.start();
   rig.run_for(5min);
   EXPECT_FALSE(rig.is_up());

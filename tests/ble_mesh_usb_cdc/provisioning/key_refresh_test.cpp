@@ -120,19 +120,17 @@ TEST(KeyRefresh, SaysNothingBeforeItIsOnDisk) {
 
 TEST(KeyRefresh, EndsAtOnceWhenNoKeysCanBeMade) {
   RefreshRig rig(1);
-  rig.answers_key_requests = false;
-  EXPECT_TRUE(rig.refresh().is_null());
-  rig.mesh.on_keys_failed({.is_refresh = true}, "no randomness", rig.now);
-  rig.run_for(1ms);
-  EXPECT_NE(rig.answer().dump().find("no randomness"), std::string::npos) << rig.answer();
+  rig.has_randomness = false;
+  EXPECT_EQ(rig.refresh(), "no randomness for the mesh's keys");
+  EXPECT_TRUE(rig.has_notice("no randomness for the mesh's keys"));
   EXPECT_EQ(rig.step(), "none");
-  rig.answers_key_requests = true;
+  rig.has_randomness = true;
   EXPECT_EQ(rig.refresh()["step"], "distributing");
 }
 
-TEST(KeyRefresh, OrderedTwiceWhileItsKeysAreMadeBeginsOnce) {
+TEST(KeyRefresh, OrderedTwiceBeforeItIsOnDiskBeginsOnce) {
   RefreshRig rig(2);
-  rig.answers_key_requests = false;
+  rig.answers_stores = false;
   rig.refresh();
   rig.pass(21s);
   EXPECT_NE(rig.answer().dump().find("it takes longer"), std::string::npos) << rig.answer();
@@ -141,33 +139,14 @@ TEST(KeyRefresh, OrderedTwiceWhileItsKeysAreMadeBeginsOnce) {
   rig.order(MeasureHearingOrder{});
   EXPECT_NE(rig.answer().dump().find("are being refreshed"), std::string::npos) << rig.answer();
   EXPECT_TRUE(rig.refresh().is_null());
-  EXPECT_EQ(rig.key_requests, 1);
-  for (int i = 0; i < 2; ++i) {
-    rig.mesh.on_keys({.is_refresh = true}, new_keys(), rig.now);
-    rig.run_for(1ms);
-  }
+  EXPECT_EQ(rig.keys_drawn, 2);
+  rig.answers_stores = true;
+  rig.mesh.on_stored({}, rig.now);
+  rig.run_for(1ms);
   EXPECT_EQ(rig.answer()["step"], "distributing") << rig.answer();
   ASSERT_TRUE(rig.reaches("none"));
   EXPECT_TRUE(rig.is_complete());
   EXPECT_EQ(rig.on_disk().nodes.size(), 2u);
-}
-
-TEST(KeyRefresh, IsNotConfusedByAnAnswerForANewMesh) {
-  ProvisioningRig rig({}, std::nullopt);
-  rig.answers_key_requests = rig.answers_stores = false;
-  rig.order(ImportOrder{encode_node_database(test_database())});
-  rig.start();
-  rig.answers_stores = true;
-  rig.mesh.on_stored("", rig.now);
-  rig.run_for(1s);
-  rig.order(RefreshKeysOrder{});
-  ASSERT_EQ(rig.key_requests, 2);
-  rig.mesh.on_keys_failed({}, "mesh.json exists", rig.now);
-  rig.run_for(1ms);
-  EXPECT_TRUE(rig.answer().is_null()) << rig.answer();
-  rig.mesh.on_keys({.is_refresh = true}, new_keys(), rig.now);
-  rig.run_for(1ms);
-  EXPECT_EQ(rig.answer()["step"], "distributing") << rig.answer();
 }
 
 TEST(KeyRefresh, TakesEachStepWhenTheDiskHasIt) {
@@ -379,7 +358,7 @@ TEST(KeyRefresh, IsRefusedInASharedMesh) {
   second.start();
   second.order(RefreshKeysOrder{});
   EXPECT_NE(second.answer().dump().find("do it there"), std::string::npos);
-  EXPECT_EQ(rig.key_requests + second.key_requests, 0);
+  EXPECT_EQ(rig.keys_drawn + second.keys_drawn, 0);
 }
 
 TEST(KeyRefresh, KeepsTheMeshTogetherMeanwhile) {

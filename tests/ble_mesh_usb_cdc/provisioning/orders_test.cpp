@@ -590,7 +590,7 @@ TEST(Orders, ImportAndExportEndWhenASlowDiskHasTheMesh) {
   rig.start();
   EXPECT_EQ(rig.answer()["nodes"], 0) << rig.answer();
   EXPECT_TRUE(rig.is_up());
-  EXPECT_EQ(rig.key_requests, 0);
+  EXPECT_EQ(rig.keys_drawn, 0);
   rig.answers_stores = false;
   rig.order(ExportOrder{});
   rig.pass(200s);
@@ -605,13 +605,13 @@ TEST(Orders, ImportWaitsForTheFirstKeys) {
   foreign.keys.net_key.fill(0x77);
   for (const bool is_disk_full : {false, true}) {
     ProvisioningRig rig({}, std::nullopt);
-    rig.answers_key_requests = false;
+    rig.answers_stores = false;
     rig.start();
-    ASSERT_EQ(rig.key_requests, 1);
+    ASSERT_EQ(rig.keys_drawn, 2);
     rig.order(ImportOrder{encode_node_database(foreign)});
     EXPECT_EQ(rig.answer(), "the mesh's keys are being made; try again");
-    is_disk_full ? rig.mesh.on_keys_failed({}, "no space", rig.now)
-                 : rig.mesh.on_keys({}, test_keys(), rig.now);
+    rig.answers_stores = true;
+    rig.mesh.on_stored(is_disk_full ? "no space" : "", rig.now);
     rig.run_for(1s);
     rig.order(ImportOrder{encode_node_database(foreign)});
     rig.run_for(1s);
@@ -622,18 +622,20 @@ TEST(Orders, ImportWaitsForTheFirstKeys) {
 }
 
 TEST(Orders, ImportEndsThoughTheBoardAsksForKeysMeanwhile) {
-  ProvisioningRig rig({}, std::nullopt);
-  rig.answers_key_requests = false;
-  rig.answers_stores = false;
-  rig.order(ImportOrder{encode_node_database(test_database())});
-  rig.start();
-  ASSERT_EQ(rig.key_requests, 1);
-  rig.answers_stores = true;
-  rig.mesh.on_stored("", rig.now);
-  rig.mesh.on_keys_failed({}, "mesh.json exists", rig.now);
-  rig.run_for(2s);
-  EXPECT_EQ(rig.answer()["nodes"], 0) << rig.answer();
-  EXPECT_TRUE(rig.is_up());
+  for (const bool is_disk_full : {false, true}) {
+    ProvisioningRig rig({}, std::nullopt);
+    rig.answers_stores = false;
+    rig.order(ImportOrder{encode_node_database(test_database())});
+    rig.start();
+    rig.answers_stores = true;
+    rig.mesh.on_stored(is_disk_full ? "no space" : "", rig.now);
+    rig.run_for(2s);
+    EXPECT_EQ(rig.answer() == "no space", is_disk_full) << rig.answer();
+    EXPECT_EQ(rig.is_up(), !is_disk_full);
+    rig.run_for(40s);
+    EXPECT_TRUE(rig.is_up());
+    EXPECT_EQ(rig.keys_drawn, is_disk_full ? 2 : 0);
+  }
 }
 
 TEST(Orders, ImportRefusesAnotherMeshAndWhatCannotBeStored) {

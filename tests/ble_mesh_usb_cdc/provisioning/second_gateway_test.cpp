@@ -87,7 +87,7 @@ TEST(SecondGateway, NoTwoGetTheSameAddress) {
   EXPECT_EQ(second["address"], "0x0021");
   EXPECT_EQ(third["address"], "0x0041");
   ProvisioningRig wrong(at(0x21), std::nullopt);
-  wrong.answers_key_requests = false;
+  wrong.answers_stores = false;
   wrong.start();
   wrong.order(ImportOrder{third["mesh"]});
   EXPECT_NE(error_of(wrong).find("ble_mesh.address is 0x0041"), std::string::npos)
