@@ -1,20 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 
-#include <poll.h>
-#include <sys/eventfd.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/post.hpp>
-#include <cerrno>
-#include <condition_variable>
-#include <cstring>
+#include <functional>
+#include <future>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -22,28 +19,20 @@
 #include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/time.hpp"
-#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw::ble {
 
-/// Octets and changes of state since the last report.
-struct SerialReport {
-  bool is_open = false;
-  Bytes bytes;
-  std::optional<std::string> failure;  ///< not opened, or lost; the port closes
-  bool has_ended = false;              ///< the port is closed, the thread ends
-};
+namespace asio = boost::asio;
 
-/// One port from opening to closing, on a thread of its own. Collects the octets that it reads and
-/// posts them to the loop, one post at a time. Made by SerialLine for each attempt; the thread
-/// keeps this object alive, so a port that is stuck in the kernel delays nothing else.
+/// One port from opening to closing. A thread of its own makes all calls on the port, as handlers
+/// of `io_`. Made by SerialLine for each attempt; the thread keeps this object alive, so a port
+/// that is stuck in the kernel delays nothing else.
 class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
  public:
   /// Reports go to `line` on the loop's thread, until `abandon`.
-  static std::shared_ptr<SerialConnection> start(boost::asio::io_context& io, OpenPort open_port,
-                                                 SerialLine& line);
-  SerialConnection(const SerialConnection&) = delete;
-  SerialConnection& operator=(const SerialConnection&) = delete;
+  SerialConnection(asio::io_context& loop, OpenPort open_port, SerialLine& line)
+      : open_port_(std::move(open_port)), loop_(loop), line_(&line) {}
+  void start();
 
   /// Queues `bytes`. Returns false if more than SerialLine::max_unwritten would wait.
   bool write(ByteView bytes);
@@ -52,35 +41,33 @@ class SerialConnection : public std::enable_shared_from_this<SerialConnection> {
   void abandon(Duration limit);
 
  private:
-  SerialConnection(boost::asio::io_context& io, OpenPort open_port, SerialLine& line);
-
   // On the thread:
-  void run();
-  std::unique_ptr<SerialPort> open();
-  bool prepare(SerialPort& port);
-  void carry(SerialPort& port);
-  bool read_some(SerialPort& port);
-  bool write_some(SerialPort& port);
-  bool is_closing();
-  void rest(Duration time);
-  void fail(std::string why);
-  template <class Change>
-  void report(Change change);
-
-  // On the loop:
-  void deliver();
+  void open();
+  void prepare();
+  void read_next();
+  void on_read(const boost::system::error_code& error, std::size_t count);
+  void write_some();
+  void end(const std::string& failure = {});
+  void report(std::function<void(SerialLine&)> what);
 
   const OpenPort open_port_;
-  const OwnedFile wake_;  ///< eventfd: there is something to write, or to close
+  const TimePoint give_up_ = std::chrono::steady_clock::now() + SerialLine::permission_grace;
   std::mutex mutex_;
-  std::condition_variable ended_;
-  boost::asio::io_context& io_;  ///< not touched once `line_` is null
-  SerialLine* line_;             ///< null when abandoned
-  SerialReport report_;
-  bool is_posted_ = false;
-  bool is_closing_ = false;
-  bool has_ended_ = false;
-  Bytes unwritten_;
+  asio::io_context& loop_;                 ///< not touched once `line_` is null
+  SerialLine* line_;                       ///< null when abandoned
+  std::atomic<std::size_t> unwritten_{0};  ///< octets that the port has not taken
+  std::atomic<std::size_t> unread_{0};     ///< octets that the loop has not taken
+  std::promise<void> ended_;
+
+  asio::io_context io_{1};
+  asio::executor_work_guard<asio::io_context::executor_type> work_ = asio::make_work_guard(io_);
+  Timer timer_{io_};
+  std::unique_ptr<SerialPort> port_;
+  asio::posix::stream_descriptor descriptor_{io_};  ///< the port's, while it carries octets
+  bool is_reading_ = false;
+  bool is_full_ = false;  ///< the kernel takes no octets
+  std::array<std::uint8_t, 4096> buffer_{};
+  Bytes to_write_;
 };
 
 // --- The line, on the loop -----------------------------------------------------------------------
@@ -99,7 +86,13 @@ void SerialLine::open() {
 void SerialLine::start() {
   state_ = State::opening;
   is_open_wanted_ = false;
-  connection_ = SerialConnection::start(io_, open_port_, *this);
+  try {
+    connection_ = std::make_shared<SerialConnection>(io_, open_port_, *this);
+  } catch (const boost::system::system_error&) {
+    state_ = State::closed;
+    return callbacks_.on_failed("the serial board can't be opened: too many open files");
+  }
+  connection_->start();
   watch();
 }
 
@@ -124,17 +117,21 @@ void SerialLine::stop() {
   state_ = State::closed;
 }
 
-void SerialLine::on_report(SerialReport report) {
-  if (report.is_open && state_ == State::opening) {
-    state_ = State::open;
-    stuck_timer_.cancel();
-    callbacks_.on_open();
-  }
-  // Each callback may close the line.
-  if (!report.bytes.empty() && state_ == State::open) callbacks_.on_bytes(report.bytes);
-  const bool is_lost = state_ == State::opening || state_ == State::open;
-  if (report.failure && is_lost) fail(*report.failure);
-  if (report.has_ended && connection_) on_thread_ended();
+// Reports of the connection. Each callback may close the line.
+
+void SerialLine::on_open() {
+  if (state_ != State::opening) return;
+  state_ = State::open;
+  stuck_timer_.cancel();
+  callbacks_.on_open();
+}
+
+void SerialLine::on_bytes(ByteView bytes) {
+  if (state_ == State::open) callbacks_.on_bytes(bytes);
+}
+
+void SerialLine::on_lost(const std::string& why) {
+  if (state_ == State::opening || state_ == State::open) fail(why);
 }
 
 void SerialLine::fail(const std::string& why) {
@@ -164,189 +161,127 @@ void SerialLine::on_stuck() {
         "port: unplug the board and plug it in again if this persists");
 }
 
-namespace {
+// --- The connection, from the loop ---------------------------------------------------------------
 
-bool would_block(int error) { return error == EAGAIN || error == EWOULDBLOCK || error == EINTR; }
-
-}  // namespace
-
-std::shared_ptr<SerialConnection> SerialConnection::start(boost::asio::io_context& io,
-                                                          OpenPort open_port, SerialLine& line) {
-  std::shared_ptr<SerialConnection> connection(
-      new SerialConnection(io, std::move(open_port), line));
-  std::thread([connection] { connection->run(); }).detach();
-  return connection;
+void SerialConnection::start() {
+  asio::post(io_, [this] { open(); });
+  std::thread([self = shared_from_this()] {
+    self->io_.run();
+    self->ended_.set_value();
+  }).detach();
 }
-
-SerialConnection::SerialConnection(boost::asio::io_context& io, OpenPort open_port,
-                                   SerialLine& line)
-    : open_port_(std::move(open_port)),
-      wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
-      io_(io),
-      line_(&line) {}
-
-// --- From the loop -------------------------------------------------------------------------------
 
 bool SerialConnection::write(ByteView bytes) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (unwritten_.size() + bytes.size() > SerialLine::max_unwritten) return false;
-    unwritten_.insert(unwritten_.end(), bytes.begin(), bytes.end());
-  }
-  ::eventfd_write(wake_.get(), 1);
-  return true;
-}
-
-void SerialConnection::close() {
-  {
-    const std::lock_guard lock(mutex_);
-    is_closing_ = true;
-  }
-  ::eventfd_write(wake_.get(), 1);
-}
-
-void SerialConnection::abandon(Duration limit) {
-  close();
-  std::unique_lock lock(mutex_);
-  line_ = nullptr;
-  ended_.wait_for(lock, limit, [this] { return has_ended_; });
-}
-
-void SerialConnection::deliver() {
-  SerialReport report;
-  SerialLine* line = nullptr;
-  {
-    const std::lock_guard lock(mutex_);
-    is_posted_ = false;
-    report = std::exchange(report_, {});
-    line = line_;  // only the loop's thread, this one, makes it null
-  }
-  ::eventfd_write(wake_.get(), 1);  // there is room to read again
-  if (line != nullptr) line->on_report(std::move(report));
-}
-
-// --- On the thread -------------------------------------------------------------------------------
-
-void SerialConnection::run() {
-  if (auto port = open()) {
-    if (prepare(*port)) carry(*port);
-    port->set_dtr(false);
-  }
-  report([](SerialReport& report) { report.has_ended = true; });
-  const std::lock_guard lock(mutex_);
-  has_ended_ = true;
-  ended_.notify_all();
-}
-
-std::unique_ptr<SerialPort> SerialConnection::open() {
-  if (wake_.get() < 0) {
-    fail("the serial board can't be opened: too many open files");
-    return nullptr;
-  }
-  const TimePoint give_up = std::chrono::steady_clock::now() + SerialLine::permission_grace;
-  while (!is_closing()) {
-    auto opened = open_port_();
-    if (opened.has_value()) return std::move(*opened);
-    const OpenRefusal& refusal = opened.error();
-    if (!refusal.is_denied || std::chrono::steady_clock::now() >= give_up) {
-      fail(refusal.why);
-      return nullptr;
-    }
-    rest(SerialLine::permission_retry);
-  }
-  return nullptr;
-}
-
-/// Returns false if the port is to be closed again.
-bool SerialConnection::prepare(SerialPort& port) {
-  port.set_dtr(false);
-  rest(SerialLine::dtr_off_time);
-  port.flush_input();
-  port.set_dtr(true);
-  if (is_closing()) return false;
-  report([](SerialReport& report) { report.is_open = true; });
-  return true;
-}
-
-void SerialConnection::carry(SerialPort& port) {
-  bool is_usable = true;
-  while (is_usable && !is_closing()) {
-    std::array<pollfd, 2> watched{{{wake_.get(), POLLIN, 0}, {port.descriptor(), 0, 0}}};
-    {
-      const std::lock_guard lock(mutex_);
-      const bool has_room = report_.bytes.size() < SerialLine::max_unread;
-      watched[1].events =
-          static_cast<short>((has_room ? POLLIN : 0) | (unwritten_.empty() ? 0 : POLLOUT));
-    }
-    if (::poll(watched.data(), watched.size(), -1) < 0 && errno != EINTR) return;
-    eventfd_t ignored = 0;
-    ::eventfd_read(wake_.get(), &ignored);
-    if ((watched[1].revents & ~POLLOUT) != 0) is_usable = read_some(port);
-    if (is_usable) is_usable = write_some(port);
-  }
-  if (is_usable) write_some(port);  // octets that the loop queued before it closed the line
-}
-
-bool SerialConnection::read_some(SerialPort& port) {
-  std::array<std::uint8_t, 4096> buffer{};
-  const ssize_t count = ::read(port.descriptor(), buffer.data(), buffer.size());
-  if (count < 0 && would_block(errno)) return true;
-  if (count <= 0) {
-    const char* const reason = count == 0 ? "end of file" : std::strerror(errno);
-    fail(std::string("the serial board is gone (") + reason + ")");
-    return false;
-  }
-  const ByteView bytes = ByteView(buffer).first(static_cast<std::size_t>(count));
-  report([bytes](SerialReport& report) {
-    report.bytes.insert(report.bytes.end(), bytes.begin(), bytes.end());
+  if (unwritten_ + bytes.size() > SerialLine::max_unwritten) return false;
+  unwritten_ += bytes.size();
+  asio::post(io_, [this, bytes = Bytes(bytes.begin(), bytes.end())] {
+    to_write_.insert(to_write_.end(), bytes.begin(), bytes.end());
+    write_some();
   });
   return true;
 }
 
-/// Writes as much as the kernel takes now. Returns false if the port is lost.
-bool SerialConnection::write_some(SerialPort& port) {
-  while (true) {
-    Bytes next;
-    {
-      const std::lock_guard lock(mutex_);
-      const std::size_t count = std::min(unwritten_.size(), port.max_write_bytes());
-      next.assign(unwritten_.begin(), unwritten_.begin() + static_cast<std::ptrdiff_t>(count));
-    }
-    if (next.empty()) return true;
-    const ssize_t count = ::write(port.descriptor(), next.data(), next.size());
-    if (count < 0) {
-      if (would_block(errno)) return true;
-      fail(std::string("writing to the serial board failed: ") + std::strerror(errno));
-      return false;
-    }
+void SerialConnection::close() {
+  asio::post(io_, [this] { end(); });
+}
+
+void SerialConnection::abandon(Duration limit) {
+  close();
+  {
     const std::lock_guard lock(mutex_);
-    unwritten_.erase(unwritten_.begin(), unwritten_.begin() + count);
+    line_ = nullptr;
+  }
+  ended_.get_future().wait_for(limit);
+}
+
+// --- The connection, on the thread ---------------------------------------------------------------
+
+void SerialConnection::open() {
+  auto opened = open_port_();
+  if (!opened.has_value()) {
+    const OpenRefusal& refusal = opened.error();
+    if (!refusal.is_denied || std::chrono::steady_clock::now() >= give_up_) return end(refusal.why);
+    return timer_.after(SerialLine::permission_retry, [this] { open(); });
+  }
+  port_ = std::move(*opened);
+  port_->set_dtr(false);
+  timer_.after(SerialLine::dtr_off_time, [this] { prepare(); });
+}
+
+void SerialConnection::prepare() {
+  port_->flush_input();
+  port_->set_dtr(true);
+  boost::system::error_code error;
+  descriptor_.assign(port_->descriptor(), error);
+  if (!error) descriptor_.non_blocking(true, error);
+  if (error) return end("the serial board can't be read: " + error.message());
+  report([](SerialLine& line) { line.on_open(); });
+  read_next();
+}
+
+/// What the loop has not taken beyond `max_unread` waits in the kernel.
+void SerialConnection::read_next() {
+  if (!descriptor_.is_open() || is_reading_ || unread_ >= SerialLine::max_unread) return;
+  is_reading_ = true;
+  descriptor_.async_read_some(
+      asio::buffer(buffer_),
+      [this](const boost::system::error_code& error, std::size_t count) { on_read(error, count); });
+}
+
+void SerialConnection::on_read(const boost::system::error_code& error, std::size_t count) {
+  is_reading_ = false;
+  if (!descriptor_.is_open()) return;
+  if (error)
+    return end("the serial board is gone (" +
+               (error == asio::error::eof ? "end of file" : error.message()) + ")");
+  unread_ += count;
+  report([this, bytes = Bytes(buffer_.begin(), buffer_.begin() + count)](SerialLine& line) {
+    unread_ -= bytes.size();
+    asio::post(io_, [this] { read_next(); });
+    line.on_bytes(bytes);
+  });
+  read_next();
+}
+
+/// Writes as much as the kernel takes now.
+void SerialConnection::write_some() {
+  while (descriptor_.is_open() && !is_full_ && !to_write_.empty()) {
+    boost::system::error_code error;
+    const std::size_t count =
+        descriptor_.write_some(asio::buffer(to_write_, port_->max_write_bytes()), error);
+    if (error == asio::error::would_block || error == asio::error::interrupted) {
+      is_full_ = true;
+      return descriptor_.async_wait(descriptor_.wait_write,
+                                    [this](const boost::system::error_code&) {
+                                      is_full_ = false;
+                                      write_some();
+                                    });
+    }
+    if (error) return end("writing to the serial board failed: " + error.message());
+    to_write_.erase(to_write_.begin(), to_write_.begin() + static_cast<std::ptrdiff_t>(count));
+    unwritten_ -= count;
   }
 }
 
-bool SerialConnection::is_closing() {
-  const std::lock_guard lock(mutex_);
-  return is_closing_;
+/// Closes the port, which ends the thread.
+void SerialConnection::end(const std::string& failure) {
+  if (!work_.owns_work()) return;
+  if (!failure.empty()) report([failure](SerialLine& line) { line.on_lost(failure); });
+  timer_.cancel();
+  if (descriptor_.is_open()) descriptor_.release();
+  if (port_) port_->set_dtr(false);
+  port_.reset();
+  report([](SerialLine& line) { line.on_thread_ended(); });
+  work_.reset();
 }
 
-/// Waits for this time, or until there is something to do.
-void SerialConnection::rest(Duration time) {
-  pollfd watched{wake_.get(), POLLIN, 0};
-  const auto limit = std::chrono::duration_cast<std::chrono::milliseconds>(time);
-  ::poll(&watched, 1, static_cast<int>(limit.count()));
-}
-
-void SerialConnection::fail(std::string why) {
-  report([&why](SerialReport& report) { report.failure = std::move(why); });
-}
-
-template <class Change>
-void SerialConnection::report(Change change) {
+/// Calls `what` on the loop's thread, the only one that makes `line_` null.
+void SerialConnection::report(std::function<void(SerialLine&)> what) {
   const std::lock_guard lock(mutex_);
   if (line_ == nullptr) return;
-  change(report_);
-  if (std::exchange(is_posted_, true)) return;
-  boost::asio::post(io_, [self = shared_from_this()] { self->deliver(); });
+  asio::post(loop_, [self = shared_from_this(), what = std::move(what)] {
+    if (self->line_ != nullptr) what(*self->line_);
+  });
 }
 
 }  // namespace slamgw::ble

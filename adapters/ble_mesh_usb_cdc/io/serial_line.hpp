@@ -17,7 +17,6 @@
 namespace slamgw::ble {
 
 class SerialConnection;
-struct SerialReport;
 
 class SerialLine {
  public:
@@ -66,7 +65,9 @@ class SerialLine {
   enum class State : std::uint8_t { closed, opening, open, closing };
 
   void start();
-  void on_report(SerialReport report);
+  void on_open();
+  void on_bytes(ByteView bytes);
+  void on_lost(const std::string& why);
   void fail(const std::string& why);
   void on_thread_ended();
   void watch();

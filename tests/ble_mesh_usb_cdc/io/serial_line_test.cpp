@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <string>
@@ -175,6 +176,21 @@ TEST_F(SerialLineTest, FailsWhenTheBoardIsGone) {
   EXPECT_NE(failures[0].find("is gone"), std::string::npos);
   line->open();
   ASSERT_TRUE(eventually([&] { return failures.size() == 2; })) << "its node is gone, too";
+}
+
+TEST_F(SerialLineTest, FailsWhenTooManyFilesAreOpen) {
+  rlimit usual{};
+  ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &usual), 0);
+  const int lowest_free = ::dup(master);
+  ::close(lowest_free);
+  const rlimit full{static_cast<rlim_t>(lowest_free), usual.rlim_max};
+  ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &full), 0);
+  line->open();
+  EXPECT_TRUE(eventually([&] { return !failures.empty(); }));
+  ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &usual), 0);
+  EXPECT_EQ(failures, std::vector<std::string>{"the serial board can't be opened: too many open "
+                                               "files"});
+  open();
 }
 
 TEST_F(SerialLineTest, HandsOverWhatWasWrittenBeforeClose) {
