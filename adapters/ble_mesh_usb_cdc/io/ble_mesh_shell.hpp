@@ -35,7 +35,7 @@ class BleMeshShell : public BleShell<BleMesh> {
     orders_.clear();
     disk_.join();
     // Writes changes since the last write began, such as the key of a robot that just joined.
-    if (const NodeDatabase* unsaved = machine().unsaved()) file_.replace(*unsaved);
+    if (const NodeDatabase* unsaved = machine().unsaved()) file_.write(*unsaved);
   }
   /// Carries out an operator's order about the mesh or its robots. `done` is called at most once,
   /// now or later, and never after stop().
@@ -117,8 +117,7 @@ class BleMeshShell : public BleShell<BleMesh> {
   /// Writes on the disk's thread, then reports to the machine on the loop.
   void store(StoreMesh mesh) {
     boost::asio::post(disk_, [this, mesh = std::move(mesh), executor = loop_.get_executor()] {
-      const std::string problem =
-          mesh.is_new ? file_.create(mesh.database) : file_.replace(mesh.database);
+      const std::string problem = file_.write(mesh.database, mesh.is_new);
       boost::asio::post(executor,
                         [this, problem, is_new = mesh.is_new, alive = std::weak_ptr(alive_)] {
                           if (!alive.expired() && !is_stopped()) on_stored(problem, is_new);

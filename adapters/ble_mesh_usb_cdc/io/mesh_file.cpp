@@ -104,21 +104,13 @@ Result<std::optional<NodeDatabase>, Refusal> MeshFile::load(std::uint16_t addres
   return std::optional(*database);
 }
 
-std::string MeshFile::create(const NodeDatabase& database) const {
-  // link() instead of rename(): it fails if the file has appeared since.
-  return write(database, [](const char* from, const char* to) { return ::link(from, to); });
-}
-
-std::string MeshFile::replace(const NodeDatabase& database) const {
-  return write(database, [](const char* from, const char* to) { return ::rename(from, to); });
-}
-
-std::string MeshFile::write(const NodeDatabase& database,
-                            int (*put_in_place)(const char*, const char*)) const {
+std::string MeshFile::write(const NodeDatabase& database, bool is_new) const {
   const std::string temporary = path_ + ".new";
   const std::string directory = std::filesystem::path(path_).parent_path();
   if (!write_file(temporary, encode_node_database(database)))
     return fmt::format("the mesh's keys can't be stored in {}: {}", temporary, last_error());
+  // link() fails if the file has appeared since.
+  const auto put_in_place = is_new ? ::link : ::rename;
   const bool is_there = put_in_place(temporary.c_str(), path_.c_str()) == 0;
   const std::string why = is_there ? std::string() : last_error();
   ::unlink(temporary.c_str());

@@ -22,17 +22,13 @@ class MeshFile {
   /// can't be read must not be replaced: without its keys the mesh is lost. Checks `address`,
   /// `ble_mesh.address`, against the file. Blocks, for some seconds if the disk fails.
   Result<std::optional<NodeDatabase>, Refusal> load(std::uint16_t address) const;
-  /// Returns an error message, empty if the file is on disk. Never replaces an existing file.
-  std::string create(const NodeDatabase& database) const;
-  /// As create(), but replaces an existing file.
-  std::string replace(const NodeDatabase& database) const;
+  /// Returns an error message, empty if the file is on disk. `is_new`: never replaces an existing
+  /// file.
+  std::string write(const NodeDatabase& database, bool is_new = false) const;
 
   const std::string& path() const { return path_; }
 
  private:
-  std::string write(const NodeDatabase& database,
-                    int (*put_in_place)(const char*, const char*)) const;
-
   std::string path_;
 };
 

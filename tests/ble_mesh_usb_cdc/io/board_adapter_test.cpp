@@ -223,7 +223,7 @@ TEST_F(BoardAdapterTest, StaysOffWithTheAddressOfARobot) {
   Node& node = database.nodes.emplace_back();
   node.address = settings.address;
   node.state = NodeState::configured;
-  ASSERT_EQ(MeshFile(directory.string()).create(database), "");
+  ASSERT_EQ(MeshFile(directory.string()).write(database), "");
   make_adapter();
   plug();
   adapter->start();
@@ -235,13 +235,13 @@ TEST_F(BoardAdapterTest, StaysOffWithTheAddressOfARobot) {
 TEST_F(BoardAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
   NodeDatabase guest;
   guest.guest_address = 2;
-  ASSERT_EQ(MeshFile(directory.string()).create(guest), "");
+  ASSERT_EQ(MeshFile(directory.string()).write(guest), "");
   make_adapter();
   adapter->start();
   EXPECT_TRUE(listener.has_notice("ble_mesh.address must be 0x0002"));
   NodeDatabase first;
   first.gateways = {settings.address};
-  ASSERT_EQ(MeshFile(directory.string()).replace(first), "");
+  ASSERT_EQ(MeshFile(directory.string()).write(first), "");
   make_adapter();
   adapter->start();
   EXPECT_TRUE(listener.has_notice("was given to another gateway of this mesh"));
@@ -249,11 +249,11 @@ TEST_F(BoardAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
 
 TEST_F(BoardAdapterTest, AKeyFileIsNeverReplaced) {
   const MeshFile file(directory.string());
-  EXPECT_EQ(file.create({}), "");
+  EXPECT_EQ(file.write({}, /*is_new=*/true), "");
   const std::string before = mesh_file();
   NodeDatabase other;
   other.keys.net_key.fill(9);
-  EXPECT_NE(file.create(other), "");
+  EXPECT_NE(file.write(other, /*is_new=*/true), "");
   EXPECT_EQ(mesh_file(), before);
   EXPECT_FALSE(fs::exists(directory / "mesh.json.new"));
 }
