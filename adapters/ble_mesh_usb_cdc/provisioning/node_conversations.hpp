@@ -7,6 +7,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
@@ -45,11 +46,10 @@ class NodeConversations : private ProvisionerPart {
   void drop(std::uint16_t address);
   bool is_talking_with(const Node& node) const { return conversations_.contains(node.address); }
 
-  /// Returns true if the radio should restart before the next conversation, once for each robot.
-  /// Its replay list may know the address of a node that has joined, or be full; only a restart
-  /// empties it.
-  bool wants_restart() const { return wants_restart_; }
-  void on_restart() { wants_restart_ = false; }
+  /// Returns true, and only once, if the radio should restart before the next conversation. Its
+  /// replay list may know the address of a node that has joined, or be full; only a restart empties
+  /// it. One restart is tried for each robot.
+  bool take_restart() { return std::exchange(wants_restart_, false); }
 
   /// The reset of a node has ended, or none is needed.
   void on_reset(const Node& node, bool is_done, const std::string& problem, TimePoint now);

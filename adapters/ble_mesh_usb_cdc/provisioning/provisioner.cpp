@@ -10,13 +10,10 @@ namespace slamgw::ble {
 Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState& link,
                          MeshActions& actions, std::string gateway, RobotNames names,
                          std::optional<NodeDatabase> database, RandomSource random)
-    : radio_(radio),
-      link_(link),
-      actions_(actions),
-      random_(std::move(random)),
+    : random_(std::move(random)),
       nodes_(settings, std::move(names), std::move(database)),
       order_(actions),
-      shared_{settings, radio, link, nodes_, order_, actions_, random_},
+      shared_{settings, radio, link, nodes_, order_, actions, random_},
       lives_(shared_),
       admission_(shared_),
       refresh_(shared_),
@@ -76,15 +73,15 @@ void Provisioner::on_iv_index(std::uint32_t iv_index, TimePoint now) {
 void Provisioner::begin_mesh(TimePoint now) {
   if (nodes_.database() != nullptr || nodes_.is_beginning()) return;
   const auto keys = shared_.make_keys();
-  keys ? nodes_.begin(*keys) : radio_.on_keys_failed(ProvisionerPart::no_randomness, now);
+  keys ? nodes_.begin(*keys) : shared_.radio_.on_keys_failed(ProvisionerPart::no_randomness, now);
 }
 
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   const bool was_beginning = nodes_.is_beginning();
   nodes_.on_stored(problem.empty(), now);
   if (was_beginning)
-    return problem.empty() ? radio_.change_keys(radio_keys(*nodes_.database()), now)
-                           : radio_.on_keys_failed(problem, now);
+    return problem.empty() ? shared_.radio_.change_keys(radio_keys(*nodes_.database()), now)
+                           : shared_.radio_.on_keys_failed(problem, now);
   if (!problem.empty() && !is_store_problem_known_)
     shared_.notify(Severity::error, problem + "; no robot joins until they can be stored");
   is_store_problem_known_ = !problem.empty();
@@ -106,7 +103,7 @@ void Provisioner::advance(TimePoint now) {
   if (admission_.permit().on_time(now))
     shared_.notify(Severity::notice, "new robots may not join any more");
   refresh_.advance(!admission_.is_idle(), now);
-  if (link_.is_up && nodes_.database()) {
+  if (shared_.link_.is_up && nodes_.database()) {
     admission_.advance(now);
     conversations_.continue_all(now);
     orders_.begin_waiting(now);
@@ -115,24 +112,23 @@ void Provisioner::advance(TimePoint now) {
     conversations_.begin_due(now);
   }
   if (const NodeDatabase* changed = nodes_.take_write(now))
-    actions_.push(StoreMesh{*changed, nodes_.is_beginning()});
-  if (link_.is_up) scan_or_restart(now);
+    shared_.actions_.push(StoreMesh{*changed, nodes_.is_beginning()});
+  if (shared_.link_.is_up) scan_or_restart(now);
 }
 
 void Provisioner::scan_or_restart(TimePoint now) {
   if (admission_.wants_scan() != is_scanning_) {
     is_scanning_ = !is_scanning_;
-    radio_.scan(is_scanning_);
+    shared_.radio_.scan(is_scanning_);
   }
-  if (!conversations_.wants_restart() || !conversations_.is_idle() || !admission_.is_idle()) return;
-  conversations_.on_restart();
-  radio_.restart(now);
+  if (conversations_.is_idle() && admission_.is_idle() && conversations_.take_restart())
+    shared_.radio_.restart(now);
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {
   const std::optional<TimePoint> next =
       earlier(earlier(nodes_.deadline(), order_.deadline()), admission_.permit().deadline());
-  if (!link_.is_up || !nodes_.database()) return next;
+  if (!shared_.link_.is_up || !nodes_.database()) return next;
   return earlier(next, conversations_.deadline());
 }
 

@@ -53,9 +53,6 @@ class Provisioner {
   void advance(TimePoint now);
   void scan_or_restart(TimePoint now);
 
-  Radio& radio_;
-  const LinkState& link_;
-  MeshActions& actions_;
   const RandomSource random_;
   NodeTable nodes_;
   OpenOrder order_;
