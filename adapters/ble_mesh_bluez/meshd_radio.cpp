@@ -262,7 +262,7 @@ void MeshdRadio::plan() {
   configure(default_ttl_set, settings_.ttl);
   configure(network_transmit_set, encode_transmissions(transmissions));
   configure(model_subscription_delete_all, source_, model);
-  for (const std::uint16_t group : settings_.groups)
+  for (const std::uint16_t group : settings_.heard_groups())
     configure(model_subscription_add, source_, group, model);
   plan_refresh();
 }

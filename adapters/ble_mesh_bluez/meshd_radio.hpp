@@ -12,7 +12,6 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "adapters/ble_mesh_bluez/meshd_call.hpp"
 #include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
@@ -21,13 +20,6 @@
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
-
-struct MeshdSettings {
-  std::vector<std::uint16_t> groups;  ///< groups that the node hears
-  std::uint8_t ttl = 0;
-  /// The node of an earlier run, as LinkIsUp::radio had it; may be that of another radio.
-  std::string node;
-};
 
 /// The one model of the gateway's node that hears application messages, the sensor_update server.
 /// meshd delivers each message to the application once for each element, whatever its models, so
@@ -63,12 +55,13 @@ class MeshdRadio final : public Radio {
   static constexpr Duration join_time_limit = std::chrono::seconds{90};
   static constexpr Duration iv_index_interval = std::chrono::minutes{1};
 
-  /// `random` makes the UUID and the device key of the gateway's node.
-  MeshdRadio(MeshdSettings settings, std::optional<RadioKeys> keys, RandomSource random)
+  /// The radio of the mesh with this database, whose last radio may have been another one. `random`
+  /// makes the UUID and the device key of the gateway's node.
+  MeshdRadio(Settings settings, const std::optional<NodeDatabase>& database, RandomSource random)
       : settings_(std::move(settings)),
-        keys_(keys),
+        keys_(radio_keys(database)),
         random_(std::move(random)),
-        node_(decode_node(settings_.node)) {}
+        node_(database ? decode_node(database->life.radio) : std::nullopt) {}
 
   void on_event(MeshdEvent& event, TimePoint now);
 
@@ -166,7 +159,7 @@ class MeshdRadio final : public Radio {
   void end_join(JoinEnded ended);
   void send_next(TimePoint now);
 
-  MeshdSettings settings_;
+  Settings settings_;
   std::optional<RadioKeys> keys_;
   RandomSource random_;
   std::optional<MeshdNode> node_;
@@ -196,14 +189,5 @@ class MeshdRadio final : public Radio {
   std::uint64_t refused_ = 0;
   std::uint64_t dropped_ = 0;
 };
-
-/// Makes the radio of the mesh with this database. `random` as for MeshdRadio.
-inline std::unique_ptr<Radio> make_meshd_radio(const Settings& settings,
-                                               const std::optional<NodeDatabase>& database,
-                                               RandomSource random) {
-  return std::make_unique<MeshdRadio>(
-      MeshdSettings{settings.heard_groups(), settings.ttl, database ? database->life.radio : ""},
-      radio_keys(database), std::move(random));
-}
 
 }  // namespace slamgw::ble

@@ -35,7 +35,8 @@ struct MeshdRig : EventLog {
       return true;
     };
     mesh = std::make_unique<BleMesh>(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(), stored,
-                                     make_meshd_radio(settings, stored, next_octets), next_key);
+                                     std::make_unique<MeshdRadio>(settings, stored, next_octets),
+                                     next_key);
     mesh->on_start();
   }
   void meshd_comes() { feed(MeshdCame{}); }

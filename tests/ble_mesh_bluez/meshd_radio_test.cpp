@@ -73,7 +73,7 @@ struct RadioRig {
 
   TimePoint now{};
   FakeMeshd meshd;
-  MeshdRadio radio{{{0xc002}, 4, ""}, RadioKeys{}, count_up};
+  MeshdRadio radio{Settings{}, NodeDatabase{}, count_up};
   bool is_up = false;
   std::vector<SendRefused> refusals;
   std::vector<JoinEnded> joins;

@@ -152,7 +152,8 @@ class LifeReplay : public EventLog {
               octets_of<16>(transcript_, appkey_add_command, 6)},
         is_done_(transcript_.exchanges.size(), false),
         mesh(settings, TopicScheme("ntnu-slam", "gw"), RobotNames(), std::nullopt,
-             make_board_radio(settings, std::nullopt, recorded_private_key(transcript_), 7),
+             std::make_unique<BoardRadio>(settings, std::nullopt, recorded_private_key(transcript_),
+                                          7),
              [this, drawn = 0](std::span<std::uint8_t> octets) mutable {
                std::ranges::copy(drawn++ == 0 ? keys_.net_key : keys_.app_key, octets.begin());
                return true;

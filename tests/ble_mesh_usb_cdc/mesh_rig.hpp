@@ -57,7 +57,7 @@ class MeshRig : public EventLog {
                    const std::optional<NodeDatabase>& database = test_database(),
                    RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
       : mesh(settings, TopicScheme("ntnu-slam", "gw"), std::move(names), database,
-             make_board_radio(settings, database, test_random(), 7),
+             std::make_unique<BoardRadio>(settings, database, test_random(), 7),
              [this, first = database ? 3 : 1](std::span<std::uint8_t> octets) {
                if (!has_randomness) return false;
                std::ranges::fill(octets, static_cast<std::uint8_t>(0x11 * (first + keys_drawn++)));

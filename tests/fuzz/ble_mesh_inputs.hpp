@@ -125,7 +125,7 @@ class MeshInputs {
                 TopicScheme("p", "g"),
                 RobotNames({{"nr1", 0x0010, {}}}),
                 NodeDatabase{},
-                make_board_radio(Settings{}, NodeDatabase{}, not_random, 1),
+                std::make_unique<BoardRadio>(Settings{}, NodeDatabase{}, not_random, 1),
                 not_random};
   TimePoint now_{};
   std::uint8_t last_command_ = 0;

@@ -22,7 +22,7 @@ class MeshdAdapter final : public BleMeshShell {
       : BleMeshShell(io, settings, std::move(topics), std::move(names), store_directory, sessions,
                      listener,
                      [&settings](const auto& database) {
-                       return make_meshd_radio(settings, database, fill_random);
+                       return std::make_unique<MeshdRadio>(settings, database, fill_random);
                      }),
         bus_(io, std::move(bus_address),
              settings.provisioning.static_oob ? parse_uuid(*settings.provisioning.static_oob)

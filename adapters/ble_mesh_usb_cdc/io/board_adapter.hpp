@@ -17,11 +17,11 @@ class BoardAdapter final : public SerialShell<BleMeshShell> {
   BoardAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
                RobotNames names, const std::string& store_directory, SessionStore& sessions,
                MeshListener& listener, OpenPort open_port = {})
-      : SerialShell(std::move(open_port), settings, io, settings, std::move(topics),
-                    std::move(names), store_directory, sessions, listener,
-                    [&settings](const auto& database) {
-                      return make_board_radio(settings, database, fill_random, random_seed());
-                    }) {}
+      : SerialShell(
+            std::move(open_port), settings, io, settings, std::move(topics), std::move(names),
+            store_directory, sessions, listener, [&settings](const auto& database) {
+              return std::make_unique<BoardRadio>(settings, database, fill_random, random_seed());
+            }) {}
 
  private:
   static std::uint64_t random_seed() {

@@ -114,7 +114,7 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
   return std::nullopt;
 }
 
-BoardLink::BoardLink(BoardSettings settings, std::optional<RadioKeys> keys, std::uint64_t seed)
+BoardLink::BoardLink(Settings settings, std::optional<RadioKeys> keys, std::uint64_t seed)
     : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
 
 void BoardLink::on_port_open(TimePoint now) {

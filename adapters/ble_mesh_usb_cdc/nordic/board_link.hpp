@@ -151,7 +151,7 @@ class BoardLink {
   static constexpr std::size_t max_notified = 16;
 
   /// `seed` makes the Echo nonces.
-  BoardLink(BoardSettings settings, std::optional<RadioKeys> keys, std::uint64_t seed);
+  BoardLink(Settings settings, std::optional<RadioKeys> keys, std::uint64_t seed);
 
   void on_port_open(TimePoint now);
   void on_port_closed(const std::string& why, TimePoint now);
@@ -225,7 +225,7 @@ class BoardLink {
   void notify_once(Severity severity, const std::string& text);
   void warn(std::string text) { actions_.push(Notice{Severity::warning, std::move(text), {}}); }
 
-  BoardSettings settings_;
+  Settings settings_;
   std::optional<RadioKeys> keys_;
   ActionQueue<LinkAction> actions_;
   Stage stage_ = Stage::closed;

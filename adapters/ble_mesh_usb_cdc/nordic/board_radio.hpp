@@ -67,11 +67,12 @@ class BoardRadio final : public Radio {
   /// answers to them could take the place of its one event with the device key.
   static constexpr Duration longest_hold = std::chrono::seconds{10};
 
-  /// `random` makes the key pairs of provisioning, `seed` the Echo nonces.
-  BoardRadio(BoardSettings settings, std::optional<RadioKeys> keys, RandomSource random,
-             std::uint64_t seed)
+  /// The radio of the mesh with this database. `random` makes the key pairs of provisioning, `seed`
+  /// the Echo nonces.
+  BoardRadio(const Settings& settings, const std::optional<NodeDatabase>& database,
+             RandomSource random, std::uint64_t seed)
       : traffic_(settings.ttl, actions_),
-        link_(std::move(settings), keys, seed),
+        link_(settings, radio_keys(database), seed),
         random_(std::move(random)) {}
 
   std::size_t max_send_bytes() const override { return send_limit(traffic_.board().version); }
@@ -168,14 +169,5 @@ class BoardRadio final : public Radio {
   DeviceKeySweep sweep_;
   std::map<std::uint16_t, DeviceKey> device_keys_;  ///< by their nodes' addresses
 };
-
-/// Makes the radio of the mesh with this database. `random` and `seed` as for BoardRadio.
-inline std::unique_ptr<Radio> make_board_radio(const Settings& settings,
-                                               const std::optional<NodeDatabase>& database,
-                                               RandomSource random, std::uint64_t seed) {
-  return std::make_unique<BoardRadio>(
-      BoardSettings{settings.address, settings.heard_groups(), settings.ttl}, radio_keys(database),
-      std::move(random), seed);
-}
 
 }  // namespace slamgw::ble

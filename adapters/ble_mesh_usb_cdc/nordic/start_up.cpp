@@ -20,7 +20,7 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
 
 }  // namespace
 
-StartUp::StartUp(BoardSettings settings, std::optional<RadioKeys> keys)
+StartUp::StartUp(Settings settings, std::optional<RadioKeys> keys)
     : settings_(std::move(settings)), keys_(keys) {
   board_.source = settings_.address;
 }
@@ -257,7 +257,7 @@ void StartUp::read_next_handle() {
     step_ = Step::read_handle;
     return;
   }
-  for (const std::uint16_t group : settings_.groups) {
+  for (const std::uint16_t group : settings_.heard_groups()) {
     if (!board_.addresses.is_subscribed(group)) missing_groups_.push_back(group);
   }
   add_next_group();

@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/messages.hpp"
 
 namespace slamgw::ble {
@@ -74,12 +75,6 @@ class AddressBook {
   std::list<Publication> publications_;  ///< most recently used first
 };
 
-struct BoardSettings {
-  std::uint16_t address = 0x0001;  ///< the gateway's unicast address
-  std::vector<std::uint16_t> groups;
-  std::uint8_t ttl = 4;  ///< of sent messages
-};
-
 /// A board after start-up: its own values, and the handles and addresses that it was given.
 struct StartedBoard {
   SerialVersion version = SerialVersion::sdk_3_1;
@@ -104,7 +99,7 @@ class StartUp {
 
   /// Without `keys`, a board that holds keys is used as it is; with a fresh board the state is
   /// `needs_keys`.
-  StartUp(BoardSettings settings, std::optional<RadioKeys> keys);
+  StartUp(Settings settings, std::optional<RadioKeys> keys);
 
   State state() const { return state_; }
   /// Returns the frame to send now. Call only while `commanding`.
@@ -114,7 +109,7 @@ class StartUp {
   /// Call only in `needs_keys`.
   void on_keys(const RadioKeys& keys);
   /// Call only in `needs_source`. `source` is the address to send from. `count` is the number of
-  /// addresses, from `BoardSettings::address` up, for a board that has none.
+  /// addresses, from `ble_mesh.address` up, for a board that has none.
   void on_source(std::uint16_t source, std::uint16_t count);
 
   /// Returns why the board was refused, for the operator.
@@ -178,7 +173,7 @@ class StartUp {
   bool check(const CommandResponse& response, bool is_complete, std::string_view what);
   void notice(Severity severity, std::string text);
 
-  BoardSettings settings_;
+  Settings settings_;
   std::optional<RadioKeys> keys_;
   State state_ = State::commanding;
   Step step_ = Step::get_version;

@@ -540,7 +540,7 @@ TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
 
 TEST(BoardLives, AreCountedBeforeThereIsAMesh) {
   const BleMesh mesh({}, TopicScheme("ntnu-slam", "pi1"), RobotNames(), std::nullopt,
-                     make_board_radio({}, std::nullopt, {}, 1), {});
+                     std::make_unique<BoardRadio>(Settings{}, std::nullopt, RandomSource{}, 1), {});
   const Counters counters = mesh.counters();
   const auto reused = std::ranges::find(counters, "source_reused", &Counter::name);
   ASSERT_NE(reused, counters.end());

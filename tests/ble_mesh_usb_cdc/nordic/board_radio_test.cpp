@@ -75,7 +75,7 @@ struct BoardRadioRig {
   TimePoint now{};
   FakeBoard board;
   std::deque<Bytes> answers;
-  BoardRadio radio{{1, {}}, RadioKeys{test_keys()}, test_random(), 7};
+  BoardRadio radio{Settings{}, test_database(), test_random(), 7};
   std::vector<DeviceKeyUsed> used;
 };
 

@@ -68,8 +68,7 @@ class RecordedBoard {
 struct RecordedRadio {
   explicit RecordedRadio(const std::string& release)
       : board(test::read_transcript("start_up.txt", "start_up", release)),
-        radio({.address = 1, .groups = {0xc002, 0xc003, 0xc004}}, RadioKeys{recorded_keys()}, {},
-              1) {}
+        radio(Settings{}, NodeDatabase{.keys = recorded_keys()}, {}, 1) {}
 
   void drain() {
     while (auto action = radio.next_action(now)) {

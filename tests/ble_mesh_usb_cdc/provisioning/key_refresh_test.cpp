@@ -514,7 +514,9 @@ Bytes table_answer(std::uint8_t opcode) {
 StartUp::State start_up_with(const RadioKeys& keys, std::string_view situation,
                              const std::string& release, std::vector<std::string>& said) {
   const auto recorded = test::read_transcript("situations.txt", situation, release);
-  StartUp start({.address = 1, .groups = {}}, keys);
+  Settings settings;
+  settings.groups.clear();
+  StartUp start(settings, keys);
   while (start.state() == StartUp::State::commanding) {
     const Bytes command = start.command();
     CommandResponse response{command[1], Status::success, table_answer(command[1])};
