@@ -2,6 +2,7 @@
 #include "adapters/ble_mesh_bluez/io/meshd_bus.hpp"
 
 #include <algorithm>
+#include <concepts>
 #include <cstring>
 #include <utility>
 
@@ -42,17 +43,10 @@ void append(sd_bus_message* message, const char* text) {
 void append(sd_bus_message* message, bool value) {
   sd_bus_message_append(message, "b", int{value});
 }
-void append(sd_bus_message* message, std::uint8_t number) {
-  sd_bus_message_append(message, "y", number);
-}
-void append(sd_bus_message* message, std::uint16_t number) {
-  sd_bus_message_append(message, "q", number);
-}
-void append(sd_bus_message* message, std::uint32_t number) {
-  sd_bus_message_append(message, "u", number);
-}
-void append(sd_bus_message* message, std::uint64_t number) {
-  sd_bus_message_append(message, "t", number);
+void append(sd_bus_message* message, std::unsigned_integral auto number) {
+  constexpr std::size_t size = sizeof(number);
+  constexpr char type = size == 1 ? 'y' : size == 2 ? 'q' : size == 4 ? 'u' : 't';
+  sd_bus_message_append_basic(message, type, &number);
 }
 void append(sd_bus_message* message, ByteView bytes) {
   sd_bus_message_append_array(message, 'y', bytes.data(), bytes.size());
