@@ -31,7 +31,7 @@ bool is_one_of(const auto& list, const auto& value) {
   return std::ranges::find(list, value) != list.end();
 }
 
-bool starts_with(ByteView bytes, const Bytes& head) {
+bool starts_with(ByteView bytes, ByteView head) {
   return bytes.size() >= head.size() && std::ranges::equal(bytes.first(head.size()), head);
 }
 
@@ -203,13 +203,14 @@ Steps plan_groups(const ConfigurationSettings& settings, const ModelElement& of,
 }  // namespace
 
 bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
-  if (message.opcode != answer) return false;
+  if (message.opcode != exchange.answer) return false;
   ByteView params = message.params;
-  if (has_status) {
+  if (exchange.has_status) {
     if (params.empty()) return false;
     params = params.subspan(1);
   }
-  return starts_with(params, echoed_head) && ends_with(params, echoed_tail);
+  const ByteView echoed = decode_access(request)->params.first(exchange.echoed);
+  return starts_with(params, echoed) && ends_with(params, echoed_tail);
 }
 
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
@@ -293,14 +294,14 @@ bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now
 
 void NodeConfiguration::keep(const ConfigurationStep& step, const MessageReceived& from,
                              ByteView params, TimePoint now) {
-  answers_.push_back({step.answer, step.about, Bytes(params.begin(), params.end()),
+  answers_.push_back({step.exchange.answer, step.about, Bytes(params.begin(), params.end()),
                       now - step_since_, copies_, from.ttl, from.rssi_dbm});
 }
 
 void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
   const ConfigurationStep step = std::move(steps_.front());
   steps_.pop_front();
-  const std::uint8_t status = step.has_status ? message.params.front() : std::uint8_t{0};
+  const std::uint8_t status = step.exchange.has_status ? message.params.front() : std::uint8_t{0};
   if (status != 0 && status != step.also_done) {
     const std::string refusal =
         fmt::format("{} was refused: {} (0x{:02x})", step.what, config_status_text(status), status);
@@ -310,14 +311,15 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
   if (!step.expected.empty() && !std::ranges::equal(message.params, step.expected))
     add_problem(fmt::format("{} was not changed: the node answers {} in place of {}", step.what,
                             to_hex(message.params), to_hex(step.expected)));
-  if (step.answer == composition_data_get.answer) {
+  const Opcode answer = step.exchange.answer;
+  if (answer == composition_data_get.answer) {
     const auto composition = decode_composition(message.params);
     if (!composition.has_value())
       return finish(State::failed, "its composition data can't be read");
     for (auto& next : plan(*composition)) steps_.push_back(std::move(next));
   }
-  const bool lists_groups = step.answer == sig_model_subscription_get.answer ||
-                            step.answer == vendor_model_subscription_get.answer;
+  const bool lists_groups =
+      answer == sig_model_subscription_get.answer || answer == vendor_model_subscription_get.answer;
   if (purpose_ == Purpose::configure && lists_groups && status == 0) {
     auto groups = plan_groups(settings_, *step.about,
                               decode_subscription_list(message.params, step.about->model));

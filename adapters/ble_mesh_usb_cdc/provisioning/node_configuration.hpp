@@ -34,10 +34,8 @@ struct ModelElement {
 /// One request under the node's device key, and the marks of its answer.
 struct ConfigurationStep {
   std::string what;  ///< for the operator
-  Bytes request;     ///< access message
-  Opcode answer = 0;
-  bool has_status = true;                  ///< the answer's first octet is a status
-  Bytes echoed_head = {};                  ///< the octets after the answer's status
+  Exchange exchange;
+  Bytes request;                           ///< access message
   Bytes echoed_tail = {};                  ///< the last octets of the answer
   bool is_required = true;                 ///< without it, further steps make no sense
   std::uint8_t also_done = 0;              ///< a status that counts as success
@@ -52,13 +50,9 @@ struct ConfigurationStep {
 /// Returns the step with this request; parameters as for octets_of().
 template <class... Values>
 ConfigurationStep config_step(std::string what, const Exchange& exchange, const Values&... values) {
-  const Bytes params = octets_of(values...);
-  const ByteView echoed = ByteView(params).first(exchange.echoed);
   return {.what = std::move(what),
-          .request = encode_access(exchange.request, params),
-          .answer = exchange.answer,
-          .has_status = exchange.has_status,
-          .echoed_head = Bytes(echoed.begin(), echoed.end())};
+          .exchange = exchange,
+          .request = encode_access(exchange.request, octets_of(values...))};
 }
 
 struct ConfigurationSettings {
