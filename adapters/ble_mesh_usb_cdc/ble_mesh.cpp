@@ -111,11 +111,10 @@ void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
 void BleMesh::on_iv_update(const IvUpdate& update, TimePoint now) {
   const NodeDatabase* database = provisioner_.nodes().database();
   if (database && update.iv_index > std::uint64_t{database->iv_index} + max_iv_index_jump)
-    return emit(Notice{Severity::warning,
-                       fmt::format("the radio reports the IV index {}, but no node can follow that "
-                                   "far from {}: it is ignored",
-                                   update.iv_index, database->iv_index),
-                       {}});
+    return shared_.warn(
+        fmt::format("the radio reports the IV index {}, but no node can follow that "
+                    "far from {}: it is ignored",
+                    update.iv_index, database->iv_index));
   emit(Notice{Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
   provisioner_.on_iv_index(update.iv_index, now);
 }
@@ -156,15 +155,13 @@ void BleMesh::judge_hearing(TimePoint now) {
       emit(Notice{Severity::notice, "most robots hear the gateway again", {}});
     return;
   }
-  emit(Notice{Severity::warning,
-              fmt::format("{} of {} robots do not hear the gateway: they repeat what it has "
-                          "acknowledged; {}",
-                          hearing.deaf, hearing.asking,
-                          try_new_life(now)
-                              ? "the serial board is restarted, to send from another address"
-                              : "switch them off and on, or wait until the gateway's sequence "
-                                "numbers have passed those that they remember"),
-              {}});
+  shared_.warn(fmt::format(
+      "{} of {} robots do not hear the gateway: they repeat what it has "
+      "acknowledged; {}",
+      hearing.deaf, hearing.asking,
+      try_new_life(now) ? "the serial board is restarted, to send from another address"
+                        : "switch them off and on, or wait until the gateway's sequence "
+                          "numbers have passed those that they remember"));
 }
 
 /// Restarts the radio with an address that no robot has heard, if that may help; the radio forgets
@@ -197,13 +194,12 @@ Robot* BleMesh::hear(std::uint16_t source, const MessageReceived* message, TimeP
 
 void BleMesh::on_stranger(std::uint16_t source, TimePoint now) {
   if (const auto count = stranger_throttle_.on_event(now))
-    emit(Notice{Severity::warning,
-                fmt::format("{} message(s) of robots that this gateway does not know were left to "
-                            "the gateway that provisions this mesh, the last from 0x{:04x}: export "
-                            "the mesh there again (ble export --address 0x{:04x}) and import it "
-                            "here, then this gateway can serve them too",
-                            *count, source, settings_.address),
-                {}});
+    shared_.warn(
+        fmt::format("{} message(s) of robots that this gateway does not know were left to "
+                    "the gateway that provisions this mesh, the last from 0x{:04x}: export "
+                    "the mesh there again (ble export --address 0x{:04x}) and import it "
+                    "here, then this gateway can serve them too",
+                    *count, source, settings_.address));
 }
 
 // --- Which gateway serves a robot ----------------------------------------------------------------

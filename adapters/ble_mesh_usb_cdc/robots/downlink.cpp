@@ -36,11 +36,10 @@ bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message, Tim
     return robot.retained_given.insert(message.topic).second;
   ++retained_dropped_;
   if (const auto count = retained_throttle_.on_event(now))
-    emit(Notice{Severity::warning,
-                fmt::format("{}: {} retained command(s) dropped, the last on {}: a BLE robot gets "
-                            "at most {} each time it comes online",
-                            robot.id, *count, message.topic, max_retained),
-                robot.id});
+    warn(fmt::format("{}: {} retained command(s) dropped, the last on {}: a BLE robot gets "
+                     "at most {} each time it comes online",
+                     robot.id, *count, message.topic, max_retained),
+         robot.id);
   return false;
 }
 

@@ -131,6 +131,9 @@ class ServiceGate {
 /// The references that the parts of BleMesh share. All of them must outlive the part.
 struct MeshPart {
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
+  void warn(std::string text, std::string robot = {}) {
+    emit(Notice{Severity::warning, std::move(text), std::move(robot)});
+  }
 
   const Settings& settings_;
   const TopicScheme& topics_;

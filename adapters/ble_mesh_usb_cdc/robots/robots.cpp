@@ -43,11 +43,10 @@ Robot* Robots::at(std::uint16_t source, TimePoint now) {
   if (Robot* const known = find(address)) return known;
   if (!make_room(now)) {
     if (const auto count = full_throttle_.on_event(now))
-      emit(Notice{Severity::warning,
-                  fmt::format("{} message(s) from robots beyond the {} that the BLE mesh has room "
-                              "for were ignored",
-                              *count, max_robots),
-                  {}});
+      warn(
+          fmt::format("{} message(s) from robots beyond the {} that the BLE mesh has room "
+                      "for were ignored",
+                      *count, max_robots));
     return nullptr;
   }
   return &add(address, nodes_.id_of(address)).first->second;
@@ -106,13 +105,11 @@ void Robots::warn_of_taken_name(const std::string& name, std::uint16_t address) 
   const Robot* holder = find(name);
   const Robot* robot = find(address);
   if (holder == nullptr || robot == nullptr) return;
-  emit(
-      Notice{Severity::warning,
-             fmt::format("\"robots\" gives 0x{:04x} the id {}, which the robot at 0x{:04x} has: it "
-                         "goes by {}; give 0x{:04x} another id in \"robots\", or remove it (ble "
-                         "remove), and reload",
-                         address, name, holder->address, robot->id, holder->address),
-             robot->id});
+  warn(fmt::format("\"robots\" gives 0x{:04x} the id {}, which the robot at 0x{:04x} has: it "
+                   "goes by {}; give 0x{:04x} another id in \"robots\", or remove it (ble "
+                   "remove), and reload",
+                   address, name, holder->address, robot->id, holder->address),
+       robot->id);
 }
 
 void Robots::on_nodes_changed(TimePoint now) {

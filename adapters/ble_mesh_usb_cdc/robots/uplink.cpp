@@ -204,10 +204,8 @@ void Uplink::send_status(const Robot& robot, std::uint16_t element, Bytes status
 void Uplink::reject(std::uint16_t source, std::string_view why, TimePoint now) {
   ++counters_.rejected;
   if (const auto count = reject_throttle_.on_event(now))
-    emit(Notice{Severity::warning,
-                fmt::format("{} message(s) from the BLE mesh rejected, the last from 0x{:04x}: {}",
-                            *count, source, why),
-                {}});
+    warn(fmt::format("{} message(s) from the BLE mesh rejected, the last from 0x{:04x}: {}", *count,
+                     source, why));
 }
 
 const std::string& Uplink::type_of(VendorModel model) const {
