@@ -3,7 +3,7 @@
 // SessionHost.
 #pragma once
 
-#include <deque>
+#include <list>
 #include <memory>
 #include <string>
 #include <utility>
@@ -63,7 +63,7 @@ class RobotLink final : public MosquittoClient {
   const std::shared_ptr<const RobotBroker> broker_;
   const std::string robot_;
   TimePoint give_up_at_{};
-  std::deque<std::pair<int, std::uint64_t>> fences_;  ///< packet ids and numbers
+  std::list<std::pair<int, std::uint64_t>> fences_;  ///< packet ids and numbers
 };
 
 }  // namespace slamgw::sessions
