@@ -8,5 +8,7 @@ namespace slamgw::bench {
 
 /// Since the program began.
 std::uint64_t allocations();
+/// Octets in use now, as the C library counts them.
+std::uint64_t octets_in_use();
 
 }  // namespace slamgw::bench

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include "adapters/mqttsn_udp/clients/delivery.hpp"
+#include "tests/bench/allocations.hpp"
+
 namespace slamgw::bench {
 namespace {
 
@@ -69,6 +72,28 @@ TEST(HotPath, AllocatesAtMost21TimesForACommandAndItsOutcome) {
   for (int i = 0; i < measured; ++i) path.command();
   EXPECT_EQ(path.at_broker() - outcomes, measured);
   EXPECT_LE(path.allocations() / measured, 21u);
+}
+
+TEST(HotPath, KeepsNoMemoryOfMessagesThatHaveLeftAClientsQueue) {
+  mqttsn::DeliveryQueue queue;
+  mqttsn::Outgoing message;
+  message.message = std::make_shared<const BrokerMessage>();
+  const std::uint64_t before = octets_in_use();
+  for (int i = 0; i < 100; ++i) queue.push_back(message);
+  EXPECT_GT(octets_in_use(), before);
+  while (queue.size() > 0) queue.take(0);
+  EXPECT_EQ(octets_in_use(), before);
+}
+
+/// Without its robot's session at the broker.
+TEST(HotPath, TakesAtMost2560OctetsForAnIdleClient) {
+  const auto octets_with = [](std::uint16_t all) {
+    const std::uint64_t before = octets_in_use();
+    const HotPath path(all, between);
+    return octets_in_use() - before;
+  };
+  constexpr std::uint16_t more = 1000;
+  EXPECT_LE((octets_with(clients + more) - octets_with(clients)) / more, 2560u);
 }
 
 }  // namespace

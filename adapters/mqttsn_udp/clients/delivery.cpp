@@ -62,7 +62,7 @@ Outgoing DeliveryQueue::take(std::size_t index) {
   const auto at = waiting_.begin() + static_cast<std::ptrdiff_t>(index);
   Outgoing taken = std::move(*at);
   waiting_.erase(at);
-  if (waiting_.empty()) waiting_ = {};  // frees its memory, too
+  if (waiting_.empty()) waiting_.shrink_to_fit();
   octets_ -= taken.octets();
   return taken;
 }

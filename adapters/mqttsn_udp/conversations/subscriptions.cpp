@@ -271,7 +271,7 @@ void Answers::release(ClientSession& session, const std::string& filter, bool gr
     output_.send(session, std::move(session.answers.front().packet));
     session.answers.erase(session.answers.begin());
   }
-  if (session.answers.empty()) session.answers = {};  // frees its memory, too
+  if (session.answers.empty()) session.answers.shrink_to_fit();
 }
 
 }  // namespace slamgw::mqttsn
