@@ -80,7 +80,8 @@ void RobotLink::publish(const std::string& topic, const std::string& text) {
 // --- Events; the host may end this link at any time ----------------------------------------------
 
 void RobotLink::on_connack(const Connack& connack) {
-  if (connack.code == 0) return host_.on_attached(robot_, connack.is_session_present);
+  if (connack.code == 0)
+    return host_->on_attached(robot_, connack.is_session_present, read_clocks());
   host_.on_attach_failed(robot_, {.why = explain_connect_failure(connack.code),
                                   .is_id_refused = is_id_refusal(connack.code)});
 }

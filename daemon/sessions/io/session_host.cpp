@@ -48,10 +48,6 @@ void SessionHost::close_all() {
 
 // --- From the links ------------------------------------------------------------------------------
 
-void SessionHost::on_attached(const std::string& robot, bool is_present) {
-  driver_->on_attached(robot, is_present, read_clocks());
-}
-
 void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure& failure) {
   end_link(robot, RobotLink::Farewell::none);
   if (const auto count = failure_throttle_.on_event(read_clocks().mono))

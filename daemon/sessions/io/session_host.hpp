@@ -52,7 +52,6 @@ class SessionHost {
   };
 
   // The links call these on the loop's thread, never from inside a call to a link.
-  void on_attached(const std::string& robot, bool is_present);
   void on_attach_failed(const std::string& robot, const AttachFailure& failure);
   void on_detached(const std::string& robot);
   void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted);
