@@ -308,10 +308,12 @@ void RobotSession::on_given_up() {
   is_clean_due_ = false;
 }
 
-void RobotSession::grant_waiting() {
-  for (auto& [filter, entry] : filters_)
-    if (std::exchange(entry.answer_due, std::nullopt))
-      actions_.push(FilterAnswered{robot_, filter, true});
+void RobotSession::grant_waiting(TimePoint end) {
+  for (auto& [filter, entry] : filters_) {
+    if (!entry.answer_due || *entry.answer_due > end) continue;
+    entry.answer_due.reset();
+    actions_.push(FilterAnswered{robot_, filter, true});
+  }
 }
 
 void RobotSession::ask(const std::string& filter, Filter& entry) {
@@ -560,11 +562,7 @@ void RobotSession::on_deadline(TimePoint now) {
   }
   if (note_until_ && now >= *note_until_) end_note({});
   if (now >= quiet_at_) set_contested(false);
-  for (auto& [filter, entry] : filters_) {
-    if (!entry.answer_due || now < *entry.answer_due) continue;
-    entry.answer_due.reset();
-    actions_.push(FilterAnswered{robot_, filter, true});
-  }
+  grant_waiting(now);
 }
 
 }  // namespace slamgw::sessions

@@ -148,8 +148,8 @@ class RobotSession {
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
   /// Returns false if no filter matches the topic, and the broker's session has no others.
   bool may_want(const std::string& topic) const;
-  /// Grants the filters of subscribers that wait for the broker.
-  void grant_waiting();
+  /// Grants the filters of subscribers that wait for the broker, if their time ends by `end`.
+  void grant_waiting(TimePoint end = TimePoint::max());
   /// Reads the robot's note, and asks for the session if it is not held. Answered by NoteRead.
   void read_note(TimePoint now);
   /// Answers a waiting reader with `note`. Has no effect when there is none.
