@@ -96,15 +96,16 @@ void ClientTable::erase(ClientSession& session) {
   by_id_.erase(session.client_id);
 }
 
-void ClientTable::bind(ClientSession& session, const Peer& peer, const LocalAddress& local) {
+bool ClientTable::bind(ClientSession& session, const Peer& peer, const LocalAddress& local) {
   session.local = local;
-  if (session.peer == peer) return;
+  if (session.peer == peer) return false;
   unbind(session);
   if (ClientSession* former = find(peer)) unbind(*former);
   by_peer_[peer] = &session;
   session.peer = peer;
   set_in_crowd(session, true);
   if (!peer.identity.empty()) set_answered(session);
+  return true;
 }
 
 void ClientTable::unbind(ClientSession& session) {

@@ -106,8 +106,8 @@ class ClientTable {
   void erase(ClientSession& session);
 
   /// Makes datagrams of `peer` this client's; its former address becomes a stranger's (R36). A DTLS
-  /// handshake counts as an answer.
-  void bind(ClientSession& session, const Peer& peer, const LocalAddress& local);
+  /// handshake counts as an answer. Returns false if the client had this address before.
+  bool bind(ClientSession& session, const Peer& peer, const LocalAddress& local);
   void unbind(ClientSession& session);
 
   /// Makes pop_due() return the session at `at` or earlier.

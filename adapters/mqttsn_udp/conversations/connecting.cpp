@@ -187,9 +187,7 @@ void Connecting::complete(const Arrival& arrival, const Attempt& attempt,
   session->keep_alive = std::chrono::seconds(connect.duration_s);
   session->connect_fingerprint = attempt.fingerprint;
   session->connected_at = now;
-  const bool is_new_address = session->peer != peer;
-  clients_.bind(*session, peer, arrival.local);
-  if (is_new_address) downlink_.on_address(*session);
+  if (clients_.bind(*session, peer, arrival.local)) downlink_.on_address(*session);
   output_.count(Count::connects);
   output_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);

@@ -145,8 +145,7 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
     const IpAddress& address = snapshot.peer->endpoint.address;
     if (snapshot.is_validated) output_.validation.validate(address);
     output_.validation.restore_allowance(address, snapshot.allowance);
-    clients_.bind(session, *snapshot.peer, session.local);
-    downlink_.on_address(session);
+    if (clients_.bind(session, *snapshot.peer, session.local)) downlink_.on_address(session);
   }
   if (!snapshot.is_clean) session.note_hash = unknown_note_hash;
   subscriptions_.restore(session, *robot == snapshot.robot, now);

@@ -22,9 +22,7 @@ void Supervision::wake(ClientSession& session, TimePoint now) {
 void Supervision::follow(ClientSession& session, const Arrival& arrival) {
   const Peer& peer = arrival.peer;
   if (ClientSession* former = clients_.find(peer)) lifecycle_.displace(*former, arrival.now);
-  const bool is_new_address = session.peer != peer;
-  clients_.bind(session, peer, arrival.local);
-  if (is_new_address) downlink_.on_address(session);
+  if (clients_.bind(session, peer, arrival.local)) downlink_.on_address(session);
   output_.mark_changed(session);
   lifecycle_.report_presence(session, presence_of(session.state()), arrival.now);
 }
