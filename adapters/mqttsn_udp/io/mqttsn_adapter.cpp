@@ -365,8 +365,7 @@ std::optional<IpAddress> MqttsnAdapter::lasting_address(const NetworkInterface& 
 }
 
 const NetworkInterface* MqttsnAdapter::find_interface(std::uint32_t index) const {
-  const auto found = std::find_if(interfaces_.begin(), interfaces_.end(),
-                                  [&](const NetworkInterface& i) { return i.index == index; });
+  const auto found = std::ranges::find(interfaces_, index, &NetworkInterface::index);
   return found == interfaces_.end() ? nullptr : &*found;
 }
 
@@ -400,10 +399,8 @@ std::string MqttsnAdapter::thread_interfaces() const {
 
 /// Returns the index of `mqttsn.interface`; 0 when there is no such interface (now).
 std::uint32_t MqttsnAdapter::index_of_interface() const {
-  for (const NetworkInterface& interface : interfaces_) {
-    if (interface.name == settings_.interface) return interface.index;
-  }
-  return 0;
+  const auto found = std::ranges::find(interfaces_, settings_.interface, &NetworkInterface::name);
+  return found == interfaces_.end() ? 0 : found->index;
 }
 
 void MqttsnAdapter::report_link(bool is_up, std::string detail) {
