@@ -316,16 +316,15 @@ void Outbox::find_cause_of_loss(TimePoint now) {
 
 /// Finds each topic that the broker does not answer. Returns false when there is none.
 bool Outbox::find_forgotten(TimePoint now) {
-  bool is_found = false;
+  std::set<std::string> found;
   for (Item* const item : PublishWindow::Items(window_.items())) {
     if (!window_.is_forgotten(*item, forgotten_after, now)) continue;
-    is_found = true;
-    if (!item->is_trial && turn_of(*item, now) == Turn::rest) continue;  // its topic was found
+    if (!found.insert(item->message.topic).second) continue;
     on_lost_alone(*window_.take(item->sequence, now),
                   "the broker does not answer messages of this topic",
                   "the broker did not answer the message each time it was sent", now);
   }
-  return is_found;
+  return !found.empty();
 }
 
 /// `why_at_fault`: when the message itself is at fault, not its topic alone.

@@ -456,6 +456,21 @@ TEST_F(OutboxClosingTest, ATopicThatIsNotAnsweredIsFoundInAWindowOfOneToo) {
   expect_promises_kept_in_the_end();
 }
 
+/// The broker has refused the topic before, so its tries are not made alone.
+TEST_F(OutboxClosingTest, ARefusedTopicThatIsNoLongerAnsweredCostsFewConnections) {
+  link_up();
+  say("r/1/mute");
+  refuse_first();
+  for (int i = 0; i < 1200; ++i, pass(500ms)) {
+    say("r/2/good");
+    serve_broker_that_does_not_answer({"r/1/mute"});
+  }
+  EXPECT_EQ(closings, 2u) << "once among others, once alone";
+  EXPECT_EQ(received_of("r/2/good").size(), 1200u);
+  EXPECT_EQ(said("dead letter now: the broker did not answer"), 1);
+  expect_promises_kept_in_the_end();
+}
+
 TEST_F(OutboxClosingTest, AMessageWhoseAnswerWasLostArrivesInTheEnd) {
   link_up();
   say("r/1/t");
