@@ -69,7 +69,7 @@ void RefusedTopics::rest(Topic& topic, TimePoint due) {
 void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
   Topic& topic = known->second;
   enter(topic, Phase::accepted);
-  topic.tries = 0;
+  topic.tries = topic.losses = 0;
   topic.pause = {};
   topic.due = now;
   wake_ = now;

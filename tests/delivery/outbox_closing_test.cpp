@@ -471,6 +471,27 @@ TEST_F(OutboxClosingTest, ARefusedTopicThatIsNoLongerAnsweredCostsFewConnections
   expect_promises_kept_in_the_end();
 }
 
+TEST_F(OutboxClosingTest, ALossBeforeTheBrokerTookTheTopicDoesNotCount) {
+  link_up();
+  for (int i = 0; i < 400; ++i) say("r/1/bad");
+  const auto tries = [this] {
+    const auto refused = outbox->refused_topics().list(1);
+    return refused.empty() ? 0 : refused.front().tries;
+  };
+  for (int i = 0; i < 100 && tries() < 2; ++i) run(100ms);
+  ASSERT_EQ(tries(), 2u) << "the second loss is the first that counts";
+  is_poison = [](const BrokerMessage& message) { return number_in(message) == "2"; };
+  const std::size_t before = closings;
+  for (int i = 0; i < 600; ++i) {
+    run(100ms);
+    say("r/2/good");
+  }
+  ASSERT_EQ(store.dead_letters.size(), 1u);
+  EXPECT_EQ(closings - before, 4u) << "once among others, three times alone: first on a new "
+                                      "connection";
+  test::expect_promises_kept(*this, topic_of, closings);
+}
+
 TEST_F(OutboxClosingTest, AMessageWhoseAnswerWasLostArrivesInTheEnd) {
   link_up();
   say("r/1/t");
