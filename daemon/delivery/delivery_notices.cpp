@@ -99,6 +99,7 @@ std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string
   ++failures_;
   trouble = "it cannot be " + why;
   if (!throttle_.on_event(now)) return std::nullopt;
+  is_said_ = true;
   return Notice{Severity::error,
                 fmt::format("the store cannot be {}; messages wait in memory, and robots wait "
                             "for the broker's acknowledgement",
@@ -109,8 +110,7 @@ std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string
 std::optional<Notice> StoreTrouble::end(std::string& trouble) {
   if (trouble.empty()) return std::nullopt;
   trouble.clear();
-  throttle_ = LogThrottle(interval);  // the next failure is news
-  if (!why().empty()) return std::nullopt;
+  if (!why().empty() || !std::exchange(is_said_, false)) return std::nullopt;
   return Notice{Severity::notice, "the store works again", {}};
 }
 

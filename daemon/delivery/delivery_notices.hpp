@@ -44,7 +44,8 @@ class RefusalNotices {
   std::unordered_set<std::size_t> unacknowledged_;  // reported topics, by SlotSums::slot
 };
 
-/// Reports why the store cannot be written or read: a failure once a minute, its end once.
+/// Reports why the store cannot be written or read: once a minute, because a store may take some
+/// writes and not others. Reports the end of a failure that it has reported.
 class StoreTrouble {
  public:
   /// Returns the present failure; empty while the store can be written and read.
@@ -72,6 +73,7 @@ class StoreTrouble {
   std::string read_;
   std::uint64_t failures_ = 0;
   LogThrottle throttle_{interval};
+  bool is_said_ = false;
 };
 
 }  // namespace slamgw

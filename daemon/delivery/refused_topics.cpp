@@ -298,7 +298,7 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
     topic.phase = Phase::accepted;
     if (!revived.why_failed.empty()) topic.due = now + store_pause;
   } else if (!revived.why_failed.empty()) {
-    rest(topic, now + first_pause);
+    rest(topic, now + store_pause);
   } else {
     topic.row = revived.messages.front().row;
   }

@@ -206,7 +206,7 @@ void DiskStore::open() {
       return try_again_after(patience_.check);
   }
   report_closed();
-  try_again_after(failing_since_ ? patience_.check : patience_.reopen);
+  try_again_after(failing_since_ && !is_given_up() ? patience_.check : patience_.reopen);
 }
 
 void DiskStore::on_opened() {

@@ -137,7 +137,8 @@ class FakeStore {
   }
 
   StoreEvent serve(const RetryDeadLetters& retry, TimePoint now) {
-    if (is_failing) return DeadLettersRevived{{}, retry.topic, "no space left on device"};
+    if (is_failing || is_full)
+      return DeadLettersRevived{{}, retry.topic, "no space left on device"};
     std::vector<std::uint64_t> ids;
     const auto take = [&](bool has_lost_connection) {
       for (const auto& [id, letter] : dead_letters) {

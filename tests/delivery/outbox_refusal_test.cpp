@@ -543,6 +543,34 @@ TEST_F(OutboxRefusalTest, ALetterFollowsThoughTheStoreFailedToMakeItOneAtFirst) 
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
 }
 
+/// Between the requests the store takes writes that need no room.
+TEST_F(OutboxRefusalTest, AStoreThatTakesSomeWritesOnlyIsSaidOnceAMinute) {
+  be_refused(1);
+  store.is_full = true;
+  for (std::uint64_t i = 0; i < 150; ++i) {
+    submit("u", 10 + i);
+    pass(Outbox::broker_patience);
+    acknowledge_all();
+    for (int second = 0; second < 2; ++second) pass(1s);
+  }
+  EXPECT_LE(said("cannot be written"), 10) << "in ten minutes";
+  EXPECT_LE(said("works again"), 10);
+  store.is_full = false;
+  settle();
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
+  EXPECT_EQ(outbox->store_trouble(), "");
+}
+
+TEST_F(OutboxRefusalTest, AStoreThatMakesNoMessageOfALetterIsAskedSeldom) {
+  be_refused(1);
+  store.is_full = true;
+  for (int i = 0; i < 300; ++i) pass(1s);
+  EXPECT_LE(outbox->store_failures(), 31u) << "each RefusedTopics::store_pause";
+  store.is_full = false;
+  settle();
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
+}
+
 TEST_F(OutboxRefusalTest, AnOldAnswerOfTheStoreIsNotTakenForANewOne) {
   be_refused(2);
   pass(1s);

@@ -118,6 +118,18 @@ TEST_F(StoreDamage, ADiskThatIsAwayForLongIsNotTakenForDamage) {
   EXPECT_EQ(user.notices().find("lost"), std::string::npos) << user.notices();
 }
 
+TEST_F(StoreDamage, ADiskThatCannotBeReadAtAllIsTriedSeldom) {
+  fill(1);
+  FaultyDisk::fails_reads = true;
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreAbsent>());
+  const std::uint64_t before = FaultyDisk::failed_reads;
+  const auto begin = std::chrono::steady_clock::now();
+  ASSERT_TRUE(eventually([&] { return FaultyDisk::failed_reads >= before + 40; }));
+  EXPECT_GE(std::chrono::steady_clock::now() - begin, 5 * short_patience.reopen)
+      << "about four of them in each attempt";
+}
+
 TEST_F(StoreDamage, AZeroedPageCostsWhatWasInIt) {
   for (const std::size_t bytes : {std::size_t{512}, page_bytes}) {
     for (const std::size_t page : {0, 1, 2, 7}) {
