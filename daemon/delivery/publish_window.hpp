@@ -108,11 +108,12 @@ class PublishWindow {
     last = std::max(last, sequence);
   }
   /// Returns true when the broker owes the answer to `item` for `patience`, though it has answered
-  /// a later message of the same QoS, or nothing was under way before `item`. Brokers answer the
+  /// a later message of the same QoS, or nothing was under way before `item`; or for twice that
+  /// time, while nothing else is under way and the broker is not silent. Brokers answer the
   /// messages of each QoS in order (MQTT 5, section 4.6).
   bool is_forgotten(const Item& item, Duration patience, TimePoint now) const {
     return item.message.qos != Qos::at_most_once && now - item.handed_over >= patience &&
-           (item.is_trial ||
+           (item.is_trial || is_alone_unanswered(2 * patience, now) ||
             item.sequence < last_answered_[static_cast<std::size_t>(item.message.qos)]);
   }
   /// Returns true when the broker owes an acknowledgement and has sent none for `patience`.
@@ -121,6 +122,9 @@ class PublishWindow {
   }
 
  private:
+  bool is_alone_unanswered(Duration patience, TimePoint now) const {
+    return items_.size() == 1 && !is_silent_ && is_stalled(patience, now);
+  }
   Items::iterator position_of(std::uint64_t sequence) {
     const auto found = std::lower_bound(
         items_.begin(), items_.end(), sequence,
