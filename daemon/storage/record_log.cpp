@@ -288,42 +288,36 @@ std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
 RecordLog::Summary RecordLog::open(bool skips_unreadable) {
   Summary summary;
   std::vector<Entry> found;
-  std::optional<std::pair<std::uint32_t, Scan>> last;  // the next segment's header has its count
-  const auto take = [&](std::uint32_t number, const Scan& scan) {
-    Segment& segment = segments_.at(number);
-    note_missing(number, scan, segment, summary);
-    for (const Scan::Record& record : scan.intact) {
-      if (record.index >= segment.records) break;  // the record's commit failed
-      last_key_ = std::max(last_key_, record.entry.key);
-      if (!scan.erased.contains(record.entry.offset)) found.push_back(record.entry);
-    }
-  };
   for (const auto& [number, path] : find_segments()) {
     Segment segment;
     segment.file = open_file(path, O_RDWR);
     if (segment.file.get() < 0) fail(path);
     segments_.emplace(number, std::move(segment));
-    Scan scanned = scan(number, skips_unreadable);
-    segments_.at(number).bytes = scanned.bytes;
-    if (last) {
-      const auto& [before, former] = *last;
-      const bool is_known = scanned.records_before != unknown_records && before + 1 == number;
-      segments_.at(before).records = is_known ? scanned.records_before : former.records;
-      take(before, former);
-    }
-    last.emplace(number, std::move(scanned));
-  }
-  if (last) {
-    const auto& [number, scanned] = *last;
-    newest().records = scanned.records;
-    if (tally_ && tally_->segment == number)
-      newest().records = std::max(newest().records, tally_->records);
-    take(number, scanned);
     next_segment_ = number + 1;
+  }
+  // The newest first, because each header has the count of the segment before.
+  std::pair<std::uint32_t, std::uint32_t> counted{0, unknown_records};  // segment, its records
+  for (auto one = segments_.rbegin(); one != segments_.rend(); ++one) {
+    auto& [number, segment] = *one;
+    const Scan scanned = scan(number, skips_unreadable);
+    const bool is_known = counted.first == number && counted.second != unknown_records;
+    segment.bytes = scanned.bytes;
+    segment.records = is_known ? counted.second : scanned.records;
+    counted = {number - 1, scanned.records_before};
+    if (one == segments_.rbegin() && tally_ && tally_->segment == number)
+      segment.records = std::max(segment.records, tally_->records);
+    note_missing(number, scanned, segment, summary);
+    for (const auto& [entry, index] : scanned.intact) {
+      if (index >= segment.records) break;  // the record's commit failed
+      last_key_ = std::max(last_key_, entry.key);
+      if (!scanned.erased.contains(entry.offset)) found.push_back(entry);
+    }
   }
   if (tally_) next_segment_ = std::max(next_segment_, tally_->segment + 1);
   note_missing_segments(found.size(), summary);
-  std::ranges::stable_sort(found, {}, &Entry::key);
+  std::ranges::sort(found, {}, [](const Entry& entry) {
+    return std::tuple(entry.key, entry.segment, entry.offset);
+  });
   for (const Entry& entry : found) {
     ++segments_.at(entry.segment).live;
     set(entry);
@@ -405,7 +399,7 @@ void RecordLog::note_missing(std::uint32_t number, const Scan& scan, Segment& se
   if (missing == 0) return;
   summary.lost_at_most += missing;
   summary.lost_at_least += missing - std::min(missing, scan.unread_erased);
-  if (summary.where.empty()) summary.where = path_of(number);
+  summary.where = path_of(number);
   for (std::uint32_t mark = reported_loss; segment.unsaved.size() < missing; ++mark)
     if (!scan.erased.contains(mark)) segment.unsaved.push_back(mark);
 }
