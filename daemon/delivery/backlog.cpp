@@ -133,19 +133,18 @@ void Backlog::take_to_write(WriteToStore& write, FairQueue& queue) {
 /// Moves all erasures into `write`, except dead letters whose message is stored by a later write,
 /// and all dead letters while the store is failing: they need room, and erasures make room.
 void Backlog::take_erasures(WriteToStore& write, FairQueue& queue) {
-  Erasures later;
-  for (auto& [row, letter] : erasures_) {
+  for (auto next = erasures_.begin(); next != erasures_.end();) {
+    const auto erasure = next++;
+    const auto& [row, letter] = *erasure;
     const Item* const item = letter ? queue.find(row) : nullptr;
-    if (letter && (!can_keep() || (item && item->disk == Disk::asked))) {
-      later[row] = std::move(letter);
-    } else if (letter) {
+    if (letter && (!can_keep() || (item && item->disk == Item::Disk::asked))) continue;
+    if (letter) {
       write.dead_letters.push_back(*letter);
     } else {
       write.forget.push_back(row);
     }
+    erasing_.insert(erasures_.extract(erasure));
   }
-  erasing_ = std::exchange(erasures_, std::move(later));
-  for (const auto& [row, letter] : erasures_) erasing_.erase(row);
   erasure_due_.reset();
 }
 
