@@ -6,24 +6,15 @@
 #include <utility>
 
 namespace slamgw {
-namespace {
-
-using Disk = OutboxItem::Disk;
-
-std::uint64_t cost_of(const OutboxItem& item) {
-  return stored_cost(item.message.topic.size(), item.message.payload.size());
-}
-
-}  // namespace
 
 bool Backlog::keep(Item& item) {
-  const std::uint64_t cost = cost_of(item);
+  const std::uint64_t cost = stored_cost(item.message);
   note_room();
   if (!has_room_for(item.message.topic, cost)) return false;
   bytes_ += cost;
   shares_.add_named(flow_of(item.message.topic), cost);
   if (rows_++ == 0) oldest_ = item.submitted;
-  item.disk = Disk::asked;
+  item.disk = Item::Disk::asked;
   to_write_.push_back(item.row);
   return true;
 }
@@ -45,7 +36,7 @@ bool Backlog::has_room_for(std::string_view topic, std::uint64_t cost) {
 
 void Backlog::release(const Item& item) {
   // Clamped: rows that were lost to damage were not counted exactly.
-  bytes_ -= std::min(bytes_, cost_of(item));
+  bytes_ -= std::min(bytes_, stored_cost(item.message));
   rows_ -= rows_ > 0 ? 1 : 0;
   if (rows_ == 0 && dead_letters_.count == 0) shares_ = {};
   note_room();
@@ -57,17 +48,17 @@ void Backlog::note_room() {
 }
 
 void Backlog::forget(const Item& item, TimePoint now) {
-  if (item.disk == Disk::none) return;
-  shares_.remove(flow_of(item.message.topic), cost_of(item));
+  if (item.disk == Item::Disk::none) return;
+  shares_.remove(flow_of(item.message.topic), stored_cost(item.message));
   release(item);
-  if (item.disk == Disk::asked) return;
+  if (item.disk == Item::Disk::asked) return;
   erasures_.try_emplace(item.row);
   if (!erasure_due_) erasure_due_ = now + forget_delay;
 }
 
 bool Backlog::bury(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now) {
-  const std::uint64_t cost = cost_of(item);
-  if (item.disk == Disk::none) {
+  const std::uint64_t cost = stored_cost(item.message);
+  if (item.disk == Item::Disk::none) {
     const std::uint64_t free = free_for_letters();
     const bool has_room = cost <= free && (!has_little_room_for_letters() ||
                                            has_share_left(item.message.topic, free));
@@ -124,7 +115,7 @@ void Backlog::take_to_write(WriteToStore& write, FairQueue& queue) {
     to_write_.pop_front();
     if (!item) continue;
     bytes += item->cost();
-    item->disk = Disk::writing;
+    item->disk = Item::Disk::writing;
     write.keep.push_back({item->row, item->message, {}});
     writing_.push_back(item->row);
   }
@@ -174,13 +165,13 @@ void Backlog::on_write_failed(FairQueue& queue, TimePoint now) {
 }
 
 void Backlog::abandon(Item& item, FairQueue& queue) {
-  shares_.remove(flow_of(item.message.topic), cost_of(item));
+  shares_.remove(flow_of(item.message.topic), stored_cost(item.message));
   release(item);
-  item.disk = Disk::none;
+  item.disk = Item::Disk::none;
   if (!std::exchange(item.is_dead, false)) return;
   erasures_.erase(item.row);
   dead_letters_.count -= std::min<std::size_t>(dead_letters_.count, 1);
-  dead_letters_.bytes -= std::min(dead_letters_.bytes, cost_of(item));
+  dead_letters_.bytes -= std::min(dead_letters_.bytes, stored_cost(item.message));
   queue.enqueue(item);
 }
 

@@ -206,5 +206,8 @@ inline std::uint64_t stored_cost(std::size_t topic_bytes, std::size_t payload_by
   constexpr std::size_t overhead = 64;  // a record's header and fields, and its erasure
   return topic_bytes + payload_bytes + overhead;
 }
+inline std::uint64_t stored_cost(const BrokerMessage& message) {
+  return stored_cost(message.topic.size(), message.payload.size());
+}
 
 }  // namespace slamgw

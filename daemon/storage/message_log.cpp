@@ -28,10 +28,6 @@ Duration age_of(const MessageRecord& record, WallTime now) {
   return std::clamp<Duration>(now - record.stored_at, Duration::zero(), now.time_since_epoch());
 }
 
-std::uint64_t cost_of(const BrokerMessage& message) {
-  return stored_cost(message.topic.size(), message.payload.size());
-}
-
 void write_time(ByteWriter& out, WallTime time) {
   out.write_u64_le(static_cast<std::uint64_t>(
       std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count()));
@@ -102,14 +98,15 @@ void MessageLog::read_all(bool skips_unreadable) {
   bool is_first = true;
   for (auto row = log_.next(0); row; row = log_.next(*row)) {
     const auto record = find(*row, skips_unreadable);
-    if (record) opened_.shares.add_named(flow_of(record->message.topic), cost_of(record->message));
+    if (record)
+      opened_.shares.add_named(flow_of(record->message.topic), stored_cost(record->message));
     if (record && record->dead) {
       add_letter(*row, *record);
       continue;
     }
     ++opened_.count;
     if (!record) continue;  // load() finds and reports the damage
-    opened_.bytes += cost_of(record->message);
+    opened_.bytes += stored_cost(record->message);
     opened_.topics.add(record->message.topic, 1);
     if (std::exchange(is_first, false)) opened_.oldest_age = age_of(*record, now);
   }
@@ -163,7 +160,7 @@ std::optional<ListedDeadLetter> MessageLog::show_letter(std::uint64_t id) const 
 void MessageLog::add_letter(std::uint64_t id, const MessageRecord& record) {
   const DeadLetterFacts& facts = *record.dead;
   const auto topic = topics_.try_emplace(record.message.topic).first;
-  const Letter& letter = letters_[id] = {cost_of(record.message), facts.reason.size(), topic};
+  const Letter& letter = letters_[id] = {stored_cost(record.message), facts.reason.size(), topic};
   letter_bytes_ += letter.bytes + letter.reason_bytes;
   ++topic->second.count;
   if (is_retried(facts.code, facts.tries))

@@ -31,8 +31,8 @@ class FakeStore {
     for (const auto& [row, kept] : rows) {
       opened.last_row = row;
       ++opened.count;
-      opened.bytes += cost_of(kept.message);
-      opened.shares.add_named(flow_of(kept.message.topic), cost_of(kept.message));
+      opened.bytes += stored_cost(kept.message);
+      opened.shares.add_named(flow_of(kept.message.topic), stored_cost(kept.message));
       opened.oldest_age = std::max(opened.oldest_age, now - kept.stored);
       opened.topics.add(kept.message.topic, 1);
     }
@@ -41,7 +41,7 @@ class FakeStore {
     opened.dead_letters = count_dead_letters();
     for (const auto& [id, letter] : dead_letters) {
       const std::string& topic = letter.message.topic;
-      opened.shares.add_named(flow_of(topic), cost_of(letter.message));
+      opened.shares.add_named(flow_of(topic), stored_cost(letter.message));
       if (!is_retried(letter.why.code, letter.why.tries)) continue;
       const auto known = std::ranges::find(opened.dead_topics, topic, &DeadTopic::topic);
       if (known != opened.dead_topics.end()) {
@@ -65,13 +65,9 @@ class FakeStore {
     NewDeadLetter why;
   };
 
-  static std::uint64_t cost_of(const BrokerMessage& message) {
-    return stored_cost(message.topic.size(), message.payload.size());
-  }
   DeadLetterCounts count_dead_letters() const {
     DeadLetterCounts counts{dead_letters.size(), 0};
-    for (const auto& [id, letter] : dead_letters)
-      counts.bytes += stored_cost(letter.message.topic.size(), letter.message.payload.size());
+    for (const auto& [id, letter] : dead_letters) counts.bytes += stored_cost(letter.message);
     return counts;
   }
   /// As an operator orders.
@@ -83,7 +79,7 @@ class FakeStore {
   DeadLettersChanged discard_all() {
     DeadLettersChanged changed;
     for (const auto& [id, letter] : std::exchange(dead_letters, {}))
-      changed.discarded.push_back({id, letter.message.topic, cost_of(letter.message),
+      changed.discarded.push_back({id, letter.message.topic, stored_cost(letter.message),
                                    is_retried(letter.why.code, letter.why.tries)});
     return changed;
   }
@@ -123,7 +119,7 @@ class FakeStore {
          row != rows.end() && loaded.messages.size() < load.max_messages;) {
       if (damaged.contains(row->first)) {
         loaded.damaged.push_back(row->first);
-        loaded.damaged_bytes += cost_of(row->second.message);
+        loaded.damaged_bytes += stored_cost(row->second.message);
         dead_letters[row->first] = {std::move(row->second.message),
                                     {row->first, "damaged", 0, losses_at_fault}};
         row = rows.erase(row);
@@ -160,7 +156,7 @@ class FakeStore {
       Letter letter = std::move(dead_letters.extract(id).mapped());
       BrokerMessage& message = letter.message;
       revived.messages.push_back(
-          {id, message.topic, cost_of(message), is_retried(letter.why.code, letter.why.tries)});
+          {id, message.topic, stored_cost(message), is_retried(letter.why.code, letter.why.tries)});
       rows[id] = {std::move(message), now};
     }
     return revived;
