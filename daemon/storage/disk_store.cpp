@@ -20,17 +20,18 @@ OrderAnswer in_json(const json& document) {
 }
 
 json to_json(const ListedDeadLetter& letter, bool with_payload) {
-  const BrokerMessage& message = letter.message;
+  const BrokerMessage& message = letter.record.message;
+  const DeadLetterFacts& facts = *letter.record.dead;
   json out{{"id", letter.id},
            {"topic", message.topic},
            {"bytes", message.payload.size()},
            {"qos", static_cast<int>(message.qos)},
            {"retain", message.retain},
-           {"reason", letter.facts.reason},
-           {"code", letter.facts.code},
-           {"tries", letter.facts.tries},
-           {"stored_at", to_iso8601_ms(letter.stored_at)},
-           {"set_aside_at", to_iso8601_ms(letter.facts.set_aside_at)},
+           {"reason", facts.reason},
+           {"code", facts.code},
+           {"tries", facts.tries},
+           {"stored_at", to_iso8601_ms(letter.record.stored_at)},
+           {"set_aside_at", to_iso8601_ms(facts.set_aside_at)},
            {"mesh", nullptr},
            {"received_at", nullptr}};
   if (message.provenance) {

@@ -132,27 +132,26 @@ std::optional<MessageRecord> MessageLog::find(std::uint64_t row, bool skips_unre
   }
 }
 
-std::optional<ListedDeadLetter> MessageLog::find_letter(std::uint64_t id) const {
+std::optional<MessageRecord> MessageLog::find_letter(std::uint64_t id) const {
   auto record = find(id);
-  if (!record || !record->dead) return std::nullopt;
-  return ListedDeadLetter{id, record->stored_at, std::move(record->message),
-                          std::move(*record->dead)};
+  if (record && !record->dead) record.reset();
+  return record;
 }
 
 /// Returns a dead letter that the disk cannot read with its topic, and zeros as its payload: an
 /// operator may discard it.
 std::optional<ListedDeadLetter> MessageLog::show_letter(std::uint64_t id) const {
   try {
-    return find_letter(id);
+    auto record = find_letter(id);
+    if (!record) return std::nullopt;
+    return ListedDeadLetter{id, std::move(*record)};
   } catch (const LogError& error) {
-    ListedDeadLetter unreadable;
-    unreadable.id = id;
     const Letter& letter = letters_.at(id);
-    unreadable.message.topic = letter.topic->first;
-    unreadable.message.payload.resize(letter.bytes - cost_of(unreadable.message));
-    unreadable.facts.reason = error.what();
-    unreadable.is_unreadable = true;
-    return unreadable;
+    MessageRecord record;
+    record.message.topic = letter.topic->first;
+    record.message.payload.resize(letter.bytes - stored_cost(record.message));
+    record.dead = DeadLetterFacts{.reason = error.what()};
+    return ListedDeadLetter{id, std::move(record), true};
   }
 }
 
@@ -235,7 +234,8 @@ std::vector<ListedDeadLetter> MessageLog::list(const std::string& topic, std::ui
     if (!topic.empty() && at->second.topic->first != topic) continue;
     auto listed = show_letter(at->first);
     if (!listed) continue;
-    bytes += listed->message.topic.size() + listed->message.payload.size();
+    const BrokerMessage& message = listed->record.message;
+    bytes += message.topic.size() + message.payload.size();
     page.push_back(std::move(*listed));
   }
   return page;
@@ -271,8 +271,8 @@ MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::
     if (intact.size() == most || revival.tried - read.size() == most_unreadable) break;
     ++revival.tried;
     try {
-      if (auto listed = find_letter(id))
-        intact[id] = {listed->stored_at, std::move(listed->message)};
+      if (auto record = find_letter(id))
+        intact[id] = {record->stored_at, std::move(record->message)};
       read.push_back(id);
     } catch (const LogError& error) {
       unreadable = error;

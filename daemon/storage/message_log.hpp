@@ -45,10 +45,8 @@ std::optional<MessageRecord> decode_message(ByteView octets);
 /// A dead letter as operators see it.
 struct ListedDeadLetter {
   std::uint64_t id = 0;  ///< its row
-  WallTime stored_at{};
-  BrokerMessage message;
-  DeadLetterFacts facts;
-  /// The disk cannot read it: `facts.reason` says why. Only topic and size are known.
+  MessageRecord record;
+  /// The disk cannot read it: the dead letter's reason says why. Only topic and size are known.
   bool is_unreadable = false;
 };
 
@@ -117,7 +115,7 @@ class MessageLog {
 
   void read_all(bool skips_unreadable);
   std::optional<MessageRecord> find(std::uint64_t row, bool skips_unreadable = false) const;
-  std::optional<ListedDeadLetter> find_letter(std::uint64_t id) const;
+  std::optional<MessageRecord> find_letter(std::uint64_t id) const;
   std::optional<ListedDeadLetter> show_letter(std::uint64_t id) const;
   void put(std::uint64_t row, const MessageRecord& record) {
     log_.put(row, encode_message(record));
