@@ -52,31 +52,18 @@ Notice RefusalNotices::on_accepted(const std::string& topic) {
                     fmt::format("the broker accepts messages on {} again", topic));
 }
 
-Notice RefusalNotices::on_dead_letter(const std::string& topic, std::size_t bytes,
+Notice RefusalNotices::on_undelivered(Fate fate, const std::string& topic, std::size_t bytes,
                                       const Refusal& refusal) {
+  const bool is_dead = fate == Fate::dead_letter;
+  const char* const next =
+      is_dead ? "`slam-gatewayctl store list` shows it, `store resend` sends it again"
+      : fate == Fate::not_acknowledged
+          ? "it was not acknowledged"
+          : "the gateway publishes on the topic again at its next change";
   return of_refusal(
       Severity::error,
-      fmt::format(
-          "a message of {} octets on {} is a dead letter now: {}; `slam-gatewayctl store list` "
-          "shows it, `store resend` sends it again",
-          bytes, topic, words_of(refusal)));
-}
-
-Notice RefusalNotices::on_dropped(const std::string& topic, std::size_t bytes,
-                                  const Refusal& refusal) {
-  return of_refusal(
-      Severity::error,
-      fmt::format("a message of {} octets on {} was not delivered: {}; it was not acknowledged",
-                  bytes, topic, words_of(refusal)));
-}
-
-Notice RefusalNotices::on_own_dropped(const std::string& topic, std::size_t bytes,
-                                      const Refusal& refusal) {
-  return of_refusal(
-      Severity::error,
-      fmt::format("a message of {} octets on {} was not delivered: {}; the gateway publishes on "
-                  "the topic again at its next change",
-                  bytes, topic, words_of(refusal)));
+      fmt::format("a message of {} octets on {} {}: {}; {}", bytes, topic,
+                  is_dead ? "is a dead letter now" : "was not delivered", words_of(refusal), next));
 }
 
 std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& message,
@@ -86,16 +73,9 @@ std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& mes
                                                    message.topic, words_of(refusal)));
 }
 
-std::optional<Notice> StoreTrouble::on_write_failed(const std::string& why, TimePoint now) {
-  return fail(write_, "written: " + why, now);
-}
-
-std::optional<Notice> StoreTrouble::on_load_failed(const std::string& why, TimePoint now) {
-  return fail(read_, "read: " + why, now);
-}
-
-std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string& why,
-                                         TimePoint now) {
+std::optional<Notice> StoreTrouble::on_failed(Way way, const std::string& error, TimePoint now) {
+  std::string& trouble = way == Way::write ? write_ : read_;
+  const std::string why = (way == Way::write ? "written: " : "read: ") + error;
   ++failures_;
   trouble = "it cannot be " + why;
   if (!throttle_.on_event(now)) return std::nullopt;
@@ -107,7 +87,8 @@ std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string
                 {}};
 }
 
-std::optional<Notice> StoreTrouble::end(std::string& trouble) {
+std::optional<Notice> StoreTrouble::on_worked(Way way) {
+  std::string& trouble = way == Way::write ? write_ : read_;
   if (trouble.empty()) return std::nullopt;
   trouble.clear();
   if (!why().empty() || !std::exchange(is_said_, false)) return std::nullopt;

@@ -31,12 +31,14 @@ class RefusalNotices {
  public:
   static Notice on_refused_topic(const std::string& topic, const Refusal& refusal);
   static Notice on_accepted(const std::string& topic);
-  /// Reports a message of `bytes` octets that has become a dead letter and is not tried again.
-  static Notice on_dead_letter(const std::string& topic, std::size_t bytes, const Refusal& refusal);
-  /// Reports a message that was not acknowledged to a robot and cannot become a dead letter.
-  static Notice on_dropped(const std::string& topic, std::size_t bytes, const Refusal& refusal);
-  /// Reports a dropped retained message of the gateway itself, which a newer one follows.
-  static Notice on_own_dropped(const std::string& topic, std::size_t bytes, const Refusal& refusal);
+  enum class Fate : std::uint8_t {
+    dead_letter,       ///< it is not tried again by itself
+    not_acknowledged,  ///< it cannot become a dead letter, so its robot keeps it
+    own_retained,      ///< a newer message of the gateway itself follows
+  };
+  /// Reports a message of `bytes` octets that is not delivered.
+  static Notice on_undelivered(Fate fate, const std::string& topic, std::size_t bytes,
+                               const Refusal& refusal);
   /// Reports dropped QoS 0 messages, each topic once.
   std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal);
 
@@ -52,22 +54,14 @@ class StoreTrouble {
   const std::string& why() const { return !write_.empty() ? write_ : read_; }
   std::uint64_t failures() const { return failures_; }
 
-  std::optional<Notice> on_write_failed(const std::string& why, TimePoint now);
-  std::optional<Notice> on_load_failed(const std::string& why, TimePoint now);
-  std::optional<Notice> on_written() { return end(write_); }
-  std::optional<Notice> on_loaded() { return end(read_); }
-  /// Call when the store has answered a request to revive dead letters; `why` is empty on success.
-  std::optional<Notice> on_revived(const std::string& why, TimePoint now) {
-    return why.empty() ? on_written() : on_write_failed(why, now);
-  }
+  enum class Way : std::uint8_t { write, read };
+  std::optional<Notice> on_failed(Way way, const std::string& error, TimePoint now);
+  std::optional<Notice> on_worked(Way way);
   /// Call when the store is open, or is not for the reason `why`.
   void on_opened(std::string why) { write_ = std::move(why); }
 
  private:
   static constexpr std::chrono::minutes interval{1};
-
-  std::optional<Notice> fail(std::string& trouble, const std::string& why, TimePoint now);
-  std::optional<Notice> end(std::string& trouble);
 
   std::string write_;
   std::string read_;

@@ -251,7 +251,7 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
   const std::string topic = item.message.topic;
   const std::size_t bytes = item.message.payload.size();
   if (is_own_retained(item)) {  // sent again later, it would replace a newer one
-    notify(refusal_notices_.on_own_dropped(topic, bytes, refusal));
+    notify(RefusalNotices::on_undelivered(Fate::own_retained, topic, bytes, refusal));
     return drop(item, "the broker refuses it", now);
   }
   if (backlog_.bury(item, refusal, tries, now)) {
@@ -259,13 +259,14 @@ void Outbox::make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t 
     item.is_durable() ? queue_.erase(item) : queue_.withdraw(item);
     ++statistics_.dead_letters;
     if (will_be_tried) return refused_.on_dead_letter(topic);
-    return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal));
+    return notify(RefusalNotices::on_undelivered(Fate::dead_letter, topic, bytes, refusal));
   }
   if (item.message.provenance && !item.receipt.is_owed()) {  // a will: its robot may be gone
     if (!will_be_tried) refused_.refuse(topic, refusal, now);
     return withhold(item, now);
   }
-  if (!will_be_tried) notify(refusal_notices_.on_dropped(topic, bytes, refusal));
+  if (!will_be_tried)
+    notify(RefusalNotices::on_undelivered(Fate::not_acknowledged, topic, bytes, refusal));
   refuse(item, now);
 }
 
@@ -453,7 +454,7 @@ void Outbox::handle(StoreAbsent& absent, TimePoint) {
 void Outbox::handle(StoreWritten&, TimePoint now) {
   for (const std::uint64_t row : backlog_.on_written(now))
     if (Item* const item = queue_.find(row)) on_durable(*item);
-  if (backlog_.can_keep()) notify(store_trouble_.on_written());  // else it has only erased
+  if (backlog_.can_keep()) notify(store_trouble_.on_worked(Way::write));  // else it has only erased
 }
 
 /// Fires the receipt. The message stays in memory only while it is under way.
@@ -480,11 +481,11 @@ void Outbox::leave_memory(Item& item) {
 void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   backlog_.on_write_failed(queue_, now);
   refused_.on_write_failed();
-  notify(store_trouble_.on_write_failed(failed.why, now));
+  notify(store_trouble_.on_failed(Way::write, failed.why, now));
 }
 
 void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
-  notify(store_trouble_.on_loaded());
+  notify(store_trouble_.on_worked(Way::read));
   if (is_stopping_) return;
   backlog_.on_loaded(loaded, queue_, now);
   for (StoredMessage& stored : loaded.messages) {
@@ -502,13 +503,16 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
   backlog_.on_load_failed(now);
-  notify(store_trouble_.on_load_failed(failed.why, now));
+  notify(store_trouble_.on_failed(Way::read, failed.why, now));
 }
 
 void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
   backlog_.on_revived(revived);
-  if (!revived.why_failed.empty() || backlog_.can_keep())  // a failed write is tried again
-    notify(store_trouble_.on_revived(revived.why_failed, now));
+  if (!revived.why_failed.empty()) {
+    notify(store_trouble_.on_failed(Way::write, revived.why_failed, now));
+  } else if (backlog_.can_keep()) {  // else a failed write is tried again
+    notify(store_trouble_.on_worked(Way::write));
+  }
   if (!revived.retried_topic.empty()) return refused_.on_revived(revived, now);
   for (const FormerLetter& message : revived.messages) refused_.on_resent(message, now);
 }

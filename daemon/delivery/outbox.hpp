@@ -132,6 +132,8 @@ class Outbox {
  private:
   using Item = OutboxItem;
   using Turn = RefusedTopics::Turn;
+  using Fate = RefusalNotices::Fate;
+  using Way = StoreTrouble::Way;
 
   void handle(StoreOpened& opened, TimePoint now);
   void handle(StoreAbsent& absent, TimePoint now);
