@@ -458,12 +458,6 @@ void RecordLog::mark_erased(const Entry& entry) {
   segment->second.unsaved.push_back(entry.offset);
 }
 
-std::uint64_t RecordLog::bytes() const {
-  std::uint64_t sum = 0;
-  for (const auto& [number, segment] : segments_) sum += segment.bytes;
-  return sum;
-}
-
 void RecordLog::commit(bool is_durable) {
   const Changes puts = std::exchange(puts_, {});
   const auto erased = std::exchange(erasures_, {});
@@ -669,18 +663,20 @@ void RecordLog::move_records_of(std::uint32_t segment, bool is_durable) {
 }
 
 std::optional<std::uint32_t> RecordLog::sparse_segment() const {
+  std::uint64_t bytes = 0;
   std::uint64_t used = 0;
   std::uint64_t most_erased = 0;
   std::optional<std::uint32_t> sparsest;
   for (const auto& [number, segment] : segments_) {
     const std::uint64_t live = std::uint64_t{segment.bytes} * segment.live;
     const std::uint64_t erased = segment.bytes - live / std::max(1U, segment.records);
+    bytes += segment.bytes;
     used += segment.bytes - erased;
     if (erased <= most_erased || number == segments_.rbegin()->first) continue;
     most_erased = erased;
     sparsest = number;
   }
-  const bool is_sparse = bytes() > used + used / 2 + spare_segments * segment_bytes_;
+  const bool is_sparse = bytes > used + used / 2 + spare_segments * segment_bytes_;
   return is_sparse ? sparsest : std::nullopt;
 }
 

@@ -147,7 +147,6 @@ class RecordLog {
   void shorten_newest();
   bool write_tally();
   std::optional<Tally> read_tally();
-  std::uint64_t bytes() const;
   std::string path_of(std::uint32_t number) const;
   std::uint32_t checksum_of(std::uint32_t segment, const Header& header) const;
   std::uint32_t checksum(std::initializer_list<std::uint32_t> numbers, ByteView octets = {}) const;
