@@ -15,7 +15,7 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   if (!has_memory_for(item)) return refuse(item, now);
   drop_older_withheld(item, now);
   if (turn_of(item, now) == Turn::rest) {
-    bury_refused(item, now);
+    make_dead_letter(item, Refusal(refused_.reason(item.message.topic)), 0, now);
   } else {
     place(item, now);
   }
@@ -174,7 +174,7 @@ bool Outbox::publish_next(TimePoint now) {
   if (turn == Turn::alone && !window_.empty()) return wait_to_be_alone(*next, now);
   queue_.take_front();
   if (turn == Turn::rest) {
-    bury_refused(*next, now);
+    make_dead_letter(*next, Refusal(refused_.reason(next->message.topic)), 0, now);
     return true;
   }
   next->is_trial = turn == Turn::alone;
@@ -234,12 +234,6 @@ bool Outbox::wait_to_be_alone(const Item& next, TimePoint now) {
 RefusedTopics::Turn Outbox::turn_of(const Item& item, TimePoint now) const {
   if (refused_.empty()) return Turn::open;
   return refused_.turn_of(item.message.topic, item.row, backlog_.can_keep(), now);
-}
-
-/// Makes a dead letter of a message whose topic rests.
-void Outbox::bury_refused(Item& item, TimePoint now) {
-  const Refusal refusal = refused_.reason(item.message.topic);
-  make_dead_letter(item, refusal, 0, now);
 }
 
 /// Makes a dead letter of a message, or else refuses, drops or withholds it.

@@ -180,7 +180,6 @@ class Outbox {
   bool find_forgotten(TimePoint now);
   void on_lost_alone(Item& item, const char* why, const char* why_at_fault, TimePoint now);
   Turn turn_of(const Item& item, TimePoint now) const;
-  void bury_refused(Item& item, TimePoint now);
   void make_dead_letter(Item& item, const Refusal& refusal, std::uint32_t tries, TimePoint now);
   void withhold(Item& item, TimePoint now);
   static bool is_own_retained(const Item& item) {
