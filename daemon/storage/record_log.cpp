@@ -501,7 +501,11 @@ void RecordLog::append(const Changes& puts, bool is_durable) {
     const int error = errno;
     const std::string path = path_of(number);
     needs_segment_ = true;
-    std::ignore = ftruncate(segment.file.get(), segment.bytes);
+    // An ext2 that cannot read where the blocks of a file are loses them when it is shortened.
+    if (error == EIO || error == ENOMEM)
+      std::ignore = write_at(segment.file.get(), Bytes(out.bytes().size()), segment.bytes);
+    else
+      std::ignore = ftruncate(segment.file.get(), segment.bytes);
     if (is_new) {  // else each retry would leave a file and a descriptor
       ::unlink(path.c_str());
       next_segment_ = number;

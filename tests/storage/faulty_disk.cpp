@@ -77,6 +77,14 @@ ssize_t pwrite(int file, const void* from, size_t count, off_t offset) {
   return FaultyDisk::fails_writes ? fail() : call(file, from, count, offset);
 }
 
+/// Like ext2's, which loses the blocks behind the first twelve when the disk fails.
+int ftruncate(int file, off_t size) {
+  using namespace slamgw::test;
+  static const auto call = real<int (*)(int, off_t)>("ftruncate");
+  if (FaultyDisk::fails_syncs && size > 12288) call(file, 12288);
+  return call(file, size);
+}
+
 int fdatasync(int file) {
   using namespace slamgw::test;
   static const auto call = real<int (*)(int)>("fdatasync");

@@ -340,6 +340,21 @@ TEST_F(StoreDamage, AWriteThatWasNotConfirmedIsNotDeliveredTwice) {
   EXPECT_EQ(user.notices(), "");
 }
 
+TEST_F(StoreDamage, AFailedWriteCostsNoEarlierMessageOfItsSegment) {
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(1, 100, 200));
+    FaultyDisk::fails_syncs = true;
+    user.store().ask(WriteToStore{{{101, StoreUser::message(101, 200), {}}}, {}, {}});
+    ASSERT_TRUE(user.await<StoreWriteFailed>());
+    FaultyDisk::fails_syncs = false;
+    EXPECT_EQ(user.load(0)->messages.size(), 100u);
+  }
+  StoreUser user(directory.path());
+  EXPECT_EQ(user.await<StoreOpened>()->count, 100u);
+  EXPECT_EQ(user.notices(), "");
+}
+
 TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
