@@ -14,22 +14,18 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
                       {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
-  if (!link_.is_up) {
-    robot.retained_given.erase(message.topic);  // if the broker keeps it, the robot wants it
-    return refuse("the BLE link is down (slam-gatewayctl status says why)");
-  }
+  if (!link_.is_up) return refuse("the BLE link is down (slam-gatewayctl status says why)");
   auto command =
       make_command(settings_, type, message.payload, ++last_tid_, radio_.max_send_bytes());
   if (!command.has_value()) return refuse(command.error().why);
   command->id = id;
   command->message = message;
-  // The broker may keep this one as well, which its message does not say.
-  if (robot.retained_given.size() < max_retained) robot.retained_given.insert(message.topic);
   conclude(robot, robot.commands.add(std::move(*command), now));
   transmit_due(robot, now);
 }
 
 bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message, TimePoint now) {
+  if (robot.is_online && !link_.is_up) robot.misses_retained = true;
   if (!robot.is_online || !link_.is_up || !gate_.is_open_for(robot)) return false;
   if (robot.retained_given.contains(message.topic)) return false;
   if (robot.retained_given.size() < max_retained)

@@ -76,7 +76,8 @@ struct Robot {
   /// Topics whose retained message the robot got since it came online; at most
   /// Downlink::max_retained.
   std::set<std::string, std::less<>> retained_given;
-  bool is_subscribed = true;  ///< false: the broker refused; asked again later
+  bool misses_retained = false;  ///< a retained message came while the link was down
+  bool is_subscribed = true;     ///< false: the broker refused; asked again later
 
   /// Returns how the robot's message came. The number of relays is known only if the TTL that the
   /// robot sent with is known.

@@ -214,8 +214,9 @@ void Robots::on_link_up(TimePoint now) {
   for (auto& [address, robot] : robots_) {
     robot.is_asking = robot.is_deaf_now = false;
     for (Inbox& inbox : robot.inboxes) inbox.filter.forget_unheard();
-    // Asks for retained messages that came while the link was down.
-    if (robot.is_shown()) subscribe(robot, /*is_here=*/true);
+    // Makes the broker send retained messages again, also those that the robot got live.
+    if (std::exchange(robot.misses_retained, false) && robot.is_shown())
+      subscribe(robot, /*is_here=*/true);
     if (robot.is_node) robot.await(now);
   }
 }
@@ -245,6 +246,7 @@ void Robots::on_heard(Robot& robot, TimePoint now) {
   if (!std::exchange(robot.is_online, true)) {
     robot.online_since = now;
     robot.retained_given.clear();
+    robot.misses_retained = false;
   }
   if (!gate_.is_open_for(robot)) return;
   if (!robot.is_shown()) {
