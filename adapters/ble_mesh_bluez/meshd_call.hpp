@@ -111,6 +111,9 @@ struct ScanResult {
   std::int16_t rssi = 0;
   Bytes data;  ///< begins with the UUID
 };
+/// meshd has asked for the static OOB value, and has it now. It asks before RequestProvData, and
+/// not at all for a device that says that it has none.
+struct StaticOobGiven {};
 /// A joining device needs an address; GiveAddress answers this.
 struct RequestProvData {
   std::uint8_t elements = 0;
@@ -135,7 +138,7 @@ struct DevKeyMessage {
   Bytes payload;
 };
 using MeshdEvent =
-    std::variant<MeshdCame, MeshdGone, MeshdAnswer, JoinComplete, ScanResult, RequestProvData,
-                 AddNodeComplete, AddNodeFailed, AppMessage, DevKeyMessage>;
+    std::variant<MeshdCame, MeshdGone, MeshdAnswer, JoinComplete, ScanResult, StaticOobGiven,
+                 RequestProvData, AddNodeComplete, AddNodeFailed, AppMessage, DevKeyMessage>;
 
 }  // namespace slamgw::ble

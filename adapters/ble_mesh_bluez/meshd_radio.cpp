@@ -421,9 +421,15 @@ void MeshdRadio::begin_join(TimePoint now) {
   });
 }
 
-void MeshdRadio::on(const RequestProvData& wanted, TimePoint) {
-  if (join_ && join_->due) return actions_.push(DeviceAnswered{wanted.elements});
-  requests_.push(GiveAddress{});
+void MeshdRadio::on(const StaticOobGiven&, TimePoint) {
+  if (join_ && join_->due) join_->has_static_oob = true;
+}
+
+void MeshdRadio::on(const RequestProvData& wanted, TimePoint now) {
+  if (!join_ || !join_->due) return requests_.push(GiveAddress{});
+  if (join_->device.static_oob && !join_->has_static_oob)
+    return answer_device(lacks_static_oob, now);
+  actions_.push(DeviceAnswered{wanted.elements});
 }
 
 void MeshdRadio::answer_device(const std::string& refusal, TimePoint) {

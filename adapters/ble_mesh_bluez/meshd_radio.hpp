@@ -120,6 +120,7 @@ class MeshdRadio final : public Radio {
   struct Join {
     ProvisionDevice device;
     std::optional<TimePoint> due = {};  ///< nothing: not begun
+    bool has_static_oob = false;
     bool has_address = false;
     std::string refusal = {};
   };
@@ -129,7 +130,8 @@ class MeshdRadio final : public Radio {
   void on(const MeshdAnswer& answer, TimePoint now);
   void on(const JoinComplete& complete, TimePoint);
   void on(const ScanResult& result, TimePoint);
-  void on(const RequestProvData& wanted, TimePoint);
+  void on(const StaticOobGiven&, TimePoint);
+  void on(const RequestProvData& wanted, TimePoint now);
   void on(const AddNodeComplete& added, TimePoint);
   void on(const AddNodeFailed& failed, TimePoint);
   void on(AppMessage& message, TimePoint);

@@ -56,9 +56,13 @@ struct ProvisionDevice {
   Uuid uuid{};
   Key net_key{};
   std::uint32_t iv_index = 0;
-  std::uint16_t address = 0;  ///< of the device's first element
-  std::optional<Key> static_oob;
+  std::uint16_t address = 0;      ///< of the device's first element
+  std::optional<Key> static_oob;  ///< a device without it may not join
 };
+/// JoinEnded::failure of a device that is not taken in without ProvisionDevice::static_oob.
+inline constexpr const char* lacks_static_oob =
+    "the device says that it has no static OOB value: give it that of "
+    "ble_mesh.provisioning.static_oob, or remove this key";
 
 // Requests of a radio behind a serial port to its shell.
 

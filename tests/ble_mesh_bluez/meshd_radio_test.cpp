@@ -32,6 +32,8 @@ struct RadioRig {
           meshd.call(*call);
         }
         if (std::holds_alternative<AcceptToken>(*request)) meshd.accept_token();
+        if (const auto* given = std::get_if<GiveAddress>(&*request))
+          given_addresses.push_back(given->address);
         continue;
       }
       if (meshd.events.empty()) return;
@@ -78,6 +80,7 @@ struct RadioRig {
   std::vector<SendRefused> refusals;
   std::vector<JoinEnded> joins;
   std::vector<RadioCleared> cleared;
+  std::vector<std::optional<std::uint16_t>> given_addresses;
   int joined = 0;
   std::uint64_t last_call = 0;
 };
@@ -158,6 +161,32 @@ TEST(MeshdRadio, TellsWhenMeshdEndsADeviceThatItRefused) {
   rig.settle();
   ASSERT_EQ(rig.joins.size(), 1u);
   EXPECT_EQ(rig.joins[0].failure, "its addresses are taken");
+}
+
+TEST(MeshdRadio, RefusesADeviceThatMeshdTakesWithoutTheStaticOob) {
+  for (const bool has_oob : {false, true}) {
+    RadioRig rig;
+    rig.meshd.does_not_answer = true;
+    ProvisionDevice device;
+    device.uuid = {1};
+    device.address = destination;
+    device.static_oob = Key{7};
+    rig.feed(StaticOobGiven{});  // to an earlier device
+    rig.radio.provision(device);
+    rig.settle();
+    if (has_oob) rig.feed(StaticOobGiven{});
+    rig.feed(RequestProvData{1});
+    if (has_oob) {
+      EXPECT_TRUE(rig.given_addresses.empty()) << "the device may get an address";
+      continue;
+    }
+    ASSERT_EQ(rig.given_addresses.size(), 1u);
+    EXPECT_EQ(rig.given_addresses[0], std::nullopt);
+    rig.feed(AddNodeFailed{device.uuid, "timeout"});
+    ASSERT_EQ(rig.joins.size(), 1u);
+    EXPECT_NE(rig.joins[0].failure.find("says that it has no static OOB"), std::string::npos);
+    EXPECT_FALSE(rig.joins[0].may_have_joined);
+  }
 }
 
 TEST(MeshdRadio, AKeyThatComesAfterTheJoinWasGivenUpIsNotTheNextDevices) {

@@ -427,8 +427,10 @@ int MeshdBus::on_device_key_message(sd_bus_message* message, void* bus, sd_bus_e
 }
 
 int MeshdBus::on_prompt_static(sd_bus_message* message, void* bus, sd_bus_error* error) {
-  const auto& oob = static_cast<MeshdBus*>(bus)->static_oob_;
+  MeshdBus& self = *static_cast<MeshdBus*>(bus);
+  const auto& oob = self.static_oob_;
   if (!oob) return sd_bus_error_set(error, abort_error, "no static OOB is configured");
+  self.on_event_(StaticOobGiven{});
   sd_bus_message* made = nullptr;
   sd_bus_message_new_method_return(message, &made);
   const SdBusMessage reply(made);

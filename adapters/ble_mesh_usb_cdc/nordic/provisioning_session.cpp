@@ -177,22 +177,23 @@ void ProvisioningSession::on(const ProvisioningLinkOpened&, TimePoint now) {
 void ProvisioningSession::on(const CapabilitiesReceived& event, TimePoint now) {
   if (stage_ > Stage::awaiting_capabilities) return;
   if (event.elements == 0) return fail("the device says that it has no element");
+  offers_static_oob_ = (event.static_oob_types & 1) != 0;
+  if (static_oob_ && !offers_static_oob_) return fail(lacks_static_oob);
   actions_.push(DeviceAnswered{event.elements});
-  static_oob_types_ = event.static_oob_types;
   enter(Stage::awaiting_addresses, now);
 }
 
 void ProvisioningSession::on_addresses(TimePoint now) {
   if (!wants_addresses()) return;
   commands_.push_back(
-      encode_oob_use(context_, uses_static_oob() ? OobMethod::static_data : OobMethod::none));
+      encode_oob_use(context_, static_oob_ ? OobMethod::static_data : OobMethod::none));
   enter(Stage::exchanging, now);
 }
 
 void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now) {
   if (stage_ != Stage::exchanging && stage_ != Stage::completing) return;
   if (event.method == 0) return;
-  if (event.method != static_method || !uses_static_oob())
+  if (event.method != static_method || !static_oob_)
     return fail(fmt::format("the serial board asks for OOB method {}", event.method));
   if (commands_.size() >= max_commands) return;
   commands_.push_back(encode_command(CommandOpcode::auth_data, context_, *static_oob_));
@@ -231,7 +232,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now)
 
 void ProvisioningSession::on(const ProvisioningFailed& event, TimePoint) {
   if (stage_ == Stage::closing) return;
-  const bool may_need_oob = (static_oob_types_ & 1) != 0 && !static_oob_;
+  const bool may_need_oob = offers_static_oob_ && !static_oob_;
   fail(fmt::format("{} (0x{:02x}){}", error_text(event.error), event.error,
                    may_need_oob ? "; the device has static OOB data, and "
                                   "ble_mesh.provisioning.static_oob is not set"

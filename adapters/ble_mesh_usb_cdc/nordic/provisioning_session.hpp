@@ -82,7 +82,6 @@ class ProvisioningSession {
   void on(const ProvisioningComplete& event, TimePoint now);
   void on(const ProvisioningFailed& event, TimePoint now);
   void enter(Stage stage, TimePoint now);
-  bool uses_static_oob() const { return static_oob_ && (static_oob_types_ & 1) != 0; }
 
   KeyPair key_pair_;
   ActionQueue<RadioAction>& actions_;
@@ -94,7 +93,7 @@ class ProvisioningSession {
   TimePoint due_;
   JoinEnded end_;
   bool is_context_busy_ = false;
-  std::uint8_t static_oob_types_ = 0;
+  bool offers_static_oob_ = false;
   std::deque<Bytes> commands_;  ///< at most four: one device causes no more
 };
 

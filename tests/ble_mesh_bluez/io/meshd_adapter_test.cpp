@@ -110,6 +110,15 @@ TEST_F(MeshdAdapterTest, GivesTheStaticOobWhereADeviceAsksForIt) {
   EXPECT_EQ(fake.prompted, fake.meshd.robots.devices[0].static_oob);
 }
 
+TEST_F(MeshdAdapterTest, TakesInNoDeviceWithoutTheStaticOob) {
+  settings.provisioning.static_oob = "00112233445566778899aabbccddeeff";
+  fake.meshd.robots.add(1);
+  fake.come();
+  start();
+  ASSERT_TRUE(eventually([&] { return listener.has_notice("says that it has no static OOB"); }));
+  EXPECT_EQ(fake.meshd.robots.devices[0].address, 0);
+}
+
 TEST_F(MeshdAdapterTest, MeshdAndDaemonRestartInTurns) {
   fake.come();
   start();

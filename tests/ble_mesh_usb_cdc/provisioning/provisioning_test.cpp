@@ -55,15 +55,19 @@ TEST(Provisioning, LeavesOthersAlone) {
   EXPECT_EQ(idle.board.count(0x61), 0u);
 }
 
-TEST(Provisioning, GivesTheStaticOobToThoseThatHaveOne) {
+TEST(Provisioning, TakesInOnlyDevicesWithTheStaticOob) {
   Settings settings;
   settings.provisioning.static_oob = "000102030405060708090a0b0c0d0e0f";
   ProvisioningRig rig(settings);
   rig.add(1).static_oob = hex("00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f");
   rig.add(2);
   rig.start();
-  EXPECT_TRUE(rig.all_configured(20s));
+  rig.pass(30s);
+  EXPECT_NE(rig.board.devices.devices[0].address, 0);
+  EXPECT_EQ(rig.board.count(0x66), 1u);
   EXPECT_EQ(rig.board.count(0x67), 1u);
+  EXPECT_EQ(rig.board.devices.devices[1].address, 0) << "it would get the keys of the mesh";
+  EXPECT_TRUE(rig.has_notice("says that it has no static OOB"));
 }
 
 TEST(Provisioning, NamesAWrongStaticOobWithoutShowingIt) {
