@@ -16,6 +16,8 @@ constexpr std::string_view not_found = "org.bluez.mesh.Error.NotFound";
 constexpr std::string_view already_exists = "org.bluez.mesh.Error.AlreadyExists";
 constexpr std::string_view access_denied = "org.freedesktop.DBus.Error.AccessDenied";
 constexpr std::string_view no_such_object = "org.freedesktop.DBus.Error.NotFound";
+constexpr std::string_view no_reply = "org.freedesktop.DBus.Error.NoReply";
+constexpr const char* no_answer = "bluetooth-meshd does not answer; see slam-gatewayctl doctor";
 
 constexpr std::int16_t rssi_not_available = 127;  // Core Specification, LE Advertising Report
 constexpr std::string_view node_prefix = "bluez ";
@@ -24,6 +26,7 @@ constexpr std::size_t uuid_digits = 32;
 std::string reason(const MeshdAnswer& answer) {
   if (answer.error == access_denied)
     return "the system bus denies the gateway access to bluetooth-meshd: " + answer.why;
+  if (answer.error == no_reply) return no_answer;
   // The bus name is there before the controller is.
   if (answer.error == no_such_object)
     return "bluetooth-meshd waits for its Bluetooth controller; see slam-gatewayctl doctor";
@@ -104,7 +107,8 @@ void MeshdRadio::forget() {
   copies_ = 0;
   step_due_.reset();
   waiting_.clear();
-  is_sending_ = is_scan_wanted_ = false;
+  send_due_.reset();
+  is_scan_wanted_ = false;
   rescan_at_.reset();
   join_.reset();
   if (std::exchange(is_clearing_, false))
@@ -350,13 +354,13 @@ void MeshdRadio::withdraw(std::uint16_t destination, const Bytes& payload) {
 /// meshd answers at once and queues without a bound. So a message waits here until the previous one
 /// has left the air, and an urgent message can overtake it.
 void MeshdRadio::send_next(TimePoint now) {
-  if (stage_ != Stage::up || is_sending_ || waiting_.empty() || now < air_free_at_) return;
+  if (stage_ != Stage::up || send_due_ || waiting_.empty() || now < air_free_at_) return;
   Outgoing next = std::move(waiting_.front());
   waiting_.pop_front();
-  is_sending_ = true;
+  send_due_ = now + send_time_limit;
   air_free_at_ = now + packet_time * segments_of(next.payload.size());
   const auto sent = [this, destination = next.destination](const MeshdAnswer& answer, TimePoint) {
-    is_sending_ = false;
+    send_due_.reset();
     if (answer.is_success()) return;
     ++refused_;
     actions_.push(SendRefused{destination, reason(answer)});
@@ -484,7 +488,8 @@ std::optional<TimePoint> MeshdRadio::deadline() const {
   next = earlier(next, ask_iv_at_);
   next = earlier(next, rescan_at_);
   if (join_) next = earlier(next, join_->due);
-  if (!waiting_.empty() && !is_sending_) next = earlier(next, air_free_at_);
+  next = earlier(next, send_due_);
+  if (!waiting_.empty() && !send_due_) next = earlier(next, air_free_at_);
   return next;
 }
 
@@ -500,6 +505,7 @@ void MeshdRadio::on_deadline(TimePoint now) {
                  now);
   }
   if (stage_ != Stage::up) return;
+  if (send_due_ && now >= *send_due_) return pause(no_answer, retry_after, now);
   if (join_ && join_->due && now >= *join_->due)
     end_join({.failure = "bluetooth-meshd reported no result for the join",
               .may_have_joined = join_->has_address});

@@ -50,6 +50,9 @@ class MeshdRadio final : public Radio {
   static constexpr Duration rescan_after = std::chrono::seconds{2};
   static constexpr Duration retry_after = std::chrono::seconds{2};
   static constexpr Duration step_time_limit = std::chrono::seconds{3};
+  /// Without an answer to a message for this time, the link is down: meshd would send what it is
+  /// given once it runs again. sd-bus alone waits for 25 s.
+  static constexpr Duration send_time_limit = std::chrono::seconds{3};
   static constexpr int max_copies = 4;  ///< of one configuration message to the own node
   /// meshd itself gives up an attempt after 60 s.
   static constexpr Duration join_time_limit = std::chrono::seconds{90};
@@ -182,8 +185,8 @@ class MeshdRadio final : public Radio {
   std::optional<TimePoint> step_due_;
 
   std::deque<Outgoing> waiting_;
-  bool is_sending_ = false;
-  TimePoint air_free_at_{};  ///< the last message is on the air until then
+  std::optional<TimePoint> send_due_;  ///< set while meshd has not answered a message
+  TimePoint air_free_at_{};            ///< the last message is on the air until then
   bool is_scan_wanted_ = false;
   std::optional<TimePoint> rescan_at_;  ///< set while meshd scans
   std::optional<Join> join_;

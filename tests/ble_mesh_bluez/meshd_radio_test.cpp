@@ -29,6 +29,7 @@ struct RadioRig {
       if (auto request = radio.next_request()) {
         if (const auto* call = std::get_if<CallMeshd>(&*request)) {
           last_call = call->number;
+          sends += std::holds_alternative<Send>(call->call) ? 1 : 0;
           meshd.call(*call);
         }
         if (std::holds_alternative<AcceptToken>(*request)) meshd.accept_token();
@@ -45,6 +46,7 @@ struct RadioRig {
   void on_action(RadioEvent& event) {
     if (const auto* refused = std::get_if<SendRefused>(&event)) refusals.push_back(*refused);
     if (std::holds_alternative<LinkIsUp>(event)) is_up = true;
+    if (std::holds_alternative<LinkIsDown>(event)) is_up = false;
     const auto* about_nodes = std::get_if<ProvisionerEvent>(&event);
     if (about_nodes == nullptr) return;
     if (std::holds_alternative<SourceWanted>(*about_nodes)) radio.use_source(0x0001, 32, now);
@@ -82,6 +84,7 @@ struct RadioRig {
   std::vector<RadioCleared> cleared;
   std::vector<std::optional<std::uint16_t>> given_addresses;
   int joined = 0;
+  int sends = 0;  ///< Send calls, answered or not
   std::uint64_t last_call = 0;
 };
 
@@ -134,6 +137,31 @@ TEST(MeshdRadio, SaysWhatMeshdRefusesToSend) {
   ASSERT_EQ(rig.refusals.size(), 1u);
   EXPECT_EQ(rig.refusals[0].destination, destination);
   EXPECT_NE(rig.refusals[0].why.find("NotFound"), std::string::npos);
+}
+
+TEST(MeshdRadio, SendsNothingMoreToAMeshdThatDoesNotAnswer) {
+  RadioRig rig;
+  rig.meshd.does_not_answer = true;
+  rig.send(1);
+  rig.send(2);
+  rig.run_for(MeshdRadio::send_time_limit + 100ms);
+  EXPECT_FALSE(rig.is_up);
+  for (std::uint8_t number = 3; number < 10; ++number) {
+    rig.send(number);
+    rig.feed(MeshdAnswer{.number = rig.last_call, .error = "org.freedesktop.DBus.Error.NoReply"});
+    rig.run_for(25s);
+  }
+  EXPECT_EQ(rig.sends, 1) << "meshd would send all of them once it runs again";
+  EXPECT_FALSE(rig.is_up);
+  rig.meshd.does_not_answer = false;
+  rig.meshd.restart();
+  rig.feed(MeshdCame{});
+  EXPECT_TRUE(rig.is_up);
+  rig.run_for(10s);
+  EXPECT_EQ(rig.sends, 1);
+  rig.send(99);
+  rig.run_for(1s);
+  EXPECT_EQ(rig.sent(), Bytes{99});
 }
 
 TEST(MeshdRadio, EndsAJoinOfWhichMeshdSaysNothing) {
