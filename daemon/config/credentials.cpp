@@ -102,14 +102,18 @@ void check_source(ParseResult& result, const std::string& path, const Files& fil
 
 }  // namespace
 
+std::string fault_of_owner(const std::string& path, const std::string& strange_owner) {
+  if (strange_owner.empty()) return {};
+  return fmt::format("belongs to {}, who can read and change it; type: sudo chown root {}",
+                     strange_owner, path);
+}
+
 std::string fault_of_secret(const std::string& path, const FileText& file, unsigned forbidden,
                             const char* remedy) {
   if ((file.mode & forbidden) != 0)
     return fmt::format("can be read or changed by others (mode {:04o}); {} {}", file.mode, remedy,
                        path);
-  if (file.strange_owner.empty()) return {};
-  return fmt::format("belongs to {}, who can read and change it; type: sudo chown root {}",
-                     file.strange_owner, path);
+  return fault_of_owner(path, file.strange_owner);
 }
 
 void read_credentials(ParseResult& result, const Environment& environment, const Files& files) {

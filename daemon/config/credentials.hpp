@@ -7,6 +7,8 @@
 
 namespace slamgw {
 
+/// Returns a fault when a file or directory belongs to FileText::strange_owner; else nothing.
+std::string fault_of_owner(const std::string& path, const std::string& strange_owner);
 /// Describes how other users can read or change this secret, and the remedy; empty when they
 /// cannot. `forbidden`: the mode bits that `remedy` removes.
 std::string fault_of_secret(const std::string& path, const FileText& file,

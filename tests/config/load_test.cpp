@@ -154,6 +154,27 @@ TEST_F(LoadConfig, RefusesAConfigurationThatOthersCanChange) {
   EXPECT_EQ(load_config(path).problems.at(0).file, site) << "others can add a file to it";
 }
 
+TEST_F(LoadConfig, WarnsOfAConfigurationOfAStranger) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
+  const std::string path = write("g.json", "{}", 0644);
+  const std::string site = directory_ / "g.d";
+  std::filesystem::create_directory(site);
+  const std::string part = write("g.d/a.json", "{}", 0644);
+  for (const std::string& each : {path, site, part}) {
+    ASSERT_EQ(chown(each.c_str(), 65534, 0), 0);
+    const ParseResult loaded = load_config(path);
+    EXPECT_TRUE(loaded.problems.empty());
+    ASSERT_EQ(loaded.warnings.size(), 1U) << each;
+    EXPECT_EQ(to_string(loaded.warnings[0]),
+              each +
+                  ":1: file: belongs to nobody, who can read and change it; type: sudo chown "
+                  "root " +
+                  each);
+    ASSERT_EQ(chown(each.c_str(), 0, 65534), 0);
+    EXPECT_TRUE(load_config(path).warnings.empty());
+  }
+}
+
 TEST_F(LoadConfig, WarnsOfASecretThatOthersCanReadAndGoesOn) {
   const std::string text =
       "{\n\"ble_mesh\": {\"provisioning\":\n{\"static_oob\": "

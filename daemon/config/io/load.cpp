@@ -2,6 +2,7 @@
 #include "daemon/config/io/load.hpp"
 
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -97,12 +98,18 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
                                   file->mode, path, path));
 }
 
-/// Returns a fault when other users may change the file: they could choose the broker and so
-/// command robots.
-std::string fault_of_rights(const std::string& path, unsigned mode) {
+/// Refuses a file or directory that all other users may change: they could choose the broker and so
+/// command robots. Warns when it belongs to another user, who may do so too.
+void check_rights(ParseResult& result, const std::string& path, unsigned mode,
+                  const std::string& strange_owner) {
   constexpr unsigned others_may_write = 0002;
-  if ((mode & others_may_write) == 0) return {};
-  return fmt::format("can be changed by others (mode {:04o}); type: sudo chmod o-w {}", mode, path);
+  if ((mode & others_may_write) != 0)
+    result.problems.push_back(
+        {path, 1, "file",
+         fmt::format("can be changed by others (mode {:04o}); type: sudo chmod o-w {}", mode,
+                     path)});
+  else if (const std::string fault = fault_of_owner(path, strange_owner); !fault.empty())
+    result.warnings.push_back({path, 1, "file", fault});
 }
 
 /// Refuses a directory whose files this process cannot list (`error`): without them, the gateway
@@ -119,13 +126,12 @@ void refuse_closed_directory(ParseResult& result, const std::string& directory,
 }
 
 /// Refuses a directory in which other users could add a file.
-void refuse_open_directory(ParseResult& result, const std::string& configuration) {
-  const fs::path directory = site_directory(configuration);
-  std::error_code error;
-  const unsigned mode = static_cast<unsigned>(fs::status(directory, error).permissions());
-  if (const std::string fault = fault_of_rights(directory.string(), mode & 0777);
-      !error && !fault.empty())
-    result.problems.push_back({directory.string(), 1, "file", fault});
+void refuse_open_directory(ParseResult& result, const std::string& configuration,
+                           const SystemFiles& files) {
+  const std::string directory = site_directory(configuration);
+  struct stat status {};
+  if (stat(directory.c_str(), &status) != 0) return;
+  check_rights(result, directory, status.st_mode & 0777, files.strange_owner(status.st_uid));
 }
 
 /// Reports files that root may read but the service's user may not.
@@ -164,8 +170,7 @@ ParseResult load_parts(const std::string& path, const Environment& environment,
     const auto file = files.read(name);
     if (file) {
       parts.push_back({name, file->text});
-      if (const std::string fault = fault_of_rights(name, file->mode); !fault.empty())
-        first.problems.push_back({name, 1, "file", fault});
+      check_rights(first, name, file->mode, file->strange_owner);
       continue;
     }
     const bool has_gateway = environment.is_daemon || path != service_configuration;
@@ -180,7 +185,7 @@ ParseResult load_parts(const std::string& path, const Environment& environment,
     (may_miss ? first.warnings : first.problems).push_back({name, 1, "file", std::move(text)});
   }
   refuse_closed_directory(first, site_directory(path), error, environment.is_daemon);
-  refuse_open_directory(first, path);
+  refuse_open_directory(first, path, files);
   ParseResult result;
   if (!parts.empty()) result = parse_config(parts, environment, files);
   result.problems.insert(result.problems.begin(), first.problems.begin(), first.problems.end());

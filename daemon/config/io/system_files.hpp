@@ -14,10 +14,10 @@ class SystemFiles : public Files {
   std::string certificate_fault(const std::string& pem) const override;
   std::string key_fault(const std::string& pem) const override;
   bool key_matches(const std::string& certificate_pem, const std::string& key_pem) const override;
-
- private:
+  /// Returns the name of this user if it may not own a secret; else nothing.
   std::string strange_owner(unsigned user) const;
 
+ private:
   const char* service_user_;
 };
 
