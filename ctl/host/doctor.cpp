@@ -734,6 +734,9 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   };
   if (configured != named.end())
     add("configuration", Health::well, "is " + addresses_of(*configured));
+  if (RobotNames(named, Bans(configuration.config.bans)).is_banned(robot))
+    add("ban", Health::warning, "is banned, so the gateway does not hear it",
+        "sudo slam-gatewayctl unban " + robot);
   if (const json* node = row_of(facts.nodes, "robot", robot))
     findings.push_back(node_finding(*node));
   if (!facts.refusal.empty()) add("refused", Health::warning, facts.refusal, journal);

@@ -45,15 +45,20 @@ std::string RobotNames::of_ble(std::uint16_t address) const {
 }
 
 std::optional<std::string> RobotNames::of_client(std::string_view client_id) const {
-  if (bans_.has(client_id)) return std::nullopt;
+  if (is_client_banned(client_id)) return std::nullopt;
   if (const auto known = by_client_.find(client_id); known != by_client_.end())
-    return bans_.has(known->second) ? std::nullopt : std::optional(known->second);
+    return known->second;
   // A name of the BLE mesh, or of another client: a device speaks only for itself.
   const bool is_taken = parse_default_ble_id(client_id) ||
                         std::any_of(names_.begin(), names_.end(),
                                     [&](const RobotName& name) { return name.id == client_id; });
   if (is_taken) return std::nullopt;
   return std::string(client_id);
+}
+
+bool RobotNames::is_client_banned(std::string_view client_id) const {
+  const auto known = by_client_.find(client_id);
+  return bans_.has(client_id) || (known != by_client_.end() && bans_.has(known->second));
 }
 
 bool RobotNames::may_come_from(std::string_view id, const IpNetwork::Address& from) const {

@@ -48,6 +48,8 @@ class RobotNames {
   /// when that name belongs to another device, because a device speaks only for itself, or when
   /// either name is banned.
   std::optional<std::string> of_client(std::string_view client_id) const;
+  /// True when the client id is banned, or the name that `robots` gives this client.
+  bool is_client_banned(std::string_view client_id) const;
   /// False when `robots` gives this id, or MQTT-SN client id, an address that does not cover
   /// `from`.
   bool may_come_from(std::string_view id, const IpNetwork::Address& from) const;

@@ -43,6 +43,9 @@ TEST(Bans, ARobotIsRefusedUnderEachOfItsNames) {
   EXPECT_EQ(RobotNames(names, Bans({"thread-1"})).of_client("thread-1"), std::nullopt);
   EXPECT_EQ(RobotNames(names, Bans({"other"})).of_client("thread-1"), "lego");
   EXPECT_EQ(RobotNames(names, Bans({"other"})).of_client("other"), std::nullopt);
+  for (const char* const banned : {"lego", "thread-1"})
+    EXPECT_TRUE(RobotNames(names, Bans({banned})).is_client_banned("thread-1")) << banned;
+  EXPECT_FALSE(RobotNames(names, Bans({"other"})).is_client_banned("thread-1"));
   EXPECT_TRUE(RobotNames(names, Bans({"lego"})).is_banned("lego"));
   EXPECT_TRUE(RobotNames(names, Bans({"thread-1"})).is_banned("lego"));
   EXPECT_FALSE(RobotNames(names, Bans({"other"})).is_banned("lego"));

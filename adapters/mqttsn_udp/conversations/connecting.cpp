@@ -224,7 +224,8 @@ void Connecting::refuse_name(const Arrival& arrival, const Connect& connect) {
     why = "the configuration has another address for it (robots[].address)";
   if (!peer.identity.empty() && peer.identity != connect.client_id)
     why = "its key belongs to another robot; over DTLS a client may use only its own id";
-  if (rules_.names.bans().has(connect.client_id)) why = "it is banned (slam-gatewayctl unban)";
+  if (rules_.names.is_client_banned(connect.client_id))
+    why = "it is banned (slam-gatewayctl unban)";
   if (!is_valid_level(connect.client_id))
     why =
         "a client id must be one topic level of 1 to 64 octets, without + # / and control "

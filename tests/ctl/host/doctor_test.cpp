@@ -384,6 +384,13 @@ TEST(Doctor, TellsWhyARobotNeverSpoke) {
       << text;
   EXPECT_NE(text.find("slam-gatewayctl ble remove r1 --force"), text.npos);
   EXPECT_NE(text.find("refused: " + facts.refusal), text.npos);
+  EXPECT_EQ(text.find("ban:"), text.npos);
+  ParseResult banning;
+  banning.config.robots = {{"r1", std::nullopt, "NRF_5"}};
+  for (const char* const banned : {"r1", "NRF_5"}) {
+    banning.config.bans = {banned};
+    EXPECT_NE(to_text(examine_robot("r1", facts, banning)).find("ban: is banned"), text.npos);
+  }
   facts.nodes[0] = {{"robot", "r1"}, {"address", "0x0100"}, {"state", "configured"}};
   EXPECT_NE(to_text(examine_robot("r1", facts, {})).find("0x0100 in the mesh and is configured"),
             text.npos);

@@ -353,5 +353,15 @@ TEST(SnGateway, R81_NobodyPublishesForABannedRobotOrUnderAnotherRobotsClientId) 
   EXPECT_EQ(publish(1), 1U);
 }
 
+TEST(SnGateway, ARefusalNamesTheBanOfTheRobotWhoseClientConnects) {
+  SnRig rig;
+  const std::vector<RobotName> names{{"lego", std::nullopt, "NRF_5"}};
+  rig.gateway.reconfigure(rig.policy, RobotNames(names, Bans({"lego"})), {}, rig.now);
+  rig.send(1, Connect{false, true, 1, 60, "NRF_5"});
+  ASSERT_EQ(rig.notices.size(), 1U);
+  EXPECT_NE(rig.notices[0].text.find("'NRF_5' (CONNACK 0x03): it is banned"), std::string::npos)
+      << rig.notices[0].text;
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn
