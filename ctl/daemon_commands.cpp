@@ -512,7 +512,8 @@ void add_ble_changes(CLI::App& app, Order& order) {
       ->check(CLI::Range(1, 0x7fff));
   exported.asks(show::exported_mesh, export_mesh, order_patience);
   Verb reset(app, order, "ble reset-board", "Clear the serial board and set it up again");
-  reset->add_flag("--yes", order.is_confirmed, "Robots may ignore the gateway for a while: do it");
+  reset->add_flag("--yes", order.is_confirmed,
+                  "The next of the gateway's addresses is used up: do it");
   reset.asks(show::done, answer, order_patience, [&order] {
     if (!order.is_confirmed) throw CLI::ValidationError("reset-board", reset_board_warning);
   });

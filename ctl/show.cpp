@@ -910,8 +910,8 @@ std::string done(const json& done, const Screen&) {
     return fmt::format("imported: the mesh has {}\n",
                        counted(count_at(done, "nodes"), "robot", "robots"));
   if (done.contains("cleared"))
-    return "the radio was cleared and is set up again; robots may ignore the gateway until "
-           "they are restarted\n";
+    return "the radio was cleared, and sends from the gateway's next address; robots may ignore it "
+           "only if all its addresses were used before (the log says so)\n";
   if (done.contains("forgotten")) {
     const std::string robot = text_at(done, "forgotten");
     if (is_true(done, "was_known")) return robot + " is forgotten\n";

@@ -186,8 +186,8 @@ TEST_F(LoadConfig, WarnsOfASecretThatOthersCanReadAndGoesOn) {
   EXPECT_EQ(to_string(result.warnings[0]),
             path +
                 ":3: ble_mesh.provisioning.static_oob: is a secret in a file that others can "
-                "read (mode 0644); type: chown root:slam-gateway " +
-                path + " && chmod 640 " + path);
+                "read (mode 0644); type: sudo chown root:slam-gateway " +
+                path + " && sudo chmod 640 " + path);
   EXPECT_TRUE(load_config(write("g.json", text, 0640)).warnings.empty());
   EXPECT_TRUE(load_config(write("g.json", "{}", 0644)).warnings.empty());
 }

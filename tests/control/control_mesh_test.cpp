@@ -297,7 +297,10 @@ TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
   EXPECT_NE(asked.err.find("sequence numbers"), std::string::npos) << asked.err;
   EXPECT_NE(asked.err.find("--yes"), std::string::npos);
   EXPECT_TRUE(handler.orders.empty());
-  EXPECT_EQ(order({"reset-board", "--yes"}, {R"({"cleared":true})", {}}).status, 0);
+  const Ended cleared = order({"reset-board", "--yes"}, {R"({"cleared":true})", {}});
+  EXPECT_EQ(cleared.status, 0);
+  EXPECT_NE(cleared.out.find("sends from the gateway's next address"), std::string::npos)
+      << cleared.out;
   order_of<ResetBoardOrder>(handler);
 }
 

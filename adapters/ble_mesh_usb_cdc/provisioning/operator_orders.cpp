@@ -364,7 +364,7 @@ void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
 void OperatorOrders::on_radio_cleared(const std::string& problem) {
   if (!order_.is(Kind::reset_board)) return;
   if (problem.empty()) return order_.answer(R"({"cleared":true})");
-  order_.refuse("the serial board was not cleared: " + problem);
+  order_.refuse("the radio was not cleared: " + problem);
 }
 
 // --- The mesh's keys -----------------------------------------------------------------------------

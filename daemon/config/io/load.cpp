@@ -94,7 +94,7 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
   const auto file = files.read(path);
   if (!file || (file->mode & others_may_read) == 0) return;
   result.warning(key, fmt::format("is a secret in a file that others can read (mode {:04o}); type: "
-                                  "chown root:slam-gateway {} && chmod 640 {}",
+                                  "sudo chown root:slam-gateway {} && sudo chmod 640 {}",
                                   file->mode, path, path));
 }
 
