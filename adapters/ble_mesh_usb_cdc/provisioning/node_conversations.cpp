@@ -56,8 +56,8 @@ bool NodeConversations::is_outdated(const Node& node) const {
 }
 
 /// Returns true if only the node's publications have to move to the address of the radio's present
-/// life. Until then, messages to the old address are heard, too. But the radio acknowledges their
-/// segments from the old address, which the robot ignores.
+/// life. Until then, a board hears messages to the old address, too. But it acknowledges their
+/// segments from the old address, which the robot ignores. BlueZ's node hears none of them.
 bool NodeConversations::is_only_moved(const Node& node) const {
   const auto is_own = [&](std::uint32_t address) {
     return address >= settings_.address && address < settings_.address + std::uint32_t{max_sources};
@@ -238,11 +238,13 @@ void NodeConversations::on_asked(const Node& node, const NodeConfiguration& conv
                                  [this](std::uint16_t address) { return hears(address); }));
 }
 
-/// Returns true for the gateway's groups, and for the addresses of its radio's lives.
+/// Returns true for the gateway's groups, and for the addresses of its radio's lives. BlueZ's node
+/// hears its own address alone.
 bool NodeConversations::hears(std::uint16_t address) const {
   const auto& groups = settings_.groups;
   return std::ranges::find(groups, address) != groups.end() || address == destination() ||
-         (address >= settings_.address && address <= link_.source);
+         (settings_.radio != RadioChoice::bluez && address >= settings_.address &&
+          address <= link_.source);
 }
 
 void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& conversation,
