@@ -137,7 +137,10 @@ def remove_keeps_the_state():
 
 def purge_takes_everything():
     """purge: nothing of it is left but the user"""
-    run("dpkg", "--purge", "slam-gateway-web", "slam-gateway")
+    has_page = pathlib.Path("/usr/bin/slam-gateway-web").exists()
+    run("dpkg", "--purge", "slam-gateway")
+    demand((CONFIG.parent / "gateway.d").exists() == has_page, "gateway.d is kept for slam-gateway-web alone")
+    run("dpkg", "--purge", "slam-gateway-web")
     for path in (STATE, CONFIG.parent, "/run/slam-gateway", "/usr/share/doc/slam-gateway",
                  "/usr/lib/sysctl.d/60-slam-gateway.conf", "/usr/lib/credstore/slam-gateway.broker"):
         demand(not pathlib.Path(path).exists(), f"{path} is left")
