@@ -325,8 +325,6 @@ void MosquittoClient::deliver() {
     delivered.swap(events_);
     for (Event& event : delivered)
       if (!is_ended_) std::visit([this](auto& what) { report(what); }, event);
-    delivered.clear();
-    if (events_.empty()) events_.swap(delivered);  // keeps its memory
   }
 }
 
