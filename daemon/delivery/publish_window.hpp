@@ -123,7 +123,7 @@ class PublishWindow {
 
  private:
   bool is_alone_unanswered(Duration patience, TimePoint now) const {
-    return items_.size() == 1 && !is_silent_ && is_stalled(patience, now);
+    return acknowledged_ == 1 && !is_silent_ && is_stalled(patience, now);
   }
   Items::iterator position_of(std::uint64_t sequence) {
     const auto found = std::lower_bound(

@@ -328,7 +328,7 @@ TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhi
   EXPECT_EQ(received_of("t"), numbers(1, 100));
 }
 
-TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinuteAndAnewWhenItFailsAgain) {
+TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinute) {
   const auto said = [this] {
     return std::count_if(notices.begin(), notices.end(), [](const std::string& notice) {
       return notice.find("cannot be written") != std::string::npos;

@@ -88,11 +88,12 @@ void SerialLine::start() {
   is_open_wanted_ = false;
   try {
     connection_ = std::make_shared<SerialConnection>(io_, open_port_, *this);
-  } catch (const boost::system::system_error&) {
+    connection_->start();
+  } catch (const std::runtime_error&) {
+    connection_.reset();
     state_ = State::closed;
-    return callbacks_.on_failed("the serial board can't be opened: too many open files");
+    return callbacks_.on_failed("the serial board can't be opened: too many open files or threads");
   }
-  connection_->start();
   watch();
 }
 
@@ -254,7 +255,8 @@ void SerialConnection::write_some() {
       return descriptor_.async_wait(descriptor_.wait_write,
                                     [this](const boost::system::error_code&) {
                                       is_full_ = false;
-                                      write_some();
+                                      // The read goes first: it says that the board is gone.
+                                      asio::post(io_, [this] { write_some(); });
                                     });
     }
     if (error) return end("writing to the serial board failed: " + error.message());

@@ -128,11 +128,11 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
 }
 
 void BoardLink::change_keys(const RadioKeys& keys, TimePoint now) {
-  const bool sends_as_before = keys_ && keys_->keys == keys.keys;
+  const bool goes_down = keys_ ? keys_->keys != keys.keys : is_up();
   keys_ = keys;
   if (awaits(StartUp::State::needs_keys)) return on_keys_needed(now);
   if (stage_ == Stage::closed) return;
-  if (!sends_as_before) go_down("the mesh has new keys");
+  if (goes_down) go_down("the mesh has new keys");
   begin_resync(now);
 }
 

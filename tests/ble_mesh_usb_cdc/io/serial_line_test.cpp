@@ -189,7 +189,7 @@ TEST_F(SerialLineTest, FailsWhenTooManyFilesAreOpen) {
   EXPECT_TRUE(eventually([&] { return !failures.empty(); }));
   ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &usual), 0);
   EXPECT_EQ(failures, std::vector<std::string>{"the serial board can't be opened: too many open "
-                                               "files"});
+                                               "files or threads"});
   open();
 }
 
