@@ -178,11 +178,12 @@ void ProvisioningSession::on(const CapabilitiesReceived& event, TimePoint now) {
   if (stage_ > Stage::awaiting_capabilities) return;
   if (event.elements == 0) return fail("the device says that it has no element");
   offers_static_oob_ = (event.static_oob_types & 1) != 0;
-  if (static_oob_ && !offers_static_oob_) return fail(lacks_static_oob);
   actions_.push(DeviceAnswered{event.elements});
   enter(Stage::awaiting_addresses, now);
 }
 
+/// Takes the static method also with a device that has no value: it fails, and its link ends at
+/// once. Left alone, the link would hold the board for a minute.
 void ProvisioningSession::on_addresses(TimePoint now) {
   if (!wants_addresses()) return;
   commands_.push_back(
@@ -232,6 +233,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now)
 
 void ProvisioningSession::on(const ProvisioningFailed& event, TimePoint) {
   if (stage_ == Stage::closing) return;
+  if (static_oob_ && !offers_static_oob_) return fail(lacks_static_oob);
   const bool may_need_oob = offers_static_oob_ && !static_oob_;
   fail(fmt::format("{} (0x{:02x}){}", error_text(event.error), event.error,
                    may_need_oob ? "; the device has static OOB data, and "

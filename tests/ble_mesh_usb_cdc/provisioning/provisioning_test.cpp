@@ -59,15 +59,16 @@ TEST(Provisioning, TakesInOnlyDevicesWithTheStaticOob) {
   Settings settings;
   settings.provisioning.static_oob = "000102030405060708090a0b0c0d0e0f";
   ProvisioningRig rig(settings);
-  rig.add(1).static_oob = hex("00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f");
+  rig.add(1);
   rig.add(2);
+  rig.add(3).static_oob = hex("00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f");
   rig.start();
   rig.pass(30s);
-  EXPECT_NE(rig.board.devices.devices[0].address, 0);
-  EXPECT_EQ(rig.board.count(0x66), 1u);
-  EXPECT_EQ(rig.board.count(0x67), 1u);
-  EXPECT_EQ(rig.board.devices.devices[1].address, 0) << "it would get the keys of the mesh";
+  for (const std::size_t stranger : {0u, 1u})
+    EXPECT_EQ(rig.board.devices.devices[stranger].address, 0) << "it would get the mesh's keys";
+  EXPECT_NE(rig.board.devices.devices[2].address, 0) << "strangers do not hold the board's links";
   EXPECT_TRUE(rig.has_notice("says that it has no static OOB"));
+  EXPECT_FALSE(rig.has_notice("still busy with earlier provisioning links"));
 }
 
 TEST(Provisioning, NamesAWrongStaticOobWithoutShowingIt) {
