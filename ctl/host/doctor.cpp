@@ -734,9 +734,13 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   };
   if (configured != named.end())
     add("configuration", Health::well, "is " + addresses_of(*configured));
-  if (RobotNames(named, Bans(configuration.config.bans)).is_banned(robot))
+  const Bans bans(configuration.config.bans);
+  if (RobotNames(named, bans).is_banned(robot)) {
+    const bool is_by_id = bans.has(robot) || configured == named.end();
     add("ban", Health::warning, "is banned, so the gateway does not hear it",
-        "sudo slam-gatewayctl unban " + robot);
+        "sudo slam-gatewayctl unban " +
+            (is_by_id ? robot : configured->mqttsn_client_id.value_or(robot)));
+  }
   if (const json* node = row_of(facts.nodes, "robot", robot))
     findings.push_back(node_finding(*node));
   if (!facts.refusal.empty()) add("refused", Health::warning, facts.refusal, journal);

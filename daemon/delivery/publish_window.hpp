@@ -109,8 +109,8 @@ class PublishWindow {
   }
   /// Returns true when the broker owes the answer to `item` for `patience`, though it has answered
   /// a later message of the same QoS, or nothing was under way before `item`; or for twice that
-  /// time, while nothing else is under way and the broker is not silent. Brokers answer the
-  /// messages of each QoS in order (MQTT 5, section 4.6).
+  /// time, while no other answer is due and the broker is not silent. Brokers answer the messages
+  /// of each QoS in order (MQTT 5, section 4.6).
   bool is_forgotten(const Item& item, Duration patience, TimePoint now) const {
     return item.message.qos != Qos::at_most_once && now - item.handed_over >= patience &&
            (item.is_trial || is_alone_unanswered(2 * patience, now) ||

@@ -215,7 +215,7 @@ void Robots::on_link_up(TimePoint now) {
     robot.is_asking = robot.is_deaf_now = false;
     for (Inbox& inbox : robot.inboxes) inbox.filter.forget_unheard();
     // Makes the broker send retained messages again, also those that the robot got live.
-    if (std::exchange(robot.misses_retained, false) && robot.is_shown())
+    if (robot.is_shown() && std::exchange(robot.misses_retained, false))
       subscribe(robot, /*is_here=*/true);
     if (robot.is_node) robot.await(now);
   }
@@ -229,7 +229,8 @@ void Robots::on_session_held(Robot& robot, TimePoint now) {
     robot.await(now);
   }
   // A robot that came earlier got its retained messages from the gateway that served it then.
-  subscribe(robot, robot.is_online && now - robot.online_since < newly_online);
+  const bool misses = std::exchange(robot.misses_retained, false);
+  subscribe(robot, robot.is_online && (misses || now - robot.online_since < newly_online));
 }
 
 /// In a shared mesh the radio still hears the robot, so it stays online with its retained messages.
