@@ -81,8 +81,7 @@ std::string suggestion(std::string_view unknown_path) {
     const Split known = split_path(path);
     const std::pair score(distance(name, plain(known.name)) +
                               (known.parent == unknown.parent ? 0 : elsewhere_penalty),
-                          edit_distance(std::string(unknown.name.substr(0, longest_compared)),
-                                        std::string(known.name)));
+                          edit_distance(unknown.name.substr(0, longest_compared), known.name));
     if (score < best_score) {
       best_score = score;
       best = path;

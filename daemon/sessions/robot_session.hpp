@@ -244,7 +244,7 @@ class RobotSession {
   bool is_opened_clean_ = false;
   bool knows_all_ = false;  ///< the broker's session has no filters besides `filters_`
   std::map<std::string, Filter> filters_;
-  // Lists, because an empty std::deque takes 640 octets for each of thousands of robots.
+  // Lists, because an empty std::deque holds half a KiB for each of thousands of robots.
   std::list<std::string> asked_;  ///< SUBSCRIBEs without an answer, in their order
   /// Unsubscribed filters, each with the fence after its UNSUBSCRIBE; 0: to be unsubscribed at the
   /// next CONNECT.

@@ -161,13 +161,13 @@ TEST_F(LoadConfig, WarnsOfAConfigurationOfAStranger) {
   std::filesystem::create_directory(site);
   const std::string part = write("g.d/a.json", "{}", 0644);
   for (const std::string& each : {path, site, part}) {
-    ASSERT_EQ(chown(each.c_str(), 65534, 0), 0);
+    ASSERT_EQ(chown(each.c_str(), 54321, 0), 0);
     const ParseResult loaded = load_config(path);
     EXPECT_TRUE(loaded.problems.empty());
     ASSERT_EQ(loaded.warnings.size(), 1U) << each;
     EXPECT_EQ(to_string(loaded.warnings[0]),
               each +
-                  ":1: file: belongs to nobody, who can read and change it; type: sudo chown "
+                  ":1: file: belongs to 54321, who can read and change it; type: sudo chown "
                   "root " +
                   each);
     ASSERT_EQ(chown(each.c_str(), 0, 65534), 0);

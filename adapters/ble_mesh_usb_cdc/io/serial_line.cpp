@@ -220,7 +220,7 @@ void SerialConnection::prepare() {
   read_next();
 }
 
-/// What the loop has not taken beyond `max_unread` waits in the kernel.
+/// Reads until the loop has `max_unread` octets to take; the kernel keeps the rest meanwhile.
 void SerialConnection::read_next() {
   if (!descriptor_.is_open() || is_reading_ || unread_ >= SerialLine::max_unread) return;
   is_reading_ = true;

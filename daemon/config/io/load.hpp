@@ -18,9 +18,9 @@ inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.
 
 /// Returns `gateway.d` beside `gateway.json`: the site's own files.
 std::filesystem::path site_directory(const std::string& configuration);
-/// Returns `gateway.json` and the `.json` files in `gateway.d/`, in the order of reading, without
-/// those that editors and packages have put aside. If `gateway.d/` cannot be read, `error` says
-/// why.
+/// Returns `gateway.json` and the `.json` files in `gateway.d/`, in the order of reading. Leaves
+/// out hidden files, and copies that editors and dpkg make. Sets `error` if `gateway.d/` cannot be
+/// read.
 std::vector<std::string> configuration_files(const std::string& path, std::error_code& error);
 
 /// Never throws because of a file's content; an unreadable file is a problem like any other. A file

@@ -396,6 +396,20 @@ TEST(Doctor, TellsWhyARobotNeverSpoke) {
             text.npos);
 }
 
+TEST(DoctorOfARobot, NamesABanByTheNameThatLiftsIt) {
+  RobotName robot;
+  robot.id = "r1";
+  robot.mqttsn_client_id = "NRF_5";
+  ParseResult configuration;
+  configuration.config.robots = {robot};
+  const auto told = [&] { return to_text(examine_robot("r1", {}, configuration)); };
+  EXPECT_EQ(told().find("is banned"), std::string::npos);
+  configuration.config.bans = {"NRF_5"};
+  EXPECT_NE(told().find("sudo slam-gatewayctl unban NRF_5"), std::string::npos) << told();
+  configuration.config.bans = {"r1"};
+  EXPECT_NE(told().find("sudo slam-gatewayctl unban r1"), std::string::npos) << told();
+}
+
 TEST(Report, HidesSecretsAndKeepsTheRest) {
   const std::string text = without_secrets(R"({// a comment
       "broker": {"uri": "mqtt://h", "credentials_file": "c.json", "password": "hush"},
