@@ -9,6 +9,8 @@
 
 #include <algorithm>
 #include <array>
+#include <boost/algorithm/string/replace.hpp>
+#include <cctype>
 #include <cstring>
 #include <ctime>
 #include <vector>
@@ -84,6 +86,14 @@ std::size_t columns(std::string_view text) {
     at = character.end;
   }
   return count;
+}
+
+std::string shell_word(const std::string& text) {
+  const auto is_plain = [](unsigned char c) {
+    return std::isalnum(c) != 0 || std::strchr("-_.:,@%+/", c) != nullptr;
+  };
+  if (!text.empty() && std::ranges::all_of(text, is_plain)) return text;
+  return "'" + boost::algorithm::replace_all_copy(text, "'", "'\\''") + "'";
 }
 
 std::string cut_end(const std::string& text, std::size_t width) {
@@ -854,7 +864,7 @@ std::string removed(const json& node, const Screen&) {
       "{} ({}) is out of the mesh; only this takes it in again: slam-gatewayctl ble provision {} "
       "--id {}\n{}\n",
       text_at(node, "robot"), text_at(node, "address"), text_at(node, "uuid"),
-      text_at(node, "robot"), keys);
+      shell_word(text_at(node, "robot")), keys);
 }
 
 std::string refresh(const json& refresh, const Screen&) {

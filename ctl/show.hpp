@@ -15,6 +15,8 @@ namespace slamgw::ctl {
 std::string string_at(const nlohmann::json& object, const char* key);
 /// The member's text for showing: characters that hide or deceive are escaped (escape_unprintable).
 std::string text_at(const nlohmann::json& object, const char* key);
+/// The text as one word for a shell: quoted, unless it is plain. For names that robots have chosen.
+std::string shell_word(const std::string& text);
 /// The member's number, or 0.
 double number_at(const nlohmann::json& object, const char* key);
 std::uint64_t count_at(const nlohmann::json& object, const char* key);

@@ -726,7 +726,7 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   const auto& named = configuration.config.robots;
   const auto configured = std::find_if(named.begin(), named.end(),
                                        [&](const RobotName& name) { return name.id == robot; });
-  const std::string journal = "journalctl -u slam-gateway ROBOT_ID=" + robot;
+  const std::string journal = "journalctl -u slam-gateway ROBOT_ID=" + shell_word(robot);
   std::vector<Finding> findings;
   const auto add = [&](const char* step, Health health, std::string detail,
                        std::string remedy = {}) {
@@ -739,7 +739,7 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
     const bool is_by_id = bans.has(robot) || configured == named.end();
     add("ban", Health::warning, "is banned, so the gateway does not hear it",
         "sudo slam-gatewayctl unban " +
-            (is_by_id ? robot : configured->mqttsn_client_id.value_or(robot)));
+            shell_word(is_by_id ? robot : configured->mqttsn_client_id.value_or(robot)));
   }
   if (const json* node = row_of(facts.nodes, "robot", robot))
     findings.push_back(node_finding(*node));
@@ -749,7 +749,7 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   if (row == nullptr && elsewhere != nullptr) {
     add("fleet", Health::well,
         fmt::format("is served by gateway {}; on its host: slam-gatewayctl doctor {}",
-                    text_at(*elsewhere, "gateway"), robot));
+                    text_at(*elsewhere, "gateway"), shell_word(robot)));
     return findings;
   }
   if (row == nullptr) {

@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "ctl/connection.hpp"
+#include "ctl/show.hpp"
 #include "daemon/config/io/service_rights.hpp"
 #include "daemon/config/io/system_files.hpp"
 #include "daemon/config/key_file.hpp"
@@ -119,7 +120,7 @@ nlohmann::ordered_json change_keys(const Installation& installation, const std::
       throw Failure(
           fmt::format("{} has a key already; for another one, first type: "
                       "slam-gatewayctl key remove {}",
-                      robot, robot));
+                      robot, shell_word(robot)));
     answer["key"] = to_hex(added->second);
   } else if (keys.erase(identity) == 0) {
     throw Failure(fmt::format("{} has no key in {}", robot, path.string()));

@@ -410,6 +410,17 @@ TEST(DoctorOfARobot, NamesABanByTheNameThatLiftsIt) {
   EXPECT_NE(told().find("sudo slam-gatewayctl unban r1"), std::string::npos) << told();
 }
 
+/// A robot chooses its name, and an operator copies the command.
+TEST(DoctorOfARobot, QuotesANameThatAShellWouldRun) {
+  ParseResult configuration;
+  configuration.config.bans = {"x;reboot"};
+  const std::string text = to_text(examine_robot("x;reboot", {}, configuration));
+  EXPECT_NE(text.find("sudo slam-gatewayctl unban 'x;reboot'\n"), std::string::npos) << text;
+  EXPECT_EQ(shell_word("lego-1_a.b"), "lego-1_a.b");
+  EXPECT_EQ(shell_word("it's $(id)"), "'it'\\''s $(id)'");
+  EXPECT_EQ(shell_word(""), "''");
+}
+
 TEST(Report, HidesSecretsAndKeepsTheRest) {
   const std::string text = without_secrets(R"({// a comment
       "broker": {"uri": "mqtt://h", "credentials_file": "c.json", "password": "hush"},
