@@ -49,8 +49,16 @@ std::optional<TopicScheme::RobotAndType> parse_below(std::string_view root,
   return TopicScheme::RobotAndType{robot->level, *robot->rest};
 }
 
-std::string with_client_id(const std::string& filter, std::string_view client_id) {
-  return boost::algorithm::replace_all_copy(filter, "%c", client_id);
+/// Returns a filter that matches nothing if a client id would make it one of the broker's own
+/// topics, a shared subscription, or one of the gateway's own topics.
+std::string with_client_id(const std::string& filter, std::string_view client_id,
+                           std::string_view prefix) {
+  std::string own = boost::algorithm::replace_all_copy(filter, "%c", client_id);
+  const bool is_named_by_client = first_level(filter).level.find("%c") != std::string_view::npos;
+  const std::string_view level = first_level(own).level;
+  if (is_named_by_client && (level.starts_with('$') || level == first_level(prefix).level))
+    return {};
+  return own;
 }
 
 /// True when every topic that `inner` can match is matched by `outer`. A leading wildcard does not
@@ -181,7 +189,7 @@ bool TopicPolicy::may_publish(std::string_view client_id, std::string_view robot
   const auto own = scheme_.parse_robot_topic(topic);
   if (own && own->robot == robot) return true;
   return std::any_of(extra_publish_.begin(), extra_publish_.end(), [&](const std::string& filter) {
-    return filter_matches(with_client_id(filter, client_id), topic);
+    return filter_matches(with_client_id(filter, client_id, scheme_.prefix()), topic);
   });
 }
 
@@ -191,10 +199,10 @@ bool TopicPolicy::may_subscribe(std::string_view client_id, std::string_view rob
   if (filter.size() > own_commands.size() && filter.starts_with(own_commands)) return true;
   if (filter.size() > scheme_.robot_root().size() && filter.starts_with(scheme_.robot_root()))
     return true;
-  return std::any_of(extra_subscribe_.begin(), extra_subscribe_.end(),
-                     [&](const std::string& extra) {
-                       return filter_covers(with_client_id(extra, client_id), filter);
-                     });
+  return std::any_of(
+      extra_subscribe_.begin(), extra_subscribe_.end(), [&](const std::string& extra) {
+        return filter_covers(with_client_id(extra, client_id, scheme_.prefix()), filter);
+      });
 }
 
 }  // namespace slamgw

@@ -167,6 +167,11 @@ TEST(TopicPolicy, ReachesTopicsOfTheBrokerOnlyWhereTheyAreNamed) {
   for (const char* bad : {"$SYS/#", "$share/g/x", "$share/x", "$SYS/broker/load"})
     EXPECT_FALSE(policy.may_subscribe("c", "r", bad)) << bad;
   EXPECT_FALSE(policy.may_publish("c", "r", "$SYS/x"));
+  const TopicPolicy named(scheme, {"%c/#"}, {"%c/#"});
+  EXPECT_TRUE(named.may_publish("c$", "r", "c$/x"));
+  EXPECT_FALSE(named.may_publish("$SYS", "r", "$SYS/x"));
+  EXPECT_FALSE(named.may_subscribe("$share", "r", "$share/g/x"));
+  EXPECT_FALSE(named.may_publish("ntnu-slam", "r", "ntnu-slam/server/other/cmd"));
 }
 
 }  // namespace
