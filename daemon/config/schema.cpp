@@ -146,7 +146,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
     {"robots[].ble_address",
      [](Value v, Config& c) { v.address(c.robots.back().ble_address, 0x0001, 0x7fff); }},
     {"robots[].mqttsn_client_id",
-     [](Value v, Config& c) { v.text(c.robots.back().mqttsn_client_id, client_id); }},
+     [](Value v, Config& c) { v.text(c.robots.back().mqttsn_client_id, level); }},
     {"robots[].address", [](Value v, Config& c) { v.text(c.robots.back().address, network); }},
     {"robots[].prefer",
      [](Value v, Config& c) {
@@ -277,7 +277,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
     {"mqttsn.predefined_topics[].name",
      [](Value v, Config& c) { v.text(c.mqttsn.predefined_topics.back().name, topic); }},
     {"mqttsn.predefined_topics[].client_id",
-     [](Value v, Config& c) { v.text(c.mqttsn.predefined_topics.back().client_id, client_id); }},
+     [](Value v, Config& c) { v.text(c.mqttsn.predefined_topics.back().client_id, level); }},
     {"mqttsn.allow_unconnected_publish",
      [](Value v, Config& c) { v.boolean(c.mqttsn.allow_unconnected_publish); }},
     {"mqttsn.max_clients", [](Value v, Config& c) { v.integer(c.mqttsn.max_clients, 1, 1000000); }},

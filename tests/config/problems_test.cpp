@@ -215,6 +215,8 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:1: robots[0].id: ", "without + # /"},
         Case{R"({"robots": [{"id": "a", "mqttsn_client_id": "a\ufdd0"}]})",
              "g.json:1: robots[0].mqttsn_client_id: ", "control characters"},
+        Case{R"({"mqttsn": {"predefined_topics": [{"id": 1, "name": "a", "client_id": "x/y"}]}})",
+             "g.json:1: mqttsn.predefined_topics[0].client_id: ", "1-64 bytes without + # /"},
         Case{R"({"broker": {"client_id": "a\u0080"}})",
              "g.json:1: broker.client_id: ", "control characters"},
         Case{R"({"mqttsn": {"predefined_topics": [{"id": 1, "name": "a\u0080"}]}})",
