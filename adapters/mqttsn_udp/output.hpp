@@ -38,7 +38,7 @@ enum class Count : std::uint8_t {
   published_up,
   repeats_suppressed,  ///< R75, R76
   unknown_topic_ids,
-  topics_refused,       ///< not allowed by the topic policy
+  topics_refused,       ///< not allowed by the topic policy, or no room
   receipts_refused,     ///< no room upstream: not acknowledged
   unconnected_refused,  ///< QoS -1 that is not allowed (R81)
   delivered_down,

@@ -71,7 +71,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
   output_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
     output_.count(Count::oversized);
-    return on_malformed(from, now);
+    return on_malformed(from, now, "; it has more octets than Thread carries");
   }
   Peer peer{from, {}, identity};
   std::uint8_t radius = 0;
@@ -272,13 +272,13 @@ void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {
   output_.send(arrival.peer, arrival.local, Disconnect{});
 }
 
-void SnGateway::on_malformed(const Endpoint& from, TimePoint now) {
+void SnGateway::on_malformed(const Endpoint& from, TimePoint now, std::string_view why) {
   output_.count(Count::malformed);
   if (const auto times = malformed_.on_event(now)) {
     output_.emit(
         Notice{Severity::notice,
-               fmt::format("dropped {} datagrams that are not MQTT-SN 1.2, the last from {}",
-                           *times, to_string(Peer{from, {}})),
+               fmt::format("dropped {} datagrams that are not MQTT-SN 1.2, the last from {}{}",
+                           *times, to_string(Peer{from, {}}), why),
                {}});
   }
 }

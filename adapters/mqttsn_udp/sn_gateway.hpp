@@ -123,7 +123,7 @@ class SnGateway {
   ClientSession* pinging_session(const Arrival& arrival, const Pingreq& pingreq);
   void handle(ClientSession& session, Packet& packet, TimePoint now);
   void on_stranger(const Arrival& arrival, bool is_answered);
-  void on_malformed(const Endpoint& from, TimePoint now);
+  void on_malformed(const Endpoint& from, TimePoint now, std::string_view why = {});
 
   const Settings settings_;
   NameRules rules_;

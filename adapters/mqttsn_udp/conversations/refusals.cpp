@@ -37,6 +37,16 @@ void Refusals::on_refusal(Count what, std::string_view who, std::string text,
                       .is_proven = is_proven});
 }
 
+void Refusals::on_full_tables(const ClientSession& session, const std::string& name,
+                              TimePoint now) {
+  on_refusal(Count::topics_refused, "room " + session.client_id,
+             fmt::format("{} has no room for '{}': a client may have {} topics and {} "
+                         "subscriptions, and fewer when their names are long",
+                         session.robot, name, limits::max_topics_per_client,
+                         limits::max_subscriptions_per_client),
+             session.robot, now);
+}
+
 void Refusals::forget_all() {
   logged_.clear();
   oldest_first_.clear();

@@ -24,6 +24,8 @@ class Refusals {
   /// is counted in any case; `text` says what was refused and what would allow it.
   void on_refusal(Count what, std::string_view who, std::string text, const std::string& robot,
                   TimePoint now);
+  /// Call when there is no room for another topic or subscription of the client.
+  void on_full_tables(const ClientSession& session, const std::string& name, TimePoint now);
   /// Call when the rules have changed: refusals by the new rules are logged again.
   void forget_all();
 

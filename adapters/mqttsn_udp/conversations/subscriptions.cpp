@@ -13,7 +13,14 @@ namespace slamgw::mqttsn {
 void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now) {
   if (answers_.is_held(session, request.msg_id) || !answers_.has_room(session)) return;
   const Result<Requested, ReturnCode> requested = read(session, request, now);
-  if (!requested) return refuse(session, request, requested.error());
+  if (!requested) {
+    if (requested.error() == ReturnCode::congestion) {
+      const auto filter =
+          filter_of(session, request.topic_id_type, request.topic_id, request.topic_name);
+      refusals_.on_full_tables(session, filter.value_or(""), now);
+    }
+    return refuse(session, request, requested.error());
+  }
   const std::string& filter = requested->filter;
   const Suback answer{request.qos, requested->topic_id, request.msg_id, ReturnCode::accepted};
   if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);

@@ -315,6 +315,7 @@ void Uplink::on_register(ClientSession& session, const Register& request, TimePo
     output_.mark_changed(session);
     return answer(*id, ReturnCode::accepted);
   }
+  refusals_.on_full_tables(session, topic, now);
   answers_.refuse_for_room(session, Regack{0, request.msg_id, ReturnCode::congestion});
 }
 

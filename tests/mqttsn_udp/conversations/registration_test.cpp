@@ -229,6 +229,8 @@ TEST(SnGateway, R63_RefusesNamesThatAreNoTopicsAndAFullTable) {
     rig.register_topic(1, "a/" + std::to_string(i));
   rig.send(1, Register{0, 2, "a/one-more"});
   EXPECT_EQ(rig.last_to(1), "REGACK id=0 msg=2 code=1");
+  ASSERT_EQ(rig.notices.size(), 2U);
+  EXPECT_NE(rig.notices[1].text.find("no room for 'a/one-more'"), std::string::npos);
 }
 
 TEST(SnGateway, R63_RefusesOwnNamesThatItWouldNotPublish) {

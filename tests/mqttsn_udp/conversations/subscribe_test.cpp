@@ -104,10 +104,14 @@ TEST(SnGateway, R100_RefusesWithoutRoomAndWhenTheBrokerDoes) {
   rig.broker("a/no");
   EXPECT_TRUE(rig.is_silent(1));
   rig.answers_subscribes = true;
+  rig.pass(limits::subscribe_interval);
   for (std::size_t i = 0; i < limits::max_subscriptions_per_client; ++i)
     rig.subscribe(1, "a/" + std::to_string(i));
   rig.send(1, by_name("a/one-more", 8));
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=8 code=1");
+  ASSERT_EQ(rig.notices.size(), 1U);
+  EXPECT_NE(rig.notices[0].text.find("no room for 'a/one-more'"), std::string::npos);
+  EXPECT_EQ(rig.counter("topics_refused"), 1U);
 }
 
 TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextRequest) {
