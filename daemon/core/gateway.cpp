@@ -95,9 +95,9 @@ void Gateway::pass_up(Report report, const Now& now) {
   const bool retain =
       report.retain && !normalized.is_rejected && may_retain(report, type, is_clearing, now);
   TrafficEvent event = event_of(std::move(report), std::move(type), std::move(normalized), now);
-  if (event.is_rejected) return reject(std::move(event), robot, now);
   ++traffic_.up;
   if (event.mesh) ++traffic_.up_on[*event.mesh];
+  if (event.is_rejected) return reject(std::move(event), robot, now);
   actions_.push(PassUp{std::move(event), retain});
 }
 

@@ -30,7 +30,7 @@ class Gateway {
  public:
   using Settings = GatewaySettings;
   struct Traffic {
-    std::uint64_t up = 0;            ///< robots' messages that went to the outbox
+    std::uint64_t up = 0;            ///< robots' messages, rejected ones included
     PerMesh<std::uint64_t> up_on{};  ///< the same, by mesh
     std::uint64_t rejected = 0;      ///< payloads that `payload.update` could not read
     std::uint64_t not_retained = 0;  ///< messages published without the retain flag that they had

@@ -48,6 +48,7 @@ TEST_F(GatewayTest, PutsUnreadableUpdatesUnderRejectedAndSaysSoOncePerBurst) {
   }
   EXPECT_EQ(notices, 1);
   EXPECT_EQ(gateway.traffic().rejected, 5u);
+  EXPECT_EQ(gateway.traffic().up, 5u) << "as many as the robot's own number says";
 }
 
 /// A robot cannot clear a message under `rejected`.
