@@ -542,8 +542,11 @@ std::string status(const json& status, const Screen& screen) {
     out += fmt::format("          most by {}: {}\n", text_at(most, "robot"),
                        show_bytes(count_at(most, "bytes")));
   if (const std::uint64_t count = count_at(store, "dead_letters"); count > 0)
-    out += fmt::format("          {}: see slam-gatewayctl store list\n",
-                       counted(count, "dead letter", "dead letters"));
+    out +=
+        fmt::format("          {}, {}{}: see slam-gatewayctl store list\n",
+                    counted(count, "dead letter", "dead letters"),
+                    show_bytes(count_at(store, "dead_letter_bytes")),
+                    is_true(store, "dead_letters_nearly_full") ? ", nearly no room for more" : "");
   if (const std::string trouble = text_at(store, "why"); !trouble.empty())
     out += fmt::format("          {} {}\n", screen.paint("down", text_at(store, "state")), trouble);
   const json& retained = group_at(status, "retained");

@@ -121,6 +121,7 @@ json to_json(const Status::Store& store) {
           {"filled_by", store.is_nearly_full ? largest : json(nullptr)},
           {"oldest_age_s", store.oldest_age.count()},
           {"dead_letters", store.dead_letters},
+          {"dead_letter_bytes", store.dead_letter_bytes},
           {"dead_letters_nearly_full", store.has_little_room_for_letters},
           {"failures", store.failures}};
 }

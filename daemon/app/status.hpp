@@ -50,6 +50,7 @@ struct Status {
     bool is_nearly_full = false;  ///< the store is nearly full, half of it from that robot
     std::chrono::seconds oldest_age{0};
     std::uint64_t dead_letters = 0;
+    std::uint64_t dead_letter_bytes = 0;
     bool has_little_room_for_letters = false;  ///< less than a quarter of their part is free
     std::uint64_t failures = 0;
   };

@@ -108,6 +108,7 @@ Status::Store StatusCollector::store_state(TimePoint now) const {
           has_filled,
           duration_cast<seconds>(now - backlog.oldest().value_or(now)),
           backlog.dead_letters().count,
+          backlog.dead_letters().bytes,
           backlog.has_little_room_for_letters(),
           outbox.store_failures()};
 }
