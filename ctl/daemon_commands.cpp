@@ -460,9 +460,9 @@ void add_ble_config(CLI::App& app, Order& order) {
 }
 
 constexpr const char* reset_board_warning =
-    "reset-board makes the serial board forget its keys, addresses and sequence numbers for good. "
-    "The daemon gives it the mesh's keys and addresses again at once; it sends from the next of "
-    "the gateway's addresses, so that robots hear it. Say --yes if that is what you want";
+    "reset-board makes the BLE mesh's radio forget its keys, addresses and sequence numbers for "
+    "good. The daemon gives it the mesh's keys and addresses again at once; it sends from the next "
+    "of the gateway's addresses, so that robots hear it. Say --yes if that is what you want";
 
 constexpr const char* refresh_keys_warning =
     "refresh-keys gives the robots of the BLE mesh new keys, and waits for those that are switched "
@@ -511,7 +511,7 @@ void add_ble_changes(CLI::App& app, Order& order) {
   exported.value<int>("--address", "address", "It has joined already: the address that it got")
       ->check(CLI::Range(1, 0x7fff));
   exported.asks(show::exported_mesh, export_mesh, order_patience);
-  Verb reset(app, order, "ble reset-board", "Clear the serial board and set it up again");
+  Verb reset(app, order, "ble reset-board", "Clear the mesh's radio and set it up again");
   reset->add_flag("--yes", order.is_confirmed,
                   "The next of the gateway's addresses is used up: do it");
   reset.asks(show::done, answer, order_patience, [&order] {

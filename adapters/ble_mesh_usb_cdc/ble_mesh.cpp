@@ -159,7 +159,7 @@ void BleMesh::judge_hearing(TimePoint now) {
       "{} of {} robots do not hear the gateway: they repeat what it has "
       "acknowledged; {}",
       hearing.deaf, hearing.asking,
-      try_new_life(now) ? "the serial board is restarted, to send from another address"
+      try_new_life(now) ? "the radio is restarted, to send from another address"
                         : "switch them off and on, or wait until the gateway's sequence "
                           "numbers have passed those that they remember"));
 }

@@ -293,7 +293,7 @@ class Examination {
       add("ble: robots", Health::problem,
           fmt::format("{} do not hear the gateway: they repeat what it has acknowledged",
                       count_at(counters, "robots_deaf")),
-          "switch them off and on, or wait until the board's sequence numbers have passed those "
+          "switch them off and on, or wait until the gateway's sequence numbers have passed those "
           "that they remember");
     if (count_at(counters, "key_refresh_missing") > 0)
       add("ble: keys", Health::warning,

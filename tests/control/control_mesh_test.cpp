@@ -295,6 +295,7 @@ TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
   const Ended asked = order({"reset-board"}, {R"({"cleared":true})", {}});
   EXPECT_EQ(asked.status, 2);
   EXPECT_NE(asked.err.find("sequence numbers"), std::string::npos) << asked.err;
+  EXPECT_EQ(asked.err.find("serial board"), std::string::npos) << "the radio may be BlueZ's";
   EXPECT_NE(asked.err.find("--yes"), std::string::npos);
   EXPECT_TRUE(handler.orders.empty());
   const Ended cleared = order({"reset-board", "--yes"}, {R"({"cleared":true})", {}});

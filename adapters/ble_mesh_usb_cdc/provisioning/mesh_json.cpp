@@ -397,7 +397,7 @@ Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDataba
   if (own && own->keys != imported.keys)
     return Refusal{
         "this gateway has another mesh already, and robots have its keys: move its mesh.json away "
-        "first (and clear the serial board: ble reset-board), then import again"};
+        "first (and clear the radio: ble reset-board), then import again"};
   if (imported.guest_address && own && !own->guest_address)
     return Refusal{"this gateway provisions this mesh itself; the file is for another one"};
   if (imported.guest_address && *imported.guest_address != gateway_address)

@@ -43,7 +43,7 @@ void SourceLives::begin_life(RadioLife& life, std::uint32_t end) {
   ++life.number;
   if (!had_address || life.source != settings_.address) return;
   notify(Severity::warning,
-         fmt::format("the addresses for the serial board's lives are used up after life {}: the "
+         fmt::format("the addresses for the radio's lives are used up after life {}: the "
                      "gateway sends from 0x{:04x} again, which robots may ignore; switch robots "
                      "that do not obey off and on",
                      life.number - 1, life.source));
