@@ -115,9 +115,10 @@ std::string MeshFile::write(const NodeDatabase& database, bool is_new) const {
   const std::string why = is_there ? std::string() : last_error();
   ::unlink(temporary.c_str());
   if (!is_there) return fmt::format("the mesh's keys can't be stored in {}: {}", path_, why);
-  if (!sync_directory(directory))
-    return fmt::format("{} can't be made safe on disk: {}", directory, last_error());
-  return {};
+  if (sync_directory(directory)) return {};
+  std::string problem = fmt::format("{} can't be made safe on disk: {}", directory, last_error());
+  if (is_new) ::unlink(path_.c_str());  // these keys are not used; the next ones need the place
+  return problem;
 }
 
 bool fill_random(std::span<std::uint8_t> octets) {
