@@ -107,7 +107,7 @@ void MeshdRadio::forget() {
   copies_ = 0;
   step_due_.reset();
   waiting_.clear();
-  send_due_.reset();
+  answer_due_.reset();
   is_scan_wanted_ = false;
   rescan_at_.reset();
   join_.reset();
@@ -324,9 +324,12 @@ void MeshdRadio::come_up(TimePoint now) {
   actions_.push(LinkIsUp{"bluetooth-meshd", encode_node(*node_), source_, has_kept_address});
 }
 
-void MeshdRadio::ask_iv_index() {
-  call(GetIvIndex{}, [this](const MeshdAnswer& answer, TimePoint now) {
-    if (!answer.is_success()) return pause(reason(answer), retry_after, now);
+void MeshdRadio::ask_iv_index(TimePoint now) {
+  ask_iv_at_ = now + iv_index_interval;
+  answer_due_ = now + answer_time_limit;
+  call(GetIvIndex{}, [this](const MeshdAnswer& answer, TimePoint then) {
+    answer_due_.reset();
+    if (!answer.is_success()) return pause(reason(answer), retry_after, then);
     if (std::exchange(keys_->iv_index, answer.iv_index) != answer.iv_index)
       actions_.push(IvUpdate{answer.iv_index});
   });
@@ -354,13 +357,13 @@ void MeshdRadio::withdraw(std::uint16_t destination, const Bytes& payload) {
 /// meshd answers at once and queues without a bound. So a message waits here until the previous one
 /// has left the air, and an urgent message can overtake it.
 void MeshdRadio::send_next(TimePoint now) {
-  if (stage_ != Stage::up || send_due_ || waiting_.empty() || now < air_free_at_) return;
+  if (stage_ != Stage::up || answer_due_ || waiting_.empty() || now < air_free_at_) return;
   Outgoing next = std::move(waiting_.front());
   waiting_.pop_front();
-  send_due_ = now + send_time_limit;
+  answer_due_ = now + answer_time_limit;
   air_free_at_ = now + packet_time * segments_of(next.payload.size());
   const auto sent = [this, destination = next.destination](const MeshdAnswer& answer, TimePoint) {
-    send_due_.reset();
+    answer_due_.reset();
     if (answer.is_success()) return;
     ++refused_;
     actions_.push(SendRefused{destination, reason(answer)});
@@ -485,11 +488,10 @@ std::optional<RadioAction> MeshdRadio::next_action(TimePoint now) {
 std::optional<TimePoint> MeshdRadio::deadline() const {
   std::optional<TimePoint> next = earlier(retry_at_, step_due_);
   if (stage_ != Stage::up) return next;
-  next = earlier(next, ask_iv_at_);
+  next = earlier(next, answer_due_.value_or(ask_iv_at_));
   next = earlier(next, rescan_at_);
   if (join_) next = earlier(next, join_->due);
-  next = earlier(next, send_due_);
-  if (!waiting_.empty() && !send_due_) next = earlier(next, air_free_at_);
+  if (!waiting_.empty() && !answer_due_) next = earlier(next, air_free_at_);
   return next;
 }
 
@@ -505,14 +507,11 @@ void MeshdRadio::on_deadline(TimePoint now) {
                  now);
   }
   if (stage_ != Stage::up) return;
-  if (send_due_ && now >= *send_due_) return pause(no_answer, retry_after, now);
+  if (answer_due_ && now >= *answer_due_) return pause(no_answer, retry_after, now);
   if (join_ && join_->due && now >= *join_->due)
     end_join({.failure = "bluetooth-meshd reported no result for the join",
               .may_have_joined = join_->has_address});
-  if (now >= ask_iv_at_) {
-    ask_iv_at_ = now + iv_index_interval;
-    ask_iv_index();
-  }
+  if (now >= ask_iv_at_ && !answer_due_) ask_iv_index(now);
 }
 
 }  // namespace slamgw::ble

@@ -50,13 +50,14 @@ class MeshdRadio final : public Radio {
   static constexpr Duration rescan_after = std::chrono::seconds{2};
   static constexpr Duration retry_after = std::chrono::seconds{2};
   static constexpr Duration step_time_limit = std::chrono::seconds{3};
-  /// Without an answer to a message for this time, the link is down: meshd would send what it is
-  /// given once it runs again. sd-bus alone waits for 25 s.
-  static constexpr Duration send_time_limit = std::chrono::seconds{3};
+  /// Without an answer to a message, or to the question for the IV index, for this time, the link
+  /// is down: meshd would send what it is given once it runs again. sd-bus alone waits for 25 s.
+  static constexpr Duration answer_time_limit = std::chrono::seconds{3};
   static constexpr int max_copies = 4;  ///< of one configuration message to the own node
   /// meshd itself gives up an attempt after 60 s.
   static constexpr Duration join_time_limit = std::chrono::seconds{90};
-  static constexpr Duration iv_index_interval = std::chrono::minutes{1};
+  /// The question for the IV index shows that an idle meshd still answers.
+  static constexpr Duration iv_index_interval = std::chrono::seconds{10};
 
   /// The radio of the mesh with this database, whose last radio may have been another one. `random`
   /// makes the UUID and the device key of the gateway's node.
@@ -158,7 +159,7 @@ class MeshdRadio final : public Radio {
   void on_configured(const AccessMessage& answer, TimePoint now);
   void end_step(TimePoint now);
   void come_up(TimePoint now);
-  void ask_iv_index();
+  void ask_iv_index(TimePoint now);
   void begin_join(TimePoint now);
   void run_scan(TimePoint now);
   void end_join(JoinEnded ended);
@@ -185,8 +186,9 @@ class MeshdRadio final : public Radio {
   std::optional<TimePoint> step_due_;
 
   std::deque<Outgoing> waiting_;
-  std::optional<TimePoint> send_due_;  ///< set while meshd has not answered a message
-  TimePoint air_free_at_{};            ///< the last message is on the air until then
+  /// Set while meshd has not answered a message or the question for the IV index.
+  std::optional<TimePoint> answer_due_;
+  TimePoint air_free_at_{};  ///< the last message is on the air until then
   bool is_scan_wanted_ = false;
   std::optional<TimePoint> rescan_at_;  ///< set while meshd scans
   std::optional<Join> join_;

@@ -144,7 +144,8 @@ TEST(MeshdRadio, SendsNothingMoreToAMeshdThatDoesNotAnswer) {
   rig.meshd.does_not_answer = true;
   rig.send(1);
   rig.send(2);
-  rig.run_for(MeshdRadio::send_time_limit + 100ms);
+  rig.settle();
+  rig.run_for(MeshdRadio::answer_time_limit + 100ms);
   EXPECT_FALSE(rig.is_up);
   for (std::uint8_t number = 3; number < 10; ++number) {
     rig.send(number);
@@ -164,10 +165,21 @@ TEST(MeshdRadio, SendsNothingMoreToAMeshdThatDoesNotAnswer) {
   EXPECT_EQ(rig.sent(), Bytes{99});
 }
 
+TEST(MeshdRadio, NoticesSoonThatAnIdleMeshdDoesNotAnswer) {
+  RadioRig rig;
+  rig.run_for(35s);
+  EXPECT_TRUE(rig.is_up);
+  rig.meshd.does_not_answer = true;
+  rig.run_for(15s);
+  EXPECT_FALSE(rig.is_up);
+}
+
 TEST(MeshdRadio, EndsAJoinOfWhichMeshdSaysNothing) {
   RadioRig rig;
   rig.meshd.does_not_answer = true;
   rig.radio.provision({});
+  rig.settle();
+  rig.meshd.does_not_answer = false;
   rig.run_for(MeshdRadio::join_time_limit + 100ms);
   ASSERT_EQ(rig.joins.size(), 1u);
   EXPECT_FALSE(rig.joins[0].failure.empty());
@@ -227,8 +239,10 @@ TEST(MeshdRadio, AKeyThatComesAfterTheJoinWasGivenUpIsNotTheNextDevices) {
   rig.settle();
   rig.feed(AddNodeComplete{device.uuid, destination});
   const std::uint64_t keys_wanted = rig.last_call;
+  rig.meshd.does_not_answer = false;
   rig.run_for(MeshdRadio::join_time_limit + 100ms);
   ASSERT_EQ(rig.joins.size(), 1u);
+  rig.meshd.does_not_answer = true;
   device.uuid = {2};
   device.address = destination + 1;
   rig.radio.provision(device);
