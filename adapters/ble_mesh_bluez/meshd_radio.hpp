@@ -72,6 +72,7 @@ class MeshdRadio final : public Radio {
   std::size_t max_send_bytes() const override { return max_access_bytes; }
   /// The length of the replay list that the node asks meshd for (CRPL).
   std::size_t max_senders() const override { return last_unicast_address; }
+  bool hears_earlier_lives() const override { return false; }
   Counters counters() const override {
     return {{"sends_refused", refused_}, {"sends_dropped", dropped_}};
   }

@@ -176,6 +176,8 @@ class Radio {
   /// Returns the number of senders that the replay list holds. The radio does not hear further
   /// senders.
   virtual std::size_t max_senders() const = 0;
+  /// Returns true if the radio also hears messages to the addresses of its earlier lives.
+  virtual bool hears_earlier_lives() const = 0;
   virtual Counters counters() const = 0;
 
   /// Queues a message. Drops it if the link is down, the queue is full or the device key is

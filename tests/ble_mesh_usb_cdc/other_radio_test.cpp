@@ -23,6 +23,7 @@ class OtherRadio final : public Radio {
  public:
   std::size_t max_send_bytes() const override { return most_sent_bytes; }
   std::size_t max_senders() const override { return 1000; }
+  bool hears_earlier_lives() const override { return false; }
   Counters counters() const override { return {{"calls", sent.size()}}; }
 
   void send(Outgoing message, TimePoint) override {

@@ -77,6 +77,7 @@ class BoardRadio final : public Radio {
 
   std::size_t max_send_bytes() const override { return send_limit(traffic_.board().version); }
   std::size_t max_senders() const override { return replay_list_size; }
+  bool hears_earlier_lives() const override { return true; }
   Counters counters() const override;
   void send(Outgoing message, TimePoint now) override;
   void withdraw(std::uint16_t destination, const Bytes& payload) override {

@@ -238,13 +238,11 @@ void NodeConversations::on_asked(const Node& node, const NodeConfiguration& conv
                                  [this](std::uint16_t address) { return hears(address); }));
 }
 
-/// Returns true for the gateway's groups, and for the addresses of its radio's lives. BlueZ's node
-/// hears its own address alone.
+/// Returns true for the gateway's groups, and for the addresses of its radio's lives.
 bool NodeConversations::hears(std::uint16_t address) const {
   const auto& groups = settings_.groups;
   return std::ranges::find(groups, address) != groups.end() || address == destination() ||
-         (settings_.radio != RadioChoice::bluez && address >= settings_.address &&
-          address <= link_.source);
+         (radio_.hears_earlier_lives() && address >= settings_.address && address <= link_.source);
 }
 
 void NodeConversations::on_refreshed(const Node& node, const NodeConfiguration& conversation,
