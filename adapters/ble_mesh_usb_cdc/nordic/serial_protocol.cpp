@@ -92,104 +92,43 @@ namespace {
 
 using EventResult = Result<Event, DecodeError>;
 
-constexpr std::size_t max_received_payload = 235;
+/// Octets of an event that the daemon does not use.
+struct Skip {
+  std::size_t count = 0;
+};
 
-Bytes to_owned(ByteView bytes) { return {bytes.begin(), bytes.end()}; }
-
+void read_into(ByteReader& in, Skip skip) { in.read(skip.count); }
+void read_into(ByteReader& in, std::uint8_t& value) { value = in.read_u8(); }
+void read_into(ByteReader& in, std::uint16_t& value) { value = in.read_u16_le(); }
+void read_into(ByteReader& in, std::uint32_t& value) { value = in.read_u32_le(); }
+void read_into(ByteReader& in, Status& value) { value = Status{in.read_u8()}; }
+template <class Octet>
+void read_into(ByteReader& in, std::optional<Octet>& value) {
+  value = static_cast<Octet>(in.read_u8());
+}
 template <std::size_t size>
-void read_into(ByteReader& params, std::array<std::uint8_t, size>& out) {
-  const ByteView octets = params.read(size);
-  std::copy(octets.begin(), octets.end(), out.begin());  // nothing after a short read
+void read_into(ByteReader& in, std::array<std::uint8_t, size>& value) {
+  std::ranges::copy(in.read(size), value.begin());  // nothing after a short read
+}
+void read_into(ByteReader& in, Bytes& rest) {
+  const ByteView octets = in.read_rest();
+  rest.assign(octets.begin(), octets.end());
 }
 
-EventResult finish(const ByteReader& params, Event event) {
+/// Decodes an event from its parameters in their order: pointers to its members, or Skip.
+template <class T>
+EventResult decode(ByteReader& params, const auto&... parameters) {
+  T event;
+  const auto read = [&](const auto& parameter) {
+    if constexpr (requires { event.*parameter; })
+      read_into(params, event.*parameter);
+    else
+      read_into(params, parameter);
+  };
+  (read(parameters), ...);
   if (!params.ok()) return DecodeError::too_short;
   if (!params.at_end()) return DecodeError::wrong_length;
-  return event;
-}
-
-EventResult decode_started(ByteReader params) {
-  DeviceStarted event;
-  params.read_u8();  // operating mode: test, boot loader, application
-  event.hardware_error = params.read_u8();
-  params.read_u8();  // data credit: always 254
-  return finish(params, event);
-}
-
-EventResult decode_response(ByteReader params) {
-  CommandResponse event;
-  event.opcode = params.read_u8();
-  event.status = Status{params.read_u8()};
-  event.data = to_owned(params.read_rest());
-  return finish(params, std::move(event));
-}
-
-EventResult decode_received(ByteReader params) {
-  MessageReceived event;
-  event.source = params.read_u16_le();
-  params.read(2);  // destination: 0xd0 a unicast address, 0xd1 an address handle
-  event.key = params.read_u16_le();
-  params.read(2);  // subnet handle
-  event.ttl = params.read_u8();
-  params.read(7);  // advertising address type and address of the last relay
-  event.rssi_dbm = static_cast<std::int8_t>(params.read_u8());
-  event.actual_length = params.read_u16_le();
-  event.payload = to_owned(params.read_rest());
-  if (event.payload.size() > max_received_payload) return DecodeError::wrong_length;
-  return finish(params, std::move(event));
-}
-
-EventResult decode_beacon(ByteReader params) {
-  UnprovisionedBeacon event;
-  read_into(params, event.uuid);
-  event.rssi_dbm = static_cast<std::int8_t>(params.read_u8());
-  params.read(8);  // GATT support, address type and address
-  return finish(params, event);
-}
-
-EventResult decode_capabilities(ByteReader params) {
-  CapabilitiesReceived event;
-  event.context = params.read_u8();
-  event.elements = params.read_u8();
-  params.read_u8();  // public key out of band
-  event.static_oob_types = params.read_u8();
-  params.read(6);  // output and input OOB: unsupported
-  return finish(params, event);
-}
-
-EventResult decode_complete(ByteReader params) {
-  ProvisioningComplete event;
-  event.context = params.read_u8();
-  params.read(10);  // IV index, network key index, address, flags
-  read_into(params, event.device_key);
-  params.read(16);  // the network key
-  return finish(params, event);
-}
-
-EventResult decode_authentication(ByteReader params) {
-  AuthenticationRequested event;
-  event.context = params.read_u8();
-  event.method = params.read_u8();
-  params.read(2);  // action and size
-  return finish(params, event);
-}
-
-EventResult decode_ecdh(ByteReader params) {
-  EcdhRequested event;
-  event.context = params.read_u8();
-  read_into(params, event.peer);
-  params.read(32);  // the private key that the board was given
-  return finish(params, event);
-}
-
-/// Decodes an event of a provisioning link that has at most a reason.
-template <class T>
-EventResult decode_link(ByteReader params) {
-  T event;
-  event.context = params.read_u8();
-  if constexpr (requires { event.reason; }) event.reason = params.read_u8();
-  if constexpr (requires { event.error; }) event.error = params.read_u8();
-  return finish(params, event);
+  return Event(std::move(event));
 }
 
 }  // namespace
@@ -198,28 +137,49 @@ EventResult decode_event(ByteView frame) {
   ByteReader params(frame);
   const std::uint8_t opcode = params.read_u8();
   if (!params.ok()) return DecodeError::too_short;
+  if (params.remaining() > max_frame_params) return DecodeError::wrong_length;
+  // Comments name the octets that are skipped.
   switch (opcode) {
-    case 0x81: return decode_started(params);
+    case 0x81:  // operating mode: test, boot loader, application; data credit: always 254
+      return decode<DeviceStarted>(params, Skip{1}, &DeviceStarted::hardware_error, Skip{1});
     case 0x82: return Event{EchoResponse{}};
-    case 0x84: return decode_response(params);
-    case 0xc0: return decode_beacon(params);
-    case 0xc1: return decode_link<ProvisioningLinkOpened>(params);
-    case 0xc2: return decode_link<ProvisioningLinkClosed>(params);
-    case 0xc3: return decode_capabilities(params);
+    case 0x84:
+      return decode<CommandResponse>(params, &CommandResponse::opcode, &CommandResponse::status,
+                                     &CommandResponse::data);
+    case 0xc0:  // GATT support, address type and address
+      return decode<UnprovisionedBeacon>(params, &UnprovisionedBeacon::uuid,
+                                         &UnprovisionedBeacon::rssi_dbm, Skip{8});
+    case 0xc1: return decode<ProvisioningLinkOpened>(params, &ProvisioningLinkOpened::context);
+    case 0xc2:
+      return decode<ProvisioningLinkClosed>(params, &ProvisioningLinkClosed::context,
+                                            &ProvisioningLinkClosed::reason);
+    case 0xc3:  // public key out of band; output and input OOB: unsupported
+      return decode<CapabilitiesReceived>(params, &CapabilitiesReceived::context,
+                                          &CapabilitiesReceived::elements, Skip{1},
+                                          &CapabilitiesReceived::static_oob_types, Skip{6});
     // 0xc4, 0xc8 and 0xca are for boards that are provisioned themselves.
-    case 0xc5: return decode_complete(params);
-    case 0xc6: return decode_authentication(params);
-    case 0xc7: return decode_ecdh(params);
-    case 0xc9: return decode_link<ProvisioningFailed>(params);
+    case 0xc5:  // IV index, network key index, address, flags; the network key
+      return decode<ProvisioningComplete>(params, &ProvisioningComplete::context, Skip{10},
+                                          &ProvisioningComplete::device_key, Skip{16});
+    case 0xc6:  // action and size
+      return decode<AuthenticationRequested>(params, &AuthenticationRequested::context,
+                                             &AuthenticationRequested::method, Skip{2});
+    case 0xc7:  // the private key that the board was given
+      return decode<EcdhRequested>(params, &EcdhRequested::context, &EcdhRequested::peer, Skip{32});
+    case 0xc9:
+      return decode<ProvisioningFailed>(params, &ProvisioningFailed::context,
+                                        &ProvisioningFailed::error);
     case 0xd0:
-    case 0xd1: return decode_received(params);
-    case 0xd2:
-      params.read(4);  // the token of Packet Send's answer
-      return finish(params, TxComplete{});
-    case 0xd3: return finish(params, IvUpdate{params.read_u32_le()});
-    case 0xd8:
-      params.read(4);  // initial TTL, hops, features
-      return finish(params, Heartbeat{params.read_u16_le()});
+    case 0xd1:  // destination: 0xd0 a unicast address, 0xd1 an address handle; subnet handle;
+                // advertising address type and address of the last relay
+      return decode<MessageReceived>(params, &MessageReceived::source, Skip{2},
+                                     &MessageReceived::key, Skip{2}, &MessageReceived::ttl, Skip{7},
+                                     &MessageReceived::rssi_dbm, &MessageReceived::actual_length,
+                                     &MessageReceived::payload);
+    case 0xd2: return decode<TxComplete>(params, Skip{4});  // the token of Packet Send's answer
+    case 0xd3: return decode<IvUpdate>(params, &IvUpdate::iv_index);
+    case 0xd8:  // initial TTL, hops, features
+      return decode<Heartbeat>(params, Skip{4}, &Heartbeat::source);
   }
   return Event{OtherEvent{}};
 }
