@@ -51,7 +51,7 @@ void DiskSessionStore::stop() {
   retry_timer_.cancel();
   if (!changes_.empty()) write_changes();
   thread_.run([this] {
-    if (is_sync_due_) sync();
+    sync();
     log_.reset();
   });
   thread_.stop();
@@ -181,8 +181,11 @@ void DiskSessionStore::sync_later() {
 
 void DiskSessionStore::sync() {
   is_sync_due_ = false;
+  if (!log_) return;
   try {
-    if (log_) log_->synchronise();
+    log_->commit(false);  // erasures that could not be written before
+    log_->synchronise();
+    if (log_->owes_erasures()) sync_later();
   } catch (const LogError&) {
     // The next write shows whether the disk works.
   }

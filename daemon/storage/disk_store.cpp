@@ -69,7 +69,10 @@ void DiskStore::start() {
 }
 
 void DiskStore::stop() {
-  thread_.run([this] { log_.reset(); });
+  thread_.run([this] {
+    if (log_) write_erasures();
+    log_.reset();
+  });
   thread_.stop();
 }
 
@@ -259,8 +262,18 @@ void DiskStore::try_again_after(std::chrono::milliseconds time) {
     } catch (const LogError&) {
       // The next request fails with the same error.
     }
+    write_erasures();
     try_again_after(patience_.reopen);
   });
+}
+
+/// Writes erasures that could not be written before.
+void DiskStore::write_erasures() {
+  try {
+    if (log_->log().owes_erasures()) log_->log().commit(true);
+  } catch (const LogError&) {
+    // They are tried again; a new process would find the messages.
+  }
 }
 
 /// Restores files of the log that were moved, removed or replaced. Throws LogError.

@@ -70,6 +70,7 @@ class DiskStore {
   void report_damaged(std::size_t messages);
   void report_closed();
   void restore_files();
+  void write_erasures();
   void try_again_after(std::chrono::milliseconds time);
   bool is_given_up() const;
   void post(StoreEvent event);

@@ -549,11 +549,14 @@ void RecordLog::create_segment(std::uint32_t number) {
   needs_segment_ = false;
 }
 
+bool RecordLog::owes_erasures() const {
+  return std::ranges::any_of(segments_,
+                             [](const auto& one) { return !one.second.unsaved.empty(); });
+}
+
 void RecordLog::save_all_erased(bool is_durable) {
   // The tally is written first: if it still counted erased records, open() would report a loss.
-  const bool is_needed =
-      std::ranges::any_of(segments_, [](const auto& one) { return !one.second.unsaved.empty(); });
-  if (is_needed && write_tally() && is_durable) fdatasync(tally_file_.get());
+  if (owes_erasures() && write_tally() && is_durable) fdatasync(tally_file_.get());
   const auto save_lists = [&](bool of_dead) {
     for (auto& [number, segment] : segments_) {
       const bool is_dead = segment.live == 0 && &segment != &newest();

@@ -69,6 +69,8 @@ class RecordLog {
   /// that cannot be written is written with a later one; until then a new process finds the record
   /// again.
   void commit(bool is_durable);
+  /// Returns true while an erasure could not be written.
+  bool owes_erasures() const;
 
   /// Returns the content; nothing when there is no record, or it is damaged. Throws LogError when
   /// the disk fails.

@@ -146,6 +146,22 @@ TEST(DiskSessionStore, ErasesASessionThatEndedWhileTheDiskCouldNotBeWritten) {
   }
 }
 
+TEST(DiskSessionStore, ErasesASessionWhoseErasureFailedAtFirst) {
+  const TempDir directory;
+  {
+    Process process(directory.path());
+    process.save("r1", to_bytes("x"));
+    process.save("r2", to_bytes("x"));
+    EXPECT_TRUE(process.is_written());
+    const std::string list = StoreUser::newest_segment(directory.path(), "sessions") + ".erased";
+    std::filesystem::create_directory(list);  // so it cannot be written
+    process.save("r1", std::nullopt);
+    EXPECT_TRUE(process.is_written());
+    std::filesystem::remove(list);
+  }
+  EXPECT_EQ(Process(directory.path()).names(), "r2 ");
+}
+
 TEST(DiskSessionStore, SavesWhatIsLeftOfADamagedFile) {
   const TempDir directory;
   {

@@ -232,6 +232,26 @@ TEST_F(StoreDamage, WhatWasDeliveredMayComeAgainWhereTheListOfErasedRecordsIsDam
   EXPECT_EQ(user.notices(), "") << "nothing is lost";
 }
 
+/// Also when nothing else is written after the disk works again.
+TEST_F(StoreDamage, WhatWasDeliveredDoesNotComeAgainThoughItsErasureFailedAtFirst) {
+  for (const bool stops_at_once : {true, false}) {
+    const TempDir directory;
+    {
+      StoreUser user(directory.path());
+      ASSERT_TRUE(user.keep(1, 10));
+      const std::string list = StoreUser::newest_segment(directory.path()) + ".erased";
+      std::filesystem::create_directory(list);  // so it cannot be written
+      ASSERT_TRUE(user.forget(1, 5));
+      std::filesystem::remove(list);
+      if (!stops_at_once) {
+        EXPECT_TRUE(eventually([&] { return std::filesystem::exists(list); }));
+      }
+    }
+    StoreUser user(directory.path());
+    EXPECT_EQ(user.await<StoreOpened>()->count, 5u);
+  }
+}
+
 TEST_F(StoreDamage, LossesAreARangeWhereBothFilesAreDamaged) {
   {
     StoreUser user(directory.path());
