@@ -250,7 +250,7 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
   wake_ = now;
   topic.asked_of = topic.waiting;
   const bool is_page = topic.phase == Phase::accepted;
-  enter(topic, is_page ? Phase::fetching : Phase::asked);
+  if (!is_page) enter(topic, Phase::asked);
   return RetryDeadLetters{name, is_page ? resend_page : 1};
 }
 
@@ -290,17 +290,14 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
   const bool is_none = revived.why_failed.empty() && revived.messages.empty();
   topic.waiting -= std::min(topic.waiting, is_none ? asked_of : revived.messages.size());
   wake_ = now;
-  const bool is_page = topic.phase == Phase::fetching;
-  if (!is_page && topic.phase != Phase::asked) return;
-  if (is_none) {
-    is_page ? accept(known, now) : rest(topic, now);
-  } else if (is_page) {
-    topic.phase = Phase::accepted;
+  if (topic.phase == Phase::accepted) {
+    if (is_none) return accept(known, now);
     if (!revived.why_failed.empty()) topic.due = now + store_pause;
-  } else if (!revived.why_failed.empty()) {
-    rest(topic, now + store_pause);
-  } else {
-    topic.row = revived.messages.front().row;
+  } else if (topic.phase == Phase::asked) {
+    if (!revived.messages.empty())
+      topic.row = revived.messages.front().row;
+    else
+      rest(topic, is_none ? now : now + store_pause);
   }
 }
 

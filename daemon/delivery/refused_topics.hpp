@@ -6,7 +6,7 @@
 //
 //   accused -> (lost alone, or refused) resting, or (accepted) gone
 //   resting -> (due) asked, for a dead letter of the topic -> trying -> resting, or accepted
-//   accepted -> fetching, page by page, until no dead letters are left -> gone
+//   accepted -> (asked for pages of dead letters, until none are left) gone
 //
 // Brokers also close the connection in place of refusing: Mosquitto for a packet that is too large,
 // NATS for a `.` in a topic. Then the gateway must find out for which message. Only an unanswered
@@ -167,7 +167,6 @@ class RefusedTopics {
     asked,     ///< for a dead letter, which was not published yet
     trying,    ///< a message of the topic is under way
     accepted,  ///< no longer refused, but dead letters are left
-    fetching,  ///< the same, and the store was asked for a page of them
   };
   struct Topic {
     Phase phase = Phase::accused;
