@@ -96,12 +96,7 @@ void DiskSessionStore::read_all(bool skips_unreadable, std::vector<Session>& loa
   loaded.clear();
   last_key_ = log_->last_key();
   for (auto key = log_->next(0); key; key = log_->next(*key)) {
-    std::optional<Bytes> record;
-    try {
-      record = log_->read(*key);
-    } catch (const LogError&) {
-      if (!skips_unreadable) throw;
-    }
+    const auto record = log_->read(*key, skips_unreadable);
     ByteReader in(record ? ByteView(*record) : ByteView());
     const std::string id(as_text(in.read(in.read_u16_le())));
     const ByteView content = in.read_rest();

@@ -123,13 +123,8 @@ void MessageLog::read_all(bool skips_unreadable) {
 }
 
 std::optional<MessageRecord> MessageLog::find(std::uint64_t row, bool skips_unreadable) const {
-  try {
-    const auto octets = log_.read(row);
-    return octets ? decode_message(*octets) : std::nullopt;
-  } catch (const LogError&) {
-    if (!skips_unreadable) throw;
-    return std::nullopt;
-  }
+  const auto octets = log_.read(row, skips_unreadable);
+  return octets ? decode_message(*octets) : std::nullopt;
 }
 
 std::optional<MessageRecord> MessageLog::find_letter(std::uint64_t id) const {

@@ -624,17 +624,17 @@ void RecordLog::shorten_newest() {
   ::unlink((path_of(number) + ".erased").c_str());
 }
 
-std::optional<Bytes> RecordLog::read(std::uint64_t key) const {
+std::optional<Bytes> RecordLog::read(std::uint64_t key, bool skips_unreadable) const {
   const Entry* const entry = find(key);
-  return entry ? read(*entry) : std::nullopt;
+  return entry ? read(*entry, skips_unreadable) : std::nullopt;
 }
 
-std::optional<Bytes> RecordLog::read(const Entry& entry) const {
+std::optional<Bytes> RecordLog::read(const Entry& entry, bool skips_unreadable) const {
   const auto found = segments_.find(entry.segment);
   if (found == segments_.end()) return std::nullopt;
   Bytes record(record_header_bytes + entry.bytes);
   const ssize_t count = read_at(found->second.file.get(), record, entry.offset);
-  if (count < 0) fail(path_of(entry.segment));
+  if (count < 0 && !skips_unreadable) fail(path_of(entry.segment));
   const Header header = Header::read(record);
   const ByteView content = ByteView(record).subspan(record_header_bytes);
   const bool is_whole = count == static_cast<ssize_t>(record.size()) && header.key == entry.key &&
@@ -652,7 +652,7 @@ void RecordLog::move_records_of(std::uint32_t segment, bool is_durable) {
   try {
     for (Entry& entry : entries_) {
       if (entry.segment != segment || entry.offset == 0) continue;
-      if (auto content = read(entry)) {
+      if (auto content = read(entry, false)) {
         moved.emplace_back(entry.key, std::move(*content));
       } else {
         damaged.push_back(&entry);

@@ -73,8 +73,8 @@ class RecordLog {
   bool owes_erasures() const;
 
   /// Returns the content; nothing when there is no record, or it is damaged. Throws LogError when
-  /// the disk fails.
-  std::optional<Bytes> read(std::uint64_t key) const;
+  /// the disk fails, unless `skips_unreadable`.
+  std::optional<Bytes> read(std::uint64_t key, bool skips_unreadable = false) const;
   bool has(std::uint64_t key) const { return find(key) != nullptr; }
   /// Returns the size of the content; 0 when there is no record.
   std::uint32_t bytes_of(std::uint64_t key) const;
@@ -134,7 +134,7 @@ class RecordLog {
   Entry* find(std::uint64_t key) { return const_cast<Entry*>(std::as_const(*this).find(key)); }
   void set(const Entry& entry);
   void mark_erased(const Entry& entry);
-  std::optional<Bytes> read(const Entry& entry) const;
+  std::optional<Bytes> read(const Entry& entry, bool skips_unreadable) const;
   Segment& newest() { return segments_.rbegin()->second; }
   Bytes header_of(std::uint32_t number) const;
   void create_segment(std::uint32_t number);
