@@ -13,11 +13,10 @@ import { shown } from './shown.js';
 import { drawSteps } from './steps.js';
 import { rosMap } from './rosmap.js';
 import { TraceView } from './trace.js';
-import { age, lifeWords, meshNames, outcomeWords } from './words.js';
+import { age, byText, lifeWords, meshNames, outcomeWords } from './words.js';
 
 const VIEWS = ['map', 'robots', 'trace'];
 const TABLES_MS = 500;
-const byName = new Intl.Collator(undefined, { numeric: true }).compare;
 
 const model = new Model();
 const map = new WorldMap($('world'), model, {
@@ -112,7 +111,7 @@ function step(by) {
 }
 
 // ---- the list beside the map
-const sorted = () => [...model.robots.values()].sort((a, b) => byName(a.id, b.id));
+const sorted = () => [...model.robots.values()].sort((a, b) => byText(a.id, b.id));
 function drawList() {
   const robots = sorted().filter((robot) => robot.matches(map.wanted));
   $('find').hidden = model.robots.size < 12 && !map.wanted;

@@ -93,7 +93,7 @@ export class WorldMap {
   recolour() {
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(name).trim();
-    this.colours = { ground: colour('--ground'), line: colour('--line'), text: colour('--text'), muted: colour('--muted'), card: colour('--card'), good: colour('--good'), bad: colour('--bad'), accent: colour('--accent') };
+    this.colours = Object.fromEntries(['ground', 'line', 'text', 'muted', 'card', 'good', 'bad', 'accent'].map((name) => [name, colour(`--${name}`)]));
     const free = colour('--free').match(/\w\w/g).map((part) => parseInt(part, 16));
     this.grid.recolour({ free, wall: colour('--wall').split(' ').map(Number) });
     this.sprites.clear();

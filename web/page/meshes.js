@@ -7,7 +7,7 @@ import { dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
 const MOST = 40; // robots shown of one mesh; robots that need attention come first
 
-const signal = (robot) => robot.figures?.rssi_dbm ?? (robot.state === 'unknown' ? undefined : robot.best?.rssi_dbm);
+export const signal = (robot) => robot.figures?.rssi_dbm ?? (robot.state === 'unknown' ? undefined : robot.best?.rssi_dbm);
 const relays = (robot) => robot.figures?.hops ?? (robot.state === 'unknown' ? undefined : robot.best?.hops);
 const need = (robot) => [robot.state === 'online' || robot.state === 'asleep' ? 1 : 0, robot.best?.mesh === 'ble' ? signal(robot) ?? 0 : -(robot.figures?.latency_p50_us ?? 0)];
 const byNeed = (a, b) => need(a)[0] - need(b)[0] || need(a)[1] - need(b)[1] || (a.id < b.id ? -1 : 1);

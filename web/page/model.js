@@ -283,13 +283,16 @@ export class Model {
       this.leaveOut(id, { presence: new Map(), life: null });
       return null;
     }
-    const robot = new Robot(id, number, Object.hasOwn(this.origins, id) ? this.origins[id] : null);
+    const robot = new Robot(id, number, this.originOf(id));
     const { presence = robot.presence, life = null } = this.leftOut.get(id) ?? {};
     Object.assign(robot, { presence, life });
     this.robots.set(id, robot);
     this.leftOut.delete(id);
     this.roster++;
     return robot;
+  }
+  originOf(id) {
+    return Object.hasOwn(this.origins, id) ? this.origins[id] : null;
   }
   leaveOut(id, { presence, life }) {
     if (!this.leftOut.has(id) && this.leftOut.size < MAX_LEFT_OUT && id.length <= MAX_ID) this.leftOut.set(id, { presence, life });
@@ -374,9 +377,9 @@ export class Model {
       for (const robot of this.robots.values()) {
         robot.presence.clear();
         Object.assign(robot, { life: null, numbers: null });
+        robot.setOrigin(this.originOf(robot.id));
       }
       this.leftOut.clear();
-      for (const robot of this.robots.values()) robot.setOrigin(Object.hasOwn(said.origins, robot.id) ? said.origins[robot.id] : null);
     } else if (name.startsWith('robot/')) this.takeLife(name.slice(6), said);
     else if (name.startsWith('gateway/')) {
       const gateway = this.gateway(name.slice(8));

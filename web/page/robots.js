@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Robots and gateways: problems with their remedies first, then both meshes, then a table with sparklines.
 import { $, attempt, colour, element, keep, setText, surface } from './dom.js';
-import { drawMeshes } from './meshes.js';
+import { drawMeshes, signal } from './meshes.js';
 import { shown } from './shown.js';
-import { age, bytes, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
+import { age, byText, bytes, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
 const order = ['offline', 'unknown', 'asleep', 'online'];
 
 const deceives = (name) => shown(name) !== name;
-const rssi = (robot) => (robot.state === 'unknown' ? null : robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm ?? robot.neighbour?.rssi_last_dbm);
+const rssi = (robot) => signal(robot) ?? robot.neighbour?.rssi_last_dbm;
 
 // "Gateway pi is gone since 14:02"
 export const goneWords = (gateway, model) => `Gateway ${gateway.id} is ${lifeWords(gateway.life, model.now())}`;
@@ -87,8 +87,6 @@ const GATEWAY_COLUMNS = [
   ['On disk', now((g) => number(g.stats.store?.depth)), true],
   ['Memory', now((g) => bytes(g.stats.memory_rss_bytes)), true],
 ];
-
-const byText = new Intl.Collator(undefined, { numeric: true }).compare;
 
 export class RobotsView {
   constructor(model, choose) {

@@ -4,7 +4,7 @@ import { Histogram } from './charts.js';
 import { describe } from './decode.js';
 import { $, csv, element, keep, save, setText, stamp } from './dom.js';
 import { shown } from './shown.js';
-import { clock } from './words.js';
+import { byText, clock } from './words.js';
 
 const ROWS = 150;
 const MAX_TYPES = 50;
@@ -12,8 +12,6 @@ const MAX_TYPES = 50;
 export class TraceView {
   constructor(model) {
     Object.assign(this, { model, isPaused: false, held: null, gaps: new Histogram(), delays: new Histogram(), before: new Map(), types: new Set() });
-    this.select($('trace-robot'), 'all');
-    this.select($('trace-type'), 'all');
     for (const id of ['trace-robot', 'trace-type', 'trace-text']) {
       $(id).addEventListener('input', () => {
         this.recount();
@@ -25,9 +23,6 @@ export class TraceView {
     $('download').addEventListener('click', () => this.download());
   }
 
-  select(select, text) {
-    select.append(element('option', { value: '' }, text));
-  }
   filter() {
     const [robot, type, text] = [$('trace-robot').value, $('trace-type').value, $('trace-text').value.toLowerCase()];
     return (row) => (!robot || row.robot === robot) && (!type || row.type === type) &&
@@ -100,9 +95,9 @@ export class TraceView {
     if (this.known === this.model.roster) return;
     this.known = this.model.roster;
     const select = $('trace-robot');
-    const names = [...this.model.robots.keys()].sort(new Intl.Collator(undefined, { numeric: true }).compare);
+    const names = [...this.model.robots.keys()].sort(byText);
     const chosen = select.value;
-    select.replaceChildren(element('option', { value: '' }, 'all'), ...names.map((name) => element('option', { value: name }, name)));
+    select.replaceChildren(select.firstElementChild, ...names.map((name) => element('option', { value: name }, name)));
     select.value = chosen;
   }
   fill(line, row) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Shows values in words.
+export const byText = new Intl.Collator(undefined, { numeric: true }).compare; // robot2 before robot10
 export const meshNames = { __proto__: null, ble: 'BLE Mesh', thread: 'Thread' };
 export const number = (value, digits = 0) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 export const ms = (us) => (Number.isFinite(us) ? `${(us / 1000).toFixed(us < 10000 ? 1 : 0)} ms` : '–');
