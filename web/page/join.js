@@ -4,9 +4,9 @@
 import { $, element, keep, setText } from './dom.js';
 import { lacksWords } from './robot.js';
 import { isThere } from './robots.js';
+import { typed } from './shown.js';
 
 const PATIENCE_MS = 10000; // for an answer
-const PLAIN = /^[A-Za-z0-9_.][A-Za-z0-9_.:-]*$/;
 
 const ble = (gateway) => (isThere(gateway) ? gateway.stats?.meshes?.ble : null);
 const hasBle = (gateway) => ble(gateway)?.enabled === true;
@@ -79,8 +79,8 @@ export class JoinDialog {
     $('join-end').hidden = !takes || time === 0;
     setText($('join-words'), this.words(gateway, takes, time));
     $('join-words').className = takes && gateway.join?.error ? 'bad' : '';
-    const name = $('join-name').value.trim();
-    setText($('join-command'), `sudo slam-gatewayctl ble permit-join --minutes ${$('join-minutes').valueAsNumber || 5}${PLAIN.test(name) ? ` --id ${name}` : ''}`);
+    const name = typed($('join-name').value.trim());
+    setText($('join-command'), `sudo slam-gatewayctl ble permit-join --minutes ${$('join-minutes').valueAsNumber || 5}${name ? ` --id ${name}` : ''}`);
     const told = takes ? story(gateway.join) : [];
     keep($('join-events'), told.length, () => element('li'));
     told.forEach(([look, words], i) => {

@@ -3,12 +3,11 @@
 import { describe } from './decode.js';
 import { drawDay } from './charts.js';
 import { $, attempt, element, keep, setText, surface, toast } from './dom.js';
-import { shown } from './shown.js';
+import { typed } from './shown.js';
 import { age, clock, dbm, hourOf, meshNames, ms, number, outcomeWords, stateWords } from './words.js';
 
 const MESSAGES = 15;
 const ASK_MS = 10000; // the program takes a sample as often
-const PLAIN = /^[A-Za-z0-9_.][A-Za-z0-9_.:-]*$/;
 
 const isBle = (robot) => robot.best?.mesh === 'ble';
 const known = (value, words) => (Number.isFinite(value) ? words(value) : 'not known');
@@ -38,9 +37,8 @@ function facts(robot, now) {
 
 // Returns command lines for actions that the page cannot take; null for a name that cannot be typed safely.
 function lines(robot) {
-  if (shown(robot.id) !== robot.id || robot.id.startsWith('-')) return null;
-  const id = PLAIN.test(robot.id) ? robot.id : `'${robot.id.replaceAll("'", "'\\''")}'`;
-  return [
+  const id = typed(robot.id);
+  return id && [
     ['Why is it silent?', `slam-gatewayctl doctor ${id}`],
     ['How fast does it answer?', `slam-gatewayctl ping ${id} -c 10`],
     ['Its traffic, live', `slam-gatewayctl watch --robot ${id}`],

@@ -2,7 +2,7 @@
 // Robots and gateways: problems with their remedies first, then both meshes, then a table with sparklines.
 import { $, attempt, colour, element, keep, setText, surface } from './dom.js';
 import { drawMeshes, signal } from './meshes.js';
-import { shown } from './shown.js';
+import { shown, typed } from './shown.js';
 import { age, byText, bytes, dbm, lifeWords, meshNames, ms, number, stateWords } from './words.js';
 
 const order = ['offline', 'unknown', 'asleep', 'online'];
@@ -27,7 +27,8 @@ export function problems(model) {
   if (model.gatewaysLeftOut) add(`More gateways are not shown: a page keeps ${model.gateways.size}`, 'Does a client invent gateways? At the broker: topic write <prefix>/gateway/<gateway>/# for each gateway alone', true);
   for (const robot of model.robots.values()) {
     if (robot.state === 'online' && robot.best?.contested === true) add(`${robot.id} is contested: another client uses its name`, 'Two robots, or a foreign client, of that name: /usr/share/doc/slam-gateway/security.md', true);
-    if (robot.state === 'offline') add(`${robot.id} is offline`, `${robot.lastHeard ? `Silent for ${age(Math.max(0, model.now() - robot.lastHeard))}. ` : ''}Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
+    const name = typed(robot.id);
+    if (robot.state === 'offline') add(`${robot.id} is offline`, `${robot.lastHeard ? `Silent for ${age(Math.max(0, model.now() - robot.lastHeard))}. ` : ''}Is it switched on and in range?${name ? ` slam-gatewayctl doctor ${name}` : ''}`, true);
   }
   const deceptive = [...model.robots.keys(), ...model.gateways.keys()].filter(deceives);
   if (deceptive.length) add(`${deceptive.length} name${deceptive.length === 1 ? ' is' : 's are'} made to look like another: ${deceptive.slice(0, 5).join(', ')}`, 'Characters that hide, or look like others, are shown as \\u and digits. slam-gatewayctl robots shows the addresses; slam-gatewayctl ban refuses one.', true);

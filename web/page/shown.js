@@ -22,3 +22,9 @@ export function shown(text) {
   if (typeof text !== 'string' || PLAIN.test(text)) return text;
   return text.replace(WORD, (word) => (deceives.test(word) ? word.replace(foreign, escaped) : word)).replace(hiddenOrControl, escaped);
 }
+
+// Returns the name as a shell takes it; null for no name, and for one that cannot be typed safely.
+export function typed(name) {
+  if (!name || name.startsWith('-') || shown(name) !== name) return null;
+  return /^[A-Za-z0-9_.][A-Za-z0-9_.:-]*$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`;
+}
