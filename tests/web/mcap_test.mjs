@@ -117,6 +117,24 @@ test('places and points come back, in metres, with the heading of the last step'
   assert.deepEqual([0, 4, 16, 20].map((at) => Math.round(100 * floats.readFloatLE(at))), [30, 50, 0, 90]);
 });
 
+test('a robot that moves 1 cm at a time has a trail and a heading, too', () => {
+  const robot = new Robot('slow', 0, null);
+  for (let i = 0; i <= 100; i++) {
+    robot.apply({ x: 0, y: -i, obstacles: [] }, AT + 200 * i, () => {});
+    if (i === 10) robot.forgetDrawing();
+  }
+  assert.ok(robot.trail.length > 30, `${robot.trail.length} places`);
+  assert.equal(robot.heading, -Math.PI / 2);
+  const { z, w } = read([robot]).messages.at(-1).content.pose.orientation;
+  assert.ok(Math.abs(2 * Math.atan2(z, w) + Math.PI / 2) < 1e-9);
+});
+
+test('a robot that rests has one place, however its position flickers', () => {
+  const robot = new Robot('rests', 0, null);
+  for (let i = 0; i < 100; i++) robot.apply({ x: i % 2, y: 0, obstacles: [] }, AT + 200 * i, () => {});
+  assert.deepEqual([robot.trail.length, robot.heading], [1, null]);
+});
+
 test('messages of all robots are in the order of time, and count up in each channel', () => {
   const { messages } = read([robotNamed('a'), robotNamed('b')]);
   assert.deepEqual(messages.map(({ logged }) => logged), messages.map(({ logged }) => logged).sort());

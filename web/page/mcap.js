@@ -76,12 +76,11 @@ function pointsOf({ at, points }) {
   return cdr.all(data.octets).u8(1).octets;
 }
 
-// Returns the robot's places with its heading, which is the direction of its last movement.
+// Returns the robot's places with its heading, which is the direction of its last step of more than 1 cm.
 function posesOf(robot) {
-  let [yaw, before] = [0, null];
+  let [yaw, last] = [0, robot.track[0]];
   return robot.track.map(({ at, x, y }) => {
-    if (before && Math.hypot(x - before.x, y - before.y) > 1) yaw = Math.atan2(y - before.y, x - before.x);
-    before = { x, y };
+    if (Math.hypot(x - last.x, y - last.y) > 1) [yaw, last] = [Math.atan2(y - last.y, x - last.x), { x, y }];
     return { at, x, y, yaw };
   });
 }

@@ -101,7 +101,7 @@ export class Robot {
     this.messages = 0;
     this.isShown = true;
     this.pose = null; // {x, y} in the room, cm
-    this.heading = null; // radians, from the last two poses
+    this.heading = null; // radians, of the last step of the trail
     this.points = null; // a ring: x, y in the room, worth
     this.times = null;
     this.pointCount = 0; // all points so far; the ring holds the newest
@@ -143,10 +143,10 @@ export class Robot {
   // Calls `see` with each ray: (from x, y, to x, y, worth).
   apply(update, at, see) {
     const pose = this.toRoom(update.x, update.y);
-    const before = this.pose;
-    const moved = before ? Math.hypot(pose.x - before.x, pose.y - before.y) : Infinity;
-    if (before && moved > 1) this.heading = Math.atan2(pose.y - before.y, pose.x - before.x);
-    if (moved > 1) this.trail.push(pose);
+    const last = this.trail.at(-1); // a slow robot needs several updates for one step
+    const isStep = !last || Math.hypot(pose.x - last.x, pose.y - last.y) > 1;
+    if (last && isStep) this.heading = Math.atan2(pose.y - last.y, pose.x - last.x);
+    if (isStep) this.trail.push(pose);
     if (this.trail.length > MAX_TRAIL) this.trail.splice(0, MAX_TRAIL / 4);
     this.pose = pose;
     this.track.push({ at, ...pose });
