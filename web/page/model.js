@@ -260,7 +260,6 @@ export class Model {
     this.onMessage = () => {};
     this.onOutcome = () => {};
     this.mayLeave = () => true; // whether the user does not look at this robot
-    this.revision = 0; // changes with everything that a table shows
   }
 
   now() {
@@ -341,7 +340,6 @@ export class Model {
   }
 
   take(message) {
-    this.revision++;
     if (message.topic.startsWith('$web/')) return this.takeOwn(message.topic.slice(5), message.payload);
     if (message.at && !message.retain) this.newest = Math.max(this.newest, message.at);
     const rest = message.topic.slice(this.prefix.length + 1).split('/');
@@ -368,7 +366,6 @@ export class Model {
       this.prefix = said.prefix;
       this.origins = said.origins;
       this.takesToken = said.takes_token;
-      this.version = said.version;
       if (said.now) this.compareClocks(said.now - Date.now());
       // All states come again after this message, except those that were withdrawn.
       this.gateways.clear();
