@@ -370,14 +370,12 @@ def parse(source, text):
 
 
 def parse_broker_line(text):
-    """`<seconds since 1970> <topic> <payload in hex>` of mosquitto_sub."""
-    words = text.split()
-    if len(words) < 2:
-        return None
+    """`<seconds since 1970>`, `<payload in hex>` and `<topic>` of mosquitto_sub, with tabs between them; a topic may have any character."""
     try:
-        at = datetime.datetime.fromtimestamp(float(words[0]), datetime.timezone.utc)
+        seconds, payload, topic = text.removesuffix("\n").split("\t", 2)
+        at = datetime.datetime.fromtimestamp(float(seconds), datetime.timezone.utc)
     except (ValueError, OverflowError, OSError):
         return None
-    levels = words[1].split("/")
-    return {"at": at.isoformat(timespec="microseconds"), "event": "received", "direction": "up", "topic": words[1],
-            "robot": levels[-2] if len(levels) > 1 else "", "type": levels[-1], "payload": words[2] if len(words) > 2 else ""}
+    levels = topic.split("/")
+    return {"at": at.isoformat(timespec="microseconds"), "event": "received", "direction": "up", "topic": topic,
+            "robot": levels[-2] if len(levels) > 1 else "", "type": levels[-1], "payload": payload}

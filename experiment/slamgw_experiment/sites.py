@@ -88,7 +88,7 @@ class RunningDaemon:
     def _subscribe(self, lines, now_us):
         host, port = self._broker
         self._subscriber = self._child("mosquitto_sub", "-h", host, "-p", port, "-q", "1", "-t", f"{self._topic_prefix}/robot/+/+",
-                                       "-F", "%U %t %x", stdout=subprocess.PIPE)
+                                       "-F", "%U\t%x\t%t", stdout=subprocess.PIPE)
         return Lines(events.BROKER, lines, now_us).start(lines_of_pipe(self._subscriber.process.stdout))
 
     def _path(self, name):

@@ -46,12 +46,14 @@ class Sources(unittest.TestCase):
     def test_lines_that_say_nothing_are_left_out(self):
         for text in ("", "{", "[]", "7", '"x"', "\x00"):
             self.assertIsNone(parse(events.GATEWAY, text))
-        for text in ("", "x", "nan topic 00", "1e300 topic 00"):
+        for text in ("", "x", "1795324356\t00", "nan\t00\ttopic", "1e300\t00\ttopic"):
             self.assertIsNone(parse(events.BROKER, text))
 
     def test_a_broker_line(self):
-        members = parse(events.BROKER, "1795324356.225772 ntnu-slam/robot/robot1/probe 010000000000\n")
-        self.assertEqual((members["robot"], members["type"], members["payload"]), ("robot1", "probe", "010000000000"))
+        for robot in ("robot1", "a b", "tab\tx", " "):
+            for payload in ("010000000000", ""):
+                members = parse(events.BROKER, f"1795324356.225772\t{payload}\tntnu-slam/robot/{robot}/probe\n")
+                self.assertEqual((members["robot"], members["type"], members["payload"]), (robot, "probe", payload))
 
     def test_times_have_microseconds(self):
         self.assertEqual(events.microseconds_since_1970("1970-01-01T00:00:01.000002Z"), 1_000_002)
