@@ -127,8 +127,17 @@ def parser(version):
     return whole
 
 
+def with_joined_options(arguments):
+    """`--sim-args --mirrored` as one word, because argparse takes a second word that begins with - for an option of its own."""
+    words = list(arguments)
+    if "--sim-args" in words[:-1]:
+        at = words.index("--sim-args")
+        words[at:at + 2] = ["=".join(words[at:at + 2])]
+    return words
+
+
 def main(version, bin_directory=None, arguments=None):
-    asked = parser(version).parse_args(arguments)
+    asked = parser(version).parse_args(with_joined_options(sys.argv[1:] if arguments is None else arguments))
     try:
         status = perform(asked, version, bin_directory)
         sys.stdout.flush()

@@ -325,6 +325,13 @@ class Program(unittest.TestCase):
         self.assertRegex(err, "slam-gateway-sim has ended with status 2: .*7")
         self.assertEqual(err.count("has ended with status 2"), 1)
 
+    def test_options_of_the_simulator_may_be_one_word(self):
+        for words in (["--sim-args", "--no-such-option"], ["--sim-args=--no-such-option"]):
+            with tempfile.TemporaryDirectory() as directory:
+                status, _, err = self.run_program("run", "ring", "--sim", "--messages", "3", *words, "--out", f"{directory}/out")
+            self.assertEqual(status, 1)
+            self.assertRegex(err, "slam-gateway-sim has ended with status 2: .*--no-such-option")
+
     def test_ctrl_c_while_the_broker_starts(self):
         with tempfile.TemporaryDirectory() as directory:
             write_program(directory, "mosquitto", f"[ $1 = -h ] || echo $$ >{directory}/pid; [ $1 = -h ] || exec sleep 60")
