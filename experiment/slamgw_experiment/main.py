@@ -224,6 +224,8 @@ def wrong_robots(asked, runs):
         return f"--robots {text}: with --sim this is a number, 1 to {MOST_SIMULATED}"
     if asked.sim and text and runs[0][0].kind == "limits":
         return "limits chooses by itself how many robots it simulates: leave --robots out"
+    if asked.sim and asked.broker:
+        return "--sim starts a broker of its own and counts there: leave --broker out"
     return None
 
 

@@ -314,6 +314,7 @@ class Program(unittest.TestCase):
                                  (["run", "ring", "--robots", " ,"], "no robot is named"),
                                  (["run", "ring", "--sim", "--robots", "r1"], "a number, 1 to"), (["run", "ring", "--sim", "--robots", "0"], "a number, 1 to"),
                                  (["run", "limits", "--sim", "--robots", "3"], "leave --robots out"),
+                                 (["run", "ring", "--sim", "--broker", "127.0.0.1:1883"], "leave --broker out"),
                                  (["run", "ring", "--robots", "r1", "--broker", "here"], "not HOST:PORT")):
             status, _, err = self.run_program(*arguments)
             self.assertEqual((status, words in err), (2, True), err)
