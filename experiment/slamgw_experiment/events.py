@@ -29,7 +29,7 @@ COLUMNS = {
     "bytes": (int, "octets of the payload"),
     "rssi_dbm": (float, "received signal strength"),
     "ttl": (int, "BLE Mesh: as it arrived"),
-    "hops": (int, "BLE Mesh: relays that it passed, and one"),
+    "hops": (int, "BLE Mesh: relays that it passed; 0: none"),
     "latency_us": (int, "since the message arrived at the gateway"),
     "outcome": (str, "of a command, or why a message was refused"),
     "number": (int, "robots: their count of the message; probes: the sequence number inside"),

@@ -38,6 +38,10 @@ class Sources(unittest.TestCase):
         self.assertEqual(event.event, "command")
         self.assertFalse(event.is_arrival_of("update"))
 
+    def test_hops_are_relays(self):
+        """As the gateway reports them: daemon/core/messages.hpp, RadioFacts."""
+        self.assertEqual(events.COLUMNS["hops"][1], "BLE Mesh: relays that it passed; 0: none")
+
     def test_members_of_the_wrong_type_are_left_out(self):
         members = {"event": "arrived", "qos": "many", "bytes": None, "rssi_dbm": "x", "robot": 7, "payload": "zz", "type": "probe"}
         event = events.from_members(events.GATEWAY, members)
