@@ -115,6 +115,7 @@ NUMBER = (int, float)
 MEMBERS = {
     "experiment": str, "title": str, "mesh": str, "complete": bool, "simulated": bool, "incidents": list, "differs": list,
     "conditions": dict, "conditions.type": str, "conditions.period_ms": NUMBER, "conditions.time_compressed": NUMBER,
+    "conditions.messages": NUMBER, "conditions.robots": list, "conditions.begun": str,
     "thesis": dict, "thesis.where": str, "thesis.result": str, "thesis.unknown": str, "thesis.chosen": str, "thesis.numbers": dict,
 }
 
@@ -130,6 +131,10 @@ def check_members(path, result):
             value = value.get(step)
         if not isinstance(value, kind) or kind is NUMBER and not 0 < value < 1e12:
             bad(name)
+    if result["mesh"] not in (catalogue.BLE, catalogue.THREAD):
+        bad("mesh")
+    if result["simulated"] and not isinstance(result["conditions"].get("seed"), int):
+        bad("conditions.seed")
     settle_s = result["conditions"].get("settle_s", 0)
     if not isinstance(settle_s, NUMBER) or not 0 <= settle_s < 1e6:
         bad("conditions.settle_s")

@@ -203,6 +203,11 @@ class Csv(unittest.TestCase):
             with self.assertRaisesRegex(folder.BadFolder, "incidents|differs"):
                 folder.check_members("result.json", whole | member)
 
+    def test_a_mesh_that_is_none_and_a_simulation_without_a_seed_are_told(self):
+        for member in ({"mesh": "wifi"}, {"simulated": True}):
+            with self.assertRaisesRegex(folder.BadFolder, "(mesh|conditions.seed) is missing, or not what"):
+                folder.check_members("result.json", recount.WHOLE | member)
+
     def test_nonsense_in_the_file_is_left_out_or_told(self):
         recorder = folder.Recorder(self.directory.name)
         for payload, t_us in (("zz", 1), ("abc", 2), ("0a00ecff", 3)):

@@ -28,7 +28,8 @@ def result_of(experiment, mesh, events, is_simulated=True, complete=True):
     kind = experiment.message_type()
     return {"format": folder.FORMAT, "program": "slam-gateway-experiment 0.1.0", "experiment": experiment.name,
             "title": experiment.title, "mesh": mesh, "complete": complete, "simulated": is_simulated, "incidents": [], "differs": [],
-            "conditions": {"period_ms": 200, "type": kind, "time_compressed": 1, "seed": 3},
+            "conditions": {"period_ms": 200, "type": kind, "time_compressed": 1, "seed": 3, "messages": 1000,
+                           "robots": ["robot1"], "begun": "2026-11-28T04:00:00+00:00"},
             "measured": measure.measured(events, kind, 200),
             "thesis": {"where": experiment.where(), "result": experiment.thesis, "numbers": experiment.thesis_numbers,
                        "unknown": experiment.unknown, "chosen": experiment.chosen}}

@@ -9,7 +9,8 @@ import statistics
 # The least that a result.json has.
 WHOLE = {"format": 1, "experiment": "ble-latency", "title": "t", "mesh": "ble", "complete": True, "simulated": False,
          "incidents": [{"t_us": 1, "what": "w"}], "differs": ["d"],
-         "conditions": {"type": "update", "period_ms": 200, "time_compressed": 1, "settle_s": 0},
+         "conditions": {"type": "update", "period_ms": 200, "time_compressed": 1, "settle_s": 0, "messages": 1000,
+                        "robots": ["r"], "begun": "2026-11-28T04:00:00+00:00"},
          "thesis": {"where": "w", "result": "r", "unknown": "u", "chosen": "c", "numbers": {"n": 1, "m": [1, 2]}}}
 
 

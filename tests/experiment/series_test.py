@@ -72,6 +72,24 @@ class Series(unittest.TestCase):
         for name in ("figure.svg", "figure.png"):
             self.assertGreater(os.path.getsize(os.path.join(self.out, name)), 1000)
 
+    def test_a_run_that_lacks_a_member_is_named(self):
+        """`plot` of such a folder ended in a traceback."""
+        for kind in (series.REPEATED, series.LIMITS):
+            series.write(self.out, kind)
+            for name in ("seed", "messages", "robots", "mesh"):
+                inner = self.add("seed-1", "ble-one-obstacle")
+                result = folder.read_result(inner)
+                if name == "mesh":
+                    result["mesh"] = "wifi"
+                else:
+                    del result["conditions"][name]
+                folder.write_result(inner, result)
+                said = io.StringIO()
+                with contextlib.redirect_stderr(said):
+                    self.assertEqual(main.main("0.1.0", arguments=["plot", self.out]), 1)
+                self.assertRegex(said.getvalue(), f"seed-1/result.json: (conditions.)?{name} is missing, or not what")
+                os.unlink(os.path.join(inner, "events.csv"))
+
     def test_limits_name_where_each_mesh_breaks(self):
         series.write(self.out, series.LIMITS)
         for robots, lost_each in ((1, 0), (4, 10), (16, 1)):
