@@ -163,7 +163,8 @@ def measure_again(directory):
     """(result, counted events), with `measured` counted anew from events.csv."""
     result = read_result(directory)
     conditions, experiment = result["conditions"], catalogue.find(result["experiment"])
-    ones = measure.counted(read_events(directory), float(conditions.get("settle_s", 0)))
-    result["measured"] = measure.measured(ones, conditions["type"], float(conditions["period_ms"]),
+    kind, period_ms = conditions["type"], float(conditions["period_ms"])
+    ones = measure.counted(read_events(directory), kind, conditions["messages"], period_ms, float(conditions.get("settle_s", 0)))
+    result["measured"] = measure.measured(ones, kind, period_ms,
                                           experiment is not None and experiment.is_in_ring())
     return result, ones

@@ -169,14 +169,46 @@ def probe_counts(events):
     return counts
 
 
-def counted(events, settle_s):
+def counted(events, message_type, messages, period_ms, settle_s):
+    """Without what real robots sent while the run only listened for late repeats. `events` are in order of time."""
+    if any(event.source == ROBOTS for event in events):
+        return events
+    events = _with_probes_in_time(events, settle_s)
+    return events if message_type == "probe" else _with_first_of_each_robot(events, message_type, messages, period_ms * 1000)
+
+
+def _with_first_of_each_robot(events, message_type, messages, period_us):
+    """Each robot's first messages: as many as were asked for, within as many periods from the first one, so lost ones are among them.
+
+    What happened to a message after its arrival names its id, or at the broker its payload; either may come again.
+    """
+    begin_us, arrived, is_counted = {}, collections.Counter(), {}
+    chosen = []
+    for event in events:
+        if event.is_arrival_of(message_type):
+            begin_us.setdefault(event.robot, event.t_us)
+            arrived[event.robot] += 1
+        is_in_time = event.t_us < begin_us.get(event.robot, -math.inf) + messages * period_us and arrived[event.robot] <= messages
+        if event.is_arrival_of(message_type):
+            is_counted[GATEWAY, event.robot, event.message_id] = is_counted[BROKER, event.robot, event.payload] = is_in_time
+        elif event.type in (message_type, "") and event.direction != "down":
+            name = event.payload if event.source == BROKER else event.message_id
+            is_in_time = is_counted.get((event.source, event.robot, name), is_in_time)
+        else:
+            is_in_time = True
+        if is_in_time:
+            chosen.append(event)
+    return chosen
+
+
+def _with_probes_in_time(events, settle_s):
     """Without all about probes made before the run began, or too late for their last repeat to come before it ended.
 
     When a probe was made follows from its sender's clock and the fastest probe of the same robot. What the gateway did with it
-    names the message id only, which a robot uses again. `events` are in order of time.
+    names the message id only, which a robot uses again.
     """
     probes = [event for event in events if event.is_arrival_of("probe") and event.sender_ms is not None]
-    if not probes or any(event.source == ROBOTS for event in events):
+    if not probes:
         return events
     offsets = {event.robot: math.inf for event in probes}
     for event in probes:

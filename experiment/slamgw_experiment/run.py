@@ -119,7 +119,7 @@ class Run:
 
     def _finish(self, ended):
         ones = folder.read_events(self._directory)
-        counted = measure.counted(ones, self._settle_s())
+        counted = measure.counted(ones, self._asked.message_type, self._asked.messages, self._period_ms(), self._settle_s())
         measured = measure.measured(counted, self._asked.message_type, self._period_ms(), self._experiment.is_in_ring())
         if not ended and not measured["counts"]["arrived"]:
             ended = "no message of the wanted type arrived"

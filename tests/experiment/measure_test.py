@@ -67,7 +67,7 @@ class Loss(unittest.TestCase):
         begin_ms = made_ms[45]
         events = [came(number, (made_ms[number] - begin_ms) * 1000) for number in range(45, 106) if number not in (50, 61)]
         events.append(came(5, 20_000))
-        found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), 9), "probe")
+        found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 60, 200, 9), "probe")
         self.assertEqual((found["sent"], found["lost"]), (61 - 45, 1))
 
     def test_counts_leave_out_what_was_made_while_the_run_only_listened(self):
@@ -81,11 +81,32 @@ class Loss(unittest.TestCase):
             events += [arrival(t_us + repeated_us, kind="probe", message_id=message_id, **probe),
                        Event(t_us + repeated_us + 100, source=GATEWAY, event="published", message_id=message_id, **more),
                        Event(t_us + repeated_us + 200, source=BROKER, event="received", **more, **probe)]
-        events = measure.counted(sorted(events, key=lambda event: event.t_us), 25)
+        events = measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 40, 200, 25)
         found = measure.measured(events, "probe", 200)
         self.assertEqual((found["loss"]["exact"]["sent"], found["loss"]["exact"]["lost"]), (40, 0))
         self.assertEqual([found["counts"][name] for name in ("arrived", "published", "received_at_broker")], [40, 40, 40])
         self.assertEqual(found["interval_ms"]["count"], 39)
+
+    def test_counts_of_updates_are_those_that_were_asked_for(self):
+        """As above, without sequence numbers. Robot b comes later, and loses each tenth; c sends faster than was said."""
+        events = [Event(900, source=GATEWAY, event="published", type="update", robot="a", direction="up", message_id="7")]  # arrived before the run
+        for robot, begin_us, period_us, lost_each in (("a", 5000, PERIOD_US, 0), ("b", 1_000_000, PERIOD_US, 10), ("c", 0, 50_000, 0)):
+            for number in range(165):
+                if lost_each and number % lost_each == 5:
+                    continue
+                t_us, more = begin_us + number * period_us, {"robot": robot, "direction": "up"}
+                more_of_gateway = {"source": GATEWAY, "message_id": str(number % 90)}
+                payload = {"payload": f"{number:08x}"}
+                events += [arrival(t_us, robot, message_id=str(number % 90), **payload),
+                           Event(t_us + 100, event="published", type="update", **more, **more_of_gateway),
+                           Event(t_us + 300_000, event="acknowledged", latency_us=300_000, **more, **more_of_gateway),
+                           Event(t_us + 200, source=BROKER, event="received", type="update", **more, **payload)]
+        events = measure.counted(sorted(events, key=lambda event: event.t_us), "update", 40, 200, 25)
+        for robot, wanted in (("a", 40), ("b", 36), ("c", 40)):
+            of_robot = [event for event in events if event.robot == robot]
+            found = measure.measured(of_robot, "update", 200)
+            self.assertEqual([found["counts"][name] for name in ("arrived", "published", "received_at_broker")], [wanted] * 3)
+            self.assertEqual(found["acknowledged_after_ms"]["gateway"]["count"], wanted)
 
     def test_updates_without_the_robots_record_have_an_estimate_only(self):
         found = measure.measured([arrival(0), arrival(PERIOD_US)], "update", 200)["loss"]

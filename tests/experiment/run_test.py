@@ -119,7 +119,8 @@ class Runs(unittest.TestCase):
 
     def test_shows_no_more_messages_than_were_asked_for(self):
         with unittest.mock.patch.object(Progress, "show", autospec=True) as show:
-            self.run_on(Site(lambda site: arrive(site, 60)), messages=20, settle_s=0.5)
+            _, result, _ = self.run_on(Site(lambda site: arrive(site, 60)), messages=20, settle_s=0.5, draws_again=True)
+        self.assertEqual(result["measured"]["counts"]["arrived"], 20)
         shown = [call.args[1:3] for call in show.call_args_list]
         self.assertEqual(shown[-1], (20, 20))
         self.assertEqual(shown, sorted(shown))
