@@ -73,7 +73,7 @@ def serves_thread():
     """4 Thread: only its interface; doctor's lines about it begin with ok; a robot connects there"""
     world["radios"] = Radios(["n1"])
     typed = {line.split("  ")[0]: type_in(line) for line in commands("## 4 Thread")}
-    findings = typed["sudo slam-gatewayctl doctor"]
+    findings = typed["sleep 5; sudo slam-gatewayctl doctor"]
     about = lines_about("thread", findings)
     demand(len(about) > 2 and all(line.startswith("ok") for line in about), findings)
     demand(INTERFACE in findings, "doctor does not name the interface")
