@@ -31,7 +31,7 @@ def reload_refuses_a_bad_configuration():
     process, since = service("MainPID"), now()
     CONFIG.write_text('{\n  "brokr": {}\n}\n', encoding="utf-8")
     run("systemctl", "reload", "slam-gateway", status=1)
-    demand(says("gateway.json:2: brokr", *since), "the journal does not name the problem")
+    demand(says("gateway.json:2: brokr", *since, "SYSLOG_IDENTIFIER=slam-gatewayd"), "the journal does not name the problem")
     # As if somebody sent the signal by hand, past the check that the service makes before it.
     run("systemctl", "kill", "-s", "HUP", "slam-gateway")
     wait_for("the refusal", lambda: says("configuration was not changed", *since))
