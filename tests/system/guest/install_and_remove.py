@@ -138,8 +138,11 @@ def remove_keeps_the_state():
 def purge_takes_everything():
     """purge: nothing of it is left but the user"""
     has_page = pathlib.Path("/usr/bin/slam-gateway-web").exists()
+    site = CONFIG.parent / "gateway.d/site.json"
+    site.parent.mkdir(exist_ok=True)  # dpkg removes it when it is empty
+    site.write_text("{}\n", encoding="utf-8")
     run("dpkg", "--purge", "slam-gateway")
-    demand((CONFIG.parent / "gateway.d").exists() == has_page, "gateway.d is kept for slam-gateway-web alone")
+    demand(site.exists() == has_page, "gateway.d is kept for slam-gateway-web alone")
     run("dpkg", "--purge", "slam-gateway-web")
     for path in (STATE, CONFIG.parent, "/run/slam-gateway", "/usr/share/doc/slam-gateway",
                  "/usr/lib/sysctl.d/60-slam-gateway.conf", "/usr/lib/credstore/slam-gateway.broker"):
