@@ -81,9 +81,10 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
   for (const Mesh mesh : all_meshes) {
     const MeshAdapter* adapter = meshes.find(mesh);
     const Gateway::LinkState& link = gateway.mesh_link(mesh);
+    const bool is_starting = adapter && link.detail.empty();
     links[mesh] = {adapter != nullptr,
                    link.is_up,
-                   link.detail,
+                   is_starting ? "is being set up" : link.detail,
                    adapter ? adapter->counters() : Counters{},
                    adapter ? adapter->places() : std::nullopt,
                    gateway.latencies(mesh),
