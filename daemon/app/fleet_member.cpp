@@ -421,7 +421,7 @@ std::string FleetMember::adopt(const std::string& robot) {
 /// Does not give the robot up at once: the broker may just have closed one connection, and the
 /// robot's next message takes the session back.
 void FleetMember::on_lost(const sessions::SessionLost& lost) {
-  if (lost.why == sessions::LossReason::broker_gone) {
+  if (lost.why != sessions::LossReason::taken) {
     if (!neighbours_.is_heard_elsewhere(lost.robot)) held_before_.insert(lost.robot);
     return;
   }

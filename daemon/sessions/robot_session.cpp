@@ -177,8 +177,8 @@ void RobotSession::on_attach_failed(bool is_elsewhere, TimePoint now) {
   retry_ = std::min(retry_ * 2, longest_retry);
 }
 
-void RobotSession::on_detached(bool is_broker_gone, TimePoint unheld_since, TimePoint now) {
-  if (is_broker_gone) {
+void RobotSession::on_detached(LossReason why, TimePoint unheld_since, TimePoint now) {
+  if (why == LossReason::broker_gone) {
     is_refused_ = false;
     opens_at_ = {};
     retry_ = first_retry;
@@ -189,14 +189,17 @@ void RobotSession::on_detached(bool is_broker_gone, TimePoint unheld_since, Time
   enter(State::detached);
   if (!was_held) return;
   ++counts_.lost;
-  if (!is_broker_gone) {
+  if (why == LossReason::taken) {
     count_loss(now);
     blame_unanswered();
+  } else if (why == LossReason::broken) {
+    opens_at_ = now + first_retry;
+    keeps_at_ = now;
   }
   // While the marker is out, the broker may still have messages from before this connection.
   unheld_since_ = marker_.empty() ? unheld_since : now - 2 * stale_after;
   drop_unfenced();
-  actions_.push(SessionLost{robot_, is_broker_gone ? LossReason::broker_gone : LossReason::taken});
+  actions_.push(SessionLost{robot_, why});
 }
 
 bool RobotSession::forgive_loss(TimePoint now) {

@@ -21,8 +21,9 @@ namespace slamgw::sessions {
 class RobotSession {
  public:
   /// Limit of messages whose fence is not answered yet; more are dropped and counted. A fence takes
-  /// one round trip to the broker.
-  static constexpr std::size_t max_unfenced = 256;
+  /// one round trip to the broker. Mosquitto keeps 1000 messages for a session unless it is
+  /// configured, and may send those with QoS 2 at once.
+  static constexpr std::size_t max_unfenced = 1024;
   /// A session that is lost within `quick_loss` of its start, more than `free_losses` times in a
   /// row, is opened again after growing waits.
   static constexpr std::chrono::seconds quick_loss{10};
@@ -161,10 +162,10 @@ class RobotSession {
   /// `is_elsewhere`: another living gateway shows the robot.
   void on_attach_failed(bool is_elsewhere, TimePoint now);
   void on_refused() { is_refused_ = true; }
-  /// `is_broker_gone`: the broker was lost, so no other client has taken the session. All CONNECTs
-  /// fail then, so a failed one does not delay the next. `unheld_since`: when the session may have
-  /// been lost.
-  void on_detached(bool is_broker_gone, TimePoint unheld_since, TimePoint now);
+  /// No other client has taken the session when the broker is gone, or this side has ended the
+  /// connection. All CONNECTs fail while the broker is gone, so a failed one does not delay the
+  /// next. `unheld_since`: when the session may have been lost.
+  void on_detached(LossReason why, TimePoint unheld_since, TimePoint now);
   /// Call when the broker was lost: a session that was lost just before was not taken by another
   /// client, and that loss does not count. Returns false when there was no such loss.
   bool forgive_loss(TimePoint now);

@@ -180,7 +180,7 @@ void RobotSessions::on_broker_down(const Now& now) {
     const bool is_forgiven = session.forgive_loss(now.mono);
     if (session.is_held() || is_forgiven) session.set_keeps_at(now.mono);
     if (session.is_connected()) actions_.push(CloseSession{robot, false});
-    session.on_detached(/*is_broker_gone=*/true, lost_since(now.mono), now);
+    session.on_detached(LossReason::broker_gone, lost_since(now.mono), now);
     if (is_forgiven) actions_.push(SessionLost{robot, LossReason::broker_gone});
     session.grant_waiting();
     session.end_note({});
@@ -218,12 +218,12 @@ void RobotSessions::on_attach_failed(const std::string& robot, const Now& now, b
   settle(robot, *session, now);
 }
 
-void RobotSessions::on_detached(const std::string& robot, const Now& now) {
+void RobotSessions::on_detached(const std::string& robot, const Now& now, LossReason why) {
   RobotSession* session = find(robot);
   if (!session) return;
   if (session->is_opening()) return on_attach_failed(robot, now);
   if (!session->is_held()) return;
-  session->on_detached(/*is_broker_gone=*/false, lost_since(now.mono), now);
+  session->on_detached(why, lost_since(now.mono), now);
   settle(robot, *session, now);
 }
 

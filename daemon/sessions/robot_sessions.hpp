@@ -86,7 +86,7 @@ class RobotSessions {
   void on_attached(const std::string& robot, bool is_present, const Now& now);
   /// `is_refused`: the broker does not let this gateway use the robot's client id.
   void on_attach_failed(const std::string& robot, const Now& now, bool is_refused = false);
-  void on_detached(const std::string& robot, const Now& now);
+  void on_detached(const std::string& robot, const Now& now, LossReason why = LossReason::taken);
   void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted,
                      const Now& now);
   void on_message(const std::string& robot, BrokerMessage message,

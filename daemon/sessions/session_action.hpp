@@ -52,8 +52,9 @@ struct SessionHeld {
   std::string robot;
   bool was_present = false;
 };
-enum class LossReason : std::uint8_t { taken, broker_gone };
-/// Another client or the loss of the broker has ended the session.
+/// `broken`: this side has ended the connection, because of an error.
+enum class LossReason : std::uint8_t { taken, broker_gone, broken };
+/// This gateway does not hold the session any more.
 struct SessionLost {
   std::string robot;
   LossReason why = LossReason::taken;

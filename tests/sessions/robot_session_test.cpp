@@ -39,6 +39,29 @@ TEST_F(RobotSessionRulesUp, Rule1_ALostSessionWaitsUntilTheRobotIsHeardAgain) {
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
+TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndNobodyIsBlamed) {
+  attach();
+  for (int loss = 0; loss < 8; ++loss) {
+    sessions.on_detached("r1", now, LossReason::broken);
+    sessions.on_heard("r1", now);
+    while (auto action = sessions.next_action()) {
+      EXPECT_FALSE(std::holds_alternative<SessionContested>(*action));
+      EXPECT_FALSE(std::holds_alternative<OpenSession>(*action)) << "it would fail again at once";
+    }
+    pass(RobotSession::first_retry);
+    EXPECT_EQ(drain<OpenSession>().size(), 1U);
+    sessions.on_attached("r1", /*is_present=*/true, now);
+  }
+  sessions.on_detached("r1", now, LossReason::broken);
+  pass(RobotSession::first_retry);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "nobody heard the robot";
+  is_served_elsewhere = true;
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  sessions.on_detached("r1", now, LossReason::broken);
+  pass(RobotSession::first_retry);
+  EXPECT_TRUE(drain<OpenSession>().empty()) << "another gateway has the robot";
+}
+
 TEST_F(RobotSessionRules, Rule1_NothingIsOpenedBeforeTheBrokerIsThere) {
   sessions.on_heard("r1", now);
   EXPECT_TRUE(drain<OpenSession>().empty());

@@ -131,6 +131,25 @@ TEST_P(SessionHosts, WhatCameWhileNobodyHeldTheSessionWaitsAtTheBroker) {
   EXPECT_EQ(as_text(b.taken[0].message.payload), "1");
 }
 
+/// Mosquitto 2.0 sends more of them at once than the client allows.
+TEST_P(SessionHosts, ManyCommandsWithQos2AllComeAlsoWhenTheyHaveWaited) {
+  const auto publish_many = [&] {
+    test::mosquitto_publish(broker,
+                            {"-t", "p/server/r1/run", "-m", "1", "-q", "2", "--repeat", "300"});
+  };
+  hold(a, "r1");
+  a.host->subscribe("r1", "p/server/r1/+", Qos::exactly_once, /*is_standing=*/false, read_clocks());
+  ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 1; }));
+  publish_many();
+  EXPECT_TRUE(eventually(io, [&] { return a.taken.size() == 300; })) << a.taken.size();
+  a.host.stop();
+  publish_many();
+  b.up(broker.port(), GetParam());
+  b.hear("r1");
+  EXPECT_TRUE(eventually(io, [&] { return b.taken.size() == 300; })) << b.taken.size();
+  EXPECT_TRUE(a.lost.empty() && b.lost.empty());
+}
+
 TEST_P(SessionHosts, WhatWaitedIsOldWhereTheFormerProcessUsedAnotherBroker) {
   serve(a, "p/server/r1/+");
   a.host.stop();

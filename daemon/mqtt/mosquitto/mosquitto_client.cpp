@@ -160,7 +160,12 @@ int MosquittoClient::start(const Opening& opening) {
     mosquitto_property_free_all(&properties);
   }
   errno = 0;
-  return mosquitto_connect_async(client, opening.address.c_str(), broker.port, keep_alive);
+  const int result =
+      mosquitto_connect_async(client, opening.address.c_str(), broker.port, keep_alive);
+  // Mosquitto 2.0 sends more messages of QoS 2 than this client's CONNECT allows, and libmosquitto
+  // would end the connection then. From CONNACK on the library counts with this number.
+  mosquitto_int_option(client, MOSQ_OPT_RECEIVE_MAXIMUM, 0);
+  return result;
 }
 
 void MosquittoClient::set_callbacks() {

@@ -20,6 +20,12 @@ bool is_id_refusal(int code) {  // MQTT 3.1.1 section 3.2.2.3, MQTT 5 section 3.
   return code == 2 || code == 5 || code == 0x85 || code == 0x87;
 }
 
+/// Returns true when this side has ended the connection: the library, or RobotLink::must_be_sent.
+bool is_own(int result, int error) {
+  return result == MOSQ_ERR_PROTOCOL || result == MOSQ_ERR_MALFORMED_PACKET ||
+         result == MOSQ_ERR_NOMEM || (result == MOSQ_ERR_ERRNO && error == EINVAL);
+}
+
 }  // namespace
 
 RobotLink::RobotLink(boost::asio::io_context& io, SessionHost& host,
@@ -88,7 +94,9 @@ void RobotLink::on_connack(const Connack& connack) {
 
 /// MosquittoClient has reported all that came before the end.
 void RobotLink::on_ended(const Ended& ended) {
-  if (is_open()) return host_.on_detached(robot_);
+  if (is_open())
+    return host_.on_detached(
+        robot_, is_own(ended.result, ended.error) ? LossReason::broken : LossReason::taken);
   host_.on_attach_failed(robot_,
                          {.why = "the broker does not answer, or has closed the connection",
                           .is_without_files = ended.error == EMFILE || ended.error == ENFILE});

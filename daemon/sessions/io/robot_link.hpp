@@ -28,7 +28,8 @@ class RobotLink final : public MosquittoClient {
  public:
   /// The time for which the gateway keeps an absent client's session, too.
   static constexpr std::uint32_t session_expiry_s = 86400;
-  /// Limit of commands that the broker sends without an acknowledgement.
+  /// Limit of commands that the broker sends without an acknowledgement. Mosquitto 2.0 exceeds it
+  /// for QoS 2, which is accepted (MosquittoClient::start).
   static constexpr std::uint16_t receive_maximum = 16;
   /// Longest time from OpenSession to CONNACK.
   static constexpr std::chrono::seconds connect_timeout{10};

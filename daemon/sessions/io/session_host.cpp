@@ -71,9 +71,9 @@ std::string SessionHost::explain(const std::string& robot, const AttachFailure& 
   return fmt::format("{}: its session at the broker cannot be opened: {}", robot, failure.why);
 }
 
-void SessionHost::on_detached(const std::string& robot) {
+void SessionHost::on_detached(const std::string& robot, LossReason why) {
   end_link(robot, RobotLink::Farewell::none);
-  driver_->on_detached(robot, read_clocks());
+  driver_->on_detached(robot, read_clocks(), why);
 }
 
 void SessionHost::on_subscribed(const std::string& robot, const std::string& filter,

@@ -53,7 +53,7 @@ class SessionHost {
 
   // The links call these on the loop's thread, never from inside a call to a link.
   void on_attach_failed(const std::string& robot, const AttachFailure& failure);
-  void on_detached(const std::string& robot);
+  void on_detached(const std::string& robot, LossReason why);
   void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted);
 
   std::string explain(const std::string& robot, const AttachFailure& failure) const;
