@@ -411,19 +411,21 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
     const Filter* filter = find_filter(each);
     return filter && filter->is_standing;
   };
-  const bool is_clear =
-      knows_all_ || (copy && stands(id) && std::ranges::all_of(copy->ids, stands));
+  const bool is_clear = knows_all_ || (copy && !copy->awaits_copy && stands(id) &&
+                                       std::ranges::all_of(copy->ids, stands));
   if (copy && (is_rest || is_unasked || !is_clear)) return join(*copy, message, id, is_unasked);
   if (is_rest) return;
   if (unfenced_.size() >= max_unfenced) {
     ++counts_.dropped;
     return;
   }
+  const bool awaits_copy = may_have_late_copy(message, id);
   unfenced_.push_back({.fence = ++last_fence_,
                        .message = std::move(message),
                        .ids = {id},
                        .is_unasked = is_unasked,
                        .is_stale = !marker_.empty() || state_ == State::sorting,
+                       .awaits_copy = awaits_copy,
                        .came = now});
   actions_.push(AskFence{robot_, last_fence_});
 }
@@ -457,14 +459,26 @@ void RobotSession::join(Unfenced& copy, const BrokerMessage& message, std::uint3
   copy.ids.push_back(id);
   copy.message.qos = std::max(copy.message.qos, message.qos);
   if (id == command_id) return;
-  copy.is_answered = false;
+  copy.awaits_copy = copy.awaits_copy || may_have_late_copy(message, id);
+  copy.has_waited = copy.is_answered = false;
   copy.fence = ++last_fence_;
   actions_.push(AskFence{robot_, copy.fence});
 }
 
+/// Returns true when the broker may have kept another copy, with QoS 2, from before this
+/// connection.
+bool RobotSession::may_have_late_copy(const BrokerMessage& message, std::uint32_t id) const {
+  if (knows_all_ || id < first_filter_id || message.retain) return false;
+  return !find_filter(id) || std::ranges::any_of(filters_, [&](const auto& each) {
+    const Filter& other = each.second;
+    return other.id != id && other.qos == Qos::exactly_once && other.was_granted &&
+           !other.is_standing && filter_matches(each.first, message.topic);
+  });
+}
+
 /// Returns true when a copy may still come: with QoS 2 it comes one round trip later.
 bool RobotSession::is_copy_to_come(const Unfenced& one) const {
-  return one.is_unasked && !one.has_waited;
+  return (one.is_unasked || one.awaits_copy) && !one.has_waited;
 }
 
 /// Returns false for a retained message that the robot did not ask for: on MQTT 3.1.1, a renewed

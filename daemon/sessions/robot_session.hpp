@@ -195,7 +195,8 @@ class RobotSession {
     bool is_unasked = false;
     bool is_stale = false;
     bool is_answered = false;
-    bool has_waited = false;  ///< one fence longer, for another copy
+    bool awaits_copy = false;  ///< see may_have_late_copy()
+    bool has_waited = false;   ///< one fence longer, for another copy
     TimePoint came{};
   };
 
@@ -211,6 +212,7 @@ class RobotSession {
   void blame_unanswered();
   bool wants_retained(const BrokerMessage& message, TimePoint now) const;
   bool is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const;
+  bool may_have_late_copy(const BrokerMessage& message, std::uint32_t id) const;
   bool is_copy_to_come(const Unfenced& one) const;
   bool hears_all_commands() const;
   Qos qos_at_broker(const std::string& filter, Qos qos) const;

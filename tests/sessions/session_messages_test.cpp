@@ -272,6 +272,44 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
   for (const auto& each : taken) EXPECT_FALSE(each.is_unasked);
 }
 
+/// A copy with QoS 2 comes one round trip later, and the broker has answered for the filters then.
+TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedALaterOneWithQos2IsNotAnotherCommand) {
+  attach();
+  std::vector<std::string> filters;
+  std::vector<std::uint32_t> ids;
+  for (const char* const type : {"run", "run/#", "+/#"}) {
+    filters.push_back(std::string("ntnu-slam/server/r1/") + type);
+    subscribe(filters.back(), ids.empty() ? Qos::at_least_once : Qos::exactly_once);
+    for (const auto& each : drain<SubscribeSession>())
+      if (each.filter == filters.back()) ids.push_back(each.id);
+    grants(filters.back());
+  }
+  ASSERT_EQ(ids.size(), 3U);
+  for (const bool is_unasked_first : {false, true}) {
+    sessions.on_detached("r1", now);
+    attach(true);
+    std::uint64_t fence = 0;
+    std::size_t taken = 0;
+    const auto round_trip = [&] {
+      while (auto action = sessions.next_action()) {
+        if (const auto* asked = std::get_if<AskFence>(&*action)) fence = asked->number;
+        taken += std::holds_alternative<TakeMessage>(*action) ? 1 : 0;
+      }
+      sessions.on_fence("r1", fence, now);
+    };
+    if (is_unasked_first) arrives(command("1"), {RobotSession::command_id});
+    arrives(command("1"), {ids[0]});
+    for (const std::string& filter : filters) grants(filter);
+    for (const std::uint32_t id : {ids[1], ids[2]}) {
+      round_trip();
+      arrives(command("1", Qos::exactly_once), {id});
+      EXPECT_EQ(taken, 0U);
+    }
+    for (int i = 0; i < 3; ++i) round_trip();
+    EXPECT_EQ(taken, 1U);
+  }
+}
+
 /// The robot has moved here, and its note has not come yet.
 TEST_F(RobotSessionRulesUp, Rule13_OfCopiesForUnknownFiltersOneIsTaken) {
   attach(true);
