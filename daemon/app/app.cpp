@@ -270,7 +270,8 @@ void App::stop() {
 }
 
 void App::stop_when_flushed(TimePoint give_up_at) {
-  if (outbox_.is_settled() || read_clocks().mono >= give_up_at) return close_everything();
+  const bool is_flushed = outbox_.is_settled() && fleet_.stop_taking();
+  if (is_flushed || read_clocks().mono >= give_up_at) return close_everything();
   stop_timer_.after(flush_poll, [this, give_up_at] { stop_when_flushed(give_up_at); });
 }
 

@@ -47,7 +47,9 @@ class FleetMember {
   /// The answer to `slam-gatewayctl fleet`; this gateway is the first row.
   nlohmann::ordered_json status() const;
   Counters counters() const { return host_.sessions().counters(); }
-  /// Stops taking messages for robots; their sessions stay at the broker.
+  /// Stops taking messages for robots; their sessions stay at the broker. Call it before the meshes
+  /// stop, and until it returns true: they get what the broker has given to this gateway.
+  bool stop_taking() { return host_.stop_taking(); }
   void stop();
 
  private:

@@ -102,6 +102,8 @@ class RobotSession {
 
   State state() const { return state_; }
   bool is_held() const { return state_ == State::attached; }
+  /// Returns true while a message waits for its fence. The broker may not have it any more.
+  bool has_unfenced() const { return !unfenced_.empty(); }
   bool is_opening() const { return state_ == State::opening || state_ == State::sorting; }
   /// Returns true when the session has a connection, or one is being opened.
   bool is_connected() const { return is_held() || is_opening(); }

@@ -244,10 +244,17 @@ void RobotSessions::on_fence(const std::string& robot, std::uint64_t number, con
   if (RobotSession* session = find(robot)) session->on_fence(number, now);
 }
 
-void RobotSessions::on_stop() {
+bool RobotSessions::on_stop() {
   is_stopping_ = true;
   queue_.clear();
-  for (auto& [robot, entry] : sessions_) entry.session->close(/*is_forgotten=*/false);
+  bool are_closed = true;
+  for (auto& [robot, entry] : sessions_) {
+    if (entry.session->has_unfenced())
+      are_closed = false;
+    else
+      entry.session->close(/*is_forgotten=*/false);
+  }
+  return are_closed;
 }
 
 // --- Time ----------------------------------------------------------------------------------------

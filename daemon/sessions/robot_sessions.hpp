@@ -92,8 +92,9 @@ class RobotSessions {
   void on_message(const std::string& robot, BrokerMessage message,
                   std::span<const std::uint32_t> ids, const Now& now);
   void on_fence(const std::string& robot, std::uint64_t number, const Now& now);
-  /// Closes all connections at the daemon's end; the broker keeps the sessions.
-  void on_stop();
+  /// Closes the connections at the daemon's end; the broker keeps the sessions. A session with a
+  /// message that waits for its fence stays open, so call this until it returns true.
+  bool on_stop();
 
   /// Call each second: a longer pause means that the process stood still.
   void on_tick(TimePoint now);

@@ -44,6 +44,19 @@ TEST_F(RobotSessionRulesUp, Rule2_CommandsAreTakenInTheirOrder) {
   EXPECT_EQ(as_text(taken[0].message.payload), "1");
 }
 
+/// The broker may not have it any more, so the gateway's next process would not get it.
+TEST_F(RobotSessionRulesUp, AtTheEndASessionIsClosedWhenItsMessagesHaveTheirFences) {
+  attach();
+  arrives(command("1"));
+  const auto fence = drain<AskFence>().at(0).number;
+  sessions.on_stop();
+  EXPECT_TRUE(drain<CloseSession>().empty());
+  sessions.on_fence("r1", fence, now);
+  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+  sessions.on_stop();
+  EXPECT_EQ(drain<CloseSession>().size(), 1U);
+}
+
 TEST_F(RobotSessionRulesUp, MessagesWithoutAFenceAreBounded) {
   attach();
   for (std::size_t i = 0; i < 2 * RobotSession::max_unfenced; ++i) arrives(command("1"));

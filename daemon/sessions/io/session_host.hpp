@@ -39,6 +39,9 @@ class SessionHost {
   /// another broker than before.
   void on_broker_up(RobotBroker broker, bool is_other);
   void on_broker_down();
+  /// Closes the connections that RobotSessions::on_stop() lets go; returns true when all are
+  /// closed. Call it from a timer: a link that has read several messages reports one by one.
+  bool stop_taking() { return driver_->on_stop(); }
   /// Closes all connections without waiting.
   void stop();
 
