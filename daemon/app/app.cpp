@@ -270,7 +270,8 @@ void App::stop() {
 }
 
 void App::stop_when_flushed(TimePoint give_up_at) {
-  const bool is_flushed = outbox_.is_settled() && fleet_.stop_taking();
+  const bool are_closed = fleet_.stop_taking();
+  const bool is_flushed = are_closed && outbox_.is_settled();
   if (is_flushed || read_clocks().mono >= give_up_at) return close_everything();
   stop_timer_.after(flush_poll, [this, give_up_at] { stop_when_flushed(give_up_at); });
 }

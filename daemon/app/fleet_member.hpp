@@ -50,6 +50,7 @@ class FleetMember {
   /// Stops taking messages for robots; their sessions stay at the broker. Call it before the meshes
   /// stop, and until it returns true: they get what the broker has given to this gateway.
   bool stop_taking() { return host_.stop_taking(); }
+  /// Closes all connections without waiting; robots' sessions stay at the broker.
   void stop();
 
  private:

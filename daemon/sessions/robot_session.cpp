@@ -75,6 +75,12 @@ void RobotSession::close(bool is_forgotten) {
   enter(State::detached);
 }
 
+void RobotSession::leave() {
+  is_wanted_ = false;
+  if (is_connected()) actions_.push(CloseSession{robot_, false});
+  enter(State::detached);
+}
+
 void RobotSession::drop_unfenced() {
   for (auto& [filter, fence] : given_up_) fence = 0;
   counts_.fenced_off += unfenced_.size();

@@ -137,6 +137,8 @@ class RobotSession {
   void open();
   /// Sends DISCONNECT. `is_forgotten`: the broker forgets the session too.
   void close(bool is_forgotten);
+  /// Sends DISCONNECT at the daemon's end. Answers no request: robots ask the next process.
+  void leave();
 
   /// Subscribes for the robot; answered once by FilterAnswered. `may_wait`: false when the broker
   /// gives no answers, so that the filter is granted at once.

@@ -252,7 +252,7 @@ bool RobotSessions::on_stop() {
     if (entry.session->has_unfenced())
       are_closed = false;
     else
-      entry.session->close(/*is_forgotten=*/false);
+      entry.session->leave();
   }
   return are_closed;
 }
