@@ -104,7 +104,6 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   ++counts_.attached;
   is_wanted_ = false;
   held_since_ = now;
-  retry_ = first_retry;
   knows_all_ = !is_present;
   // If the broker or the former gateway was killed, the session may lack some of the filters.
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
@@ -195,13 +194,14 @@ void RobotSession::on_detached(LossReason why, TimePoint unheld_since, TimePoint
   enter(State::detached);
   if (!was_held) return;
   ++counts_.lost;
-  if (why == LossReason::taken) {
-    count_loss(now);
-    blame_unanswered();
-  } else if (why == LossReason::broken) {
-    opens_at_ = now + first_retry;
+  if (why != LossReason::broken || now - held_since_ >= quick_loss) retry_ = first_retry;
+  if (why == LossReason::taken) count_loss(now);
+  if (why == LossReason::broken) {
+    opens_at_ = now + retry_;
+    retry_ = std::min(retry_ * 2, longest_retry);
     keeps_at_ = now;
   }
+  if (why != LossReason::broker_gone) blame_unanswered();
   // While the marker is out, the broker may still have messages from before this connection.
   unheld_since_ = marker_.empty() ? unheld_since : now - 2 * stale_after;
   drop_unfenced();

@@ -41,6 +41,7 @@ TEST_F(RobotSessionRulesUp, Rule1_ALostSessionWaitsUntilTheRobotIsHeardAgain) {
 
 TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndNobodyIsBlamed) {
   attach();
+  auto wait = RobotSession::first_retry;
   for (int loss = 0; loss < 8; ++loss) {
     sessions.on_detached("r1", now, LossReason::broken);
     sessions.on_heard("r1", now);
@@ -48,10 +49,12 @@ TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndNo
       EXPECT_FALSE(std::holds_alternative<SessionContested>(*action));
       EXPECT_FALSE(std::holds_alternative<OpenSession>(*action)) << "it would fail again at once";
     }
-    pass(RobotSession::first_retry);
+    pass(wait);
     EXPECT_EQ(drain<OpenSession>().size(), 1U);
+    wait = std::min(2 * wait, RobotSession::longest_retry);
     sessions.on_attached("r1", /*is_present=*/true, now);
   }
+  pass(RobotSession::quick_loss);
   sessions.on_detached("r1", now, LossReason::broken);
   pass(RobotSession::first_retry);
   EXPECT_EQ(drain<OpenSession>().size(), 1U) << "nobody heard the robot";
