@@ -150,7 +150,7 @@ $('list').addEventListener('click', (event) => {
 });
 
 function drawPilot() {
-  const robot = map.chosen;
+  const robot = map.chosen &&= model.robots.get(map.chosen.id) ?? null; // it may have been forgotten
   $('pilot').hidden = !robot;
   if (!robot) return;
   setText($('pilot-name'), robot.id);

@@ -244,6 +244,7 @@ export class Model {
     this.isOpen = false;
     this.broker = { state: 'down', why: 'connecting' };
     this.robots = new Map();
+    this.spare = []; // numbers of forgotten robots
     this.roster = 0; // changes with the set of robots
     this.leftOut = new Map(); // presence and life of robots that there is no room for
     this.quiet = []; // robots that may be replaced, the quietest last
@@ -277,7 +278,7 @@ export class Model {
   robot(id, heard) {
     const known = this.robots.get(id);
     if (known) return known;
-    const number = this.robots.size < MAX_ROBOTS ? this.robots.size : this.makeRoom(heard);
+    const number = this.spare.pop() ?? (this.robots.size < MAX_ROBOTS ? this.robots.size : this.makeRoom(heard));
     if (number === null) {
       this.leaveOut(id, { presence: new Map(), life: null });
       return null;
@@ -459,10 +460,15 @@ export class Model {
   takePresence(gateway, id, said) {
     const robot = (said ? this.robot(id, 0) : this.robots.get(id)) ?? this.leftOut.get(id);
     if (said) robot?.presence.set(gateway, said);
-    else if (robot?.presence.delete(gateway) && robot.presence.size === 0) {
-      robot.life = null;
-      this.leftOut.delete(id);
-    }
+    else if (robot?.presence.delete(gateway) && robot.presence.size === 0 && !this.leftOut.delete(id)) this.forget(robot);
+  }
+  // A robot that still talks comes back with its next message.
+  forget(robot) {
+    for (const command of robot.commands) if (!command.outcome) this.end(robot, command, { ...NO_OUTCOME, why: 'it was forgotten' });
+    this.robots.delete(robot.id);
+    this.spare.push(robot.number);
+    this.quiet = [];
+    this.roster++;
   }
 
   // ---- commands: an outcome names robot and type only, so it belongs to the oldest open command of this type
