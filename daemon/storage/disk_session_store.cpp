@@ -178,7 +178,7 @@ void DiskSessionStore::sync() {
   is_sync_due_ = false;
   if (!log_) return;
   try {
-    log_->commit(false);  // erasures that could not be written before
+    if (log_->owes_erasures()) log_->commit(false);
     log_->synchronise();
     if (log_->owes_erasures()) sync_later();
   } catch (const LogError&) {

@@ -73,6 +73,14 @@ TEST(StatusJson, CountsLatenciesByBound) {
   EXPECT_EQ(latency["buckets"][1], (json{{"le_us", 1000}, {"count", 1}}));
 }
 
+TEST(StatusJson, TellsHowMuchOfTheStoreDeadLettersTake) {
+  Status status;
+  status.store.dead_letters = 2;
+  status.store.dead_letter_bytes = 99;
+  EXPECT_EQ(to_json(status)["store"]["dead_letters"], 2);
+  EXPECT_EQ(to_json(status)["store"]["dead_letter_bytes"], 99);
+}
+
 TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {
   Status status;
   EXPECT_TRUE(to_json(status)["store"]["largest"].is_null());

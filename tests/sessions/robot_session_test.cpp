@@ -39,7 +39,7 @@ TEST_F(RobotSessionRulesUp, Rule1_ALostSessionWaitsUntilTheRobotIsHeardAgain) {
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndNobodyIsBlamed) {
+TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndIsNotContested) {
   attach();
   auto wait = RobotSession::first_retry;
   for (int loss = 0; loss < 8; ++loss) {
@@ -57,7 +57,7 @@ TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndNo
   pass(RobotSession::quick_loss);
   sessions.on_detached("r1", now, LossReason::broken);
   pass(RobotSession::first_retry);
-  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "nobody heard the robot";
+  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "it does not wait for the robot";
   is_served_elsewhere = true;
   sessions.on_attached("r1", /*is_present=*/true, now);
   sessions.on_detached("r1", now, LossReason::broken);

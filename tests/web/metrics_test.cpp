@@ -53,8 +53,9 @@ TEST_F(WebMetrics, CountTheMessagesOfEachMesh) {
 
 TEST_F(WebMetrics, TellTheGatewaysStats) {
   hear("g/state", R"({"state":"online"})");
-  hear("g/stats",
-       R"({"uptime_s":12,"messages":{"up":7,"down":2,"lost":3},"store":{"depth":3,"bytes":99},
+  hear(
+      "g/stats",
+      R"({"uptime_s":12,"messages":{"up":7,"down":2,"lost":3},"store":{"depth":3,"bytes":99,"dead_letter_bytes":42},
            "broker":{"state":"up"},"robots":{"online":4,"contested":2},
            "meshes":{"ble":{"state":"down","latency":{"count":9,"sum_us":1500,"buckets":1}},
                      "thread":{"state":"up","latency":{"count":5,"sum_us":2500,"buckets":[
@@ -66,6 +67,7 @@ TEST_F(WebMetrics, TellTheGatewaysStats) {
   EXPECT_TRUE(has("# TYPE slamgw_gateway_messages_total counter"));
   EXPECT_TRUE(has(R"(slamgw_gateway_lost_messages_total{gateway="g"} 3)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_store_messages{gateway="g"} 3)"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_dead_letter_bytes{gateway="g"} 42)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="ble"} 0)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="thread"} 1)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_robots_contested{gateway="g"} 2)"));
