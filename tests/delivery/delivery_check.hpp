@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every run of the outbox must keep, whatever failed on the way: nothing acknowledged is
-// missing (a dead letter is not), the messages of each topic that was never refused come in order,
-// and only so often as there was a reason.
+// The promises of every run of the outbox, with any failures: no acknowledged message is missing
+// (a dead letter is not missing), messages of each topic that was never refused come in order, and
+// a message repeats at most once for each interruption.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -15,8 +15,8 @@
 
 namespace slamgw::test {
 
-/// Numbers rise per topic in the order of submission. `interruptions`: lost links and deaths, each
-/// of which may repeat a message once.
+/// Numbers rise per topic in the order of submission. `interruptions`: lost links and kills; each
+/// may repeat a message once.
 inline void expect_promises_kept(const OutboxRig& rig,
                                  const std::map<std::uint64_t, std::string>& topic_of_receipt,
                                  std::size_t interruptions) {

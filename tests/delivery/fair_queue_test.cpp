@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who waits behind whom for the broker.
+// The order in which messages of several robots go to the broker.
 #include "daemon/delivery/fair_queue.hpp"
 
 #include <gtest/gtest.h>
@@ -38,7 +38,7 @@ TEST(FairQueue, FlowsTakeTurnsAndEachKeepsItsOrder) {
   EXPECT_EQ(queue.items().size(), 6u) << "they are under way";
 }
 
-TEST(FairQueue, WhatComesBackHasItsPlaceByItsRow) {
+TEST(FairQueue, RequeuesMessagesInTheOrderOfTheirRows) {
   FairQueue queue;
   for (std::uint64_t row = 1; row <= 4; ++row)
     queue.enqueue(queue.add(item("r/1/" + std::to_string(row), row)));
@@ -69,7 +69,7 @@ TEST(FairQueue, CountsTheBytesOfEachFlow) {
 
 class FloodTest : public testing::Test, public test::OutboxRig {};
 
-TEST_F(FloodTest, DelaysAnotherRobotByWhatIsUnderWayOnly) {
+TEST_F(FloodTest, DelaysAnotherRobotOnlyByMessagesUnderWay) {
   link_up();
   for (int i = 0; i < 1000; ++i) submit("robot/1/update", 0, Qos::at_most_once);
   submit("robot/2/update", 7, Qos::at_most_once);
@@ -80,13 +80,13 @@ TEST_F(FloodTest, DelaysAnotherRobotByWhatIsUnderWayOnly) {
   EXPECT_EQ(published_topics[1], "robot/2/update");
 }
 
-TEST_F(FloodTest, IsHandedOverInBatchesOnceItIsHeldBack) {
+TEST_F(FloodTest, IsPublishedInBatchesOnceItsWindowIsFull) {
   link_up();
   constexpr std::size_t most = PublishWindow::max_unacknowledged;
   for (std::size_t i = 0; i < 10 * most; ++i) submit("robot/1/update", 0, Qos::at_most_once);
   ASSERT_EQ(under_way.size(), most);
   for (std::size_t written = 1; written < most / 2; ++written) acknowledge_first();
-  EXPECT_EQ(under_way.size(), most / 2 + 1) << "nothing came after them yet";
+  EXPECT_EQ(under_way.size(), most / 2 + 1) << "no more are published yet";
   acknowledge_first();
   EXPECT_EQ(under_way.size(), most);
 }

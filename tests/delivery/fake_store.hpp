@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A message store in memory that answers when the test says so, fails when told, and keeps what it
-// durably has when the outbox of one "process" is replaced by the next one's.
+// A message store in memory that answers and fails on the test's command. It keeps its durable rows
+// when the outbox of one "process" is replaced by the next one's.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +23,7 @@ class FakeStore {
 
   void ask(StoreRequest request) { requests_.push_back(std::move(request)); }
   bool is_asked() const { return !requests_.empty(); }
-  /// Requests that were not served die with their process.
+  /// Drops the requests that were not served.
   void on_process_died() { requests_.clear(); }
 
   StoreOpened open(TimePoint now) {
@@ -70,7 +70,7 @@ class FakeStore {
     for (const auto& [id, letter] : dead_letters) counts.bytes += stored_cost(letter.message);
     return counts;
   }
-  /// As an operator orders.
+  /// Makes messages of all dead letters, as an operator orders.
   DeadLettersRevived revive_all(TimePoint now) {
     std::vector<std::uint64_t> ids;
     for (const auto& [id, letter] : dead_letters) ids.push_back(id);
@@ -87,7 +87,7 @@ class FakeStore {
 
   std::map<std::uint64_t, Row> rows;
   std::map<std::uint64_t, Letter> dead_letters;
-  std::set<std::uint64_t> damaged;  ///< rows that are not what was stored
+  std::set<std::uint64_t> damaged;  ///< rows whose content has changed on disk
   bool is_failing = false;
   bool is_full = false;            ///< takes erasures only
   std::size_t fail_countdown = 0;  ///< the n-th write from now fails; 0: none

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that closes the connection in place of refusing a message: the message is found out,
-// alone, and becomes a dead letter, and everything else goes on.
+// A broker that closes the connection instead of refusing a message: the outbox finds the message
+// by sending it alone, makes it a dead letter, and delivers all others.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -22,7 +22,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
  protected:
   OutboxClosingTest() { is_store_quick = true; }
 
-  /// For which messages the broker closes the connection.
+  /// Returns true for messages for which the broker closes the connection.
   std::function<bool(const BrokerMessage&)> is_poison = [](const BrokerMessage& message) {
     return message.topic.find("bad") != std::string::npos;
   };
@@ -36,7 +36,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
     submit_bytes(topic, to_bytes(std::to_string(number)), qos == Qos::at_most_once ? 0 : number,
                  qos);
   }
-  /// The broker reads in order and answers each; the connection is made anew at once.
+  /// Answers messages in order until one closes the connection, then reconnects at once.
   void serve_broker() {
     if (!is_up) link_up();
     while (!under_way.empty()) {
@@ -46,7 +46,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
         continue;
       }
       ++closings;
-      if (first.qos == Qos::at_most_once) {  // it was written, and nobody answers that
+      if (first.qos == Qos::at_most_once) {  // written, and never acknowledged
         const std::uint64_t sequence = under_way.front().sequence;
         under_way.pop_front();
         outbox->on_published(sequence, now);
@@ -60,7 +60,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
   void run(Duration time, Duration step = 100ms) {
     for (const TimePoint end = now + time; now < end; pass(step)) serve_broker();
   }
-  /// The broker takes everything, and everything is said again that it did not take.
+  /// Lets the broker accept everything until nothing waits, then checks the promises.
   void expect_promises_kept_in_the_end() {
     is_poison = [](const BrokerMessage&) { return false; };
     run(2h, 1s);
@@ -69,7 +69,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
     EXPECT_TRUE(outbox->refused_topics().empty());
     test::expect_promises_kept(*this, topic_of, closings);
   }
-  /// The broker refuses messages of robots that are not allowed, and then closes the connection.
+  /// Refuses messages of robots that are not allowed, and then closes the connection.
   void serve_broker_that_closes_after_refusing(const std::set<std::string>& allowed) {
     while (!under_way.empty()) {
       if (allowed.contains(std::string(flow_of(under_way.front().message.topic)))) {
@@ -82,7 +82,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
       link_up();
     }
   }
-  /// The broker answers no message of `mute`. The connection ends 60 s after one of them was sent.
+  /// Answers no message on the topics of `mute`. The connection ends 60 s after one was sent.
   void serve_broker_that_does_not_answer(const std::set<std::string>& mute) {
     acknowledge_all_but(mute);
     if (under_way.empty()) unanswered_since.reset();
@@ -99,14 +99,14 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
       return is_retried(known.second.why.code, known.second.why.tries);
     });
   }
-  std::ptrdiff_t said(std::string_view words) const {
+  std::ptrdiff_t count_notices(std::string_view words) const {
     return std::count_if(notices.begin(), notices.end(), [&](const std::string& notice) {
       return notice.find(words) != std::string::npos;
     });
   }
 };
 
-TEST_F(OutboxClosingTest, TheMessageIsADeadLetterAloneAndAllOthersArrive) {
+TEST_F(OutboxClosingTest, MakesADeadLetterOfThatMessageOnlyAndDeliversAllOthers) {
   is_poison = [](const BrokerMessage& message) { return number_in(message) == "20"; };
   link_up();
   for (int i = 0; i < 40; ++i) say("r/" + std::to_string(i % 8) + "/t");
@@ -121,14 +121,14 @@ TEST_F(OutboxClosingTest, TheMessageIsADeadLetterAloneAndAllOthersArrive) {
   EXPECT_EQ(number_in(letter.message), "20");
   EXPECT_EQ(letter.why.reason, "the connection was lost each time the message was sent alone");
   EXPECT_EQ(letter.why.tries, 2u);
-  EXPECT_EQ(said("dead letter now"), 1);
+  EXPECT_EQ(count_notices("dead letter now"), 1);
   test::expect_promises_kept(*this, topic_of, closings);
   EXPECT_EQ(depth(), 0u);
   EXPECT_TRUE(outbox->refused_topics().empty());
-  EXPECT_EQ(fired.size(), number) << "all are acknowledged, this one when it was on disk";
+  EXPECT_EQ(fired.size(), number) << "all are acknowledged, the dead letter once it was on disk";
 }
 
-TEST_F(OutboxClosingTest, ATopicThatNeverPassesCostsFewerAndFewerConnections) {
+TEST_F(OutboxClosingTest, TriesATopicThatAlwaysFailsAfterGrowingPauses) {
   link_up();
   for (int i = 0; i < 600; ++i) {
     say("r/1/bad");
@@ -148,7 +148,7 @@ TEST_F(OutboxClosingTest, ATopicThatNeverPassesCostsFewerAndFewerConnections) {
   expect_promises_kept_in_the_end();
 }
 
-TEST_F(OutboxClosingTest, TheTopicGoesOnWhenTheBrokerTakesIt) {
+TEST_F(OutboxClosingTest, ResumesTheTopicOnceTheBrokerAcceptsIt) {
   link_up();
   for (int i = 0; i < 60; ++i) {
     say("r/1/bad");
@@ -159,7 +159,7 @@ TEST_F(OutboxClosingTest, TheTopicGoesOnWhenTheBrokerTakesIt) {
   run(5min, 1s);
   EXPECT_TRUE(outbox->refused_topics().empty());
   EXPECT_EQ(received_of("r/1/bad").size() + store.dead_letters.size(), 60u);
-  EXPECT_EQ(said("accepts messages on r/1/bad again"), 1);
+  EXPECT_EQ(count_notices("accepts messages on r/1/bad again"), 1);
   test::expect_promises_kept(*this, topic_of, closings);
 }
 
@@ -170,12 +170,12 @@ TEST_F(OutboxClosingTest, ManyBadTopicsCostFewConnections) {
     say("r/2/good");
     run(1s);
   }
-  EXPECT_LE(closings, 12u * 3 + 12) << "three to find a topic out, then fewer and fewer";
+  EXPECT_LE(closings, 12u * 3 + 12) << "three to find a topic, then fewer and fewer";
   EXPECT_EQ(received_of("r/2/good").size(), 600u);
   expect_promises_kept_in_the_end();
 }
 
-TEST_F(OutboxClosingTest, Qos0IsFoundOutToo) {
+TEST_F(OutboxClosingTest, FindsATopicWhoseMessagesOfQos0CloseTheConnection) {
   link_up();
   for (int i = 0; i < 3000; ++i) {
     say("r/1/bad", Qos::at_most_once);
@@ -186,18 +186,18 @@ TEST_F(OutboxClosingTest, Qos0IsFoundOutToo) {
   EXPECT_LE(closings, 15u);
   EXPECT_GE(received_of("r/2/good").size(), 2950u);
   EXPECT_EQ(received_of("r/3/good").size(), 300u);
-  EXPECT_EQ(said("messages of QoS 0 on r/1/bad are dropped"), 1);
+  EXPECT_EQ(count_notices("messages of QoS 0 on r/1/bad are dropped"), 1);
   is_poison = [](const BrokerMessage&) { return false; };
   for (int i = 0; i < 3000; ++i) {
     say("r/1/bad", Qos::at_most_once);
     run(2s);
   }
-  EXPECT_GE(received_of("r/1/bad").size(), 1000u) << "it is tried again, and goes on";
+  EXPECT_GE(received_of("r/1/bad").size(), 1000u) << "the topic is tried again, and resumes";
   EXPECT_TRUE(outbox->refused_topics().empty());
 }
 
-/// QoS 0 that comes all the time must not take every trial, nor come first on each connection.
-TEST_F(OutboxClosingTest, AKeptMessageHasItsTrialBesideAFloodOfQos0) {
+/// Steady QoS 0 must not take every trial, nor come first on each connection.
+TEST_F(OutboxClosingTest, TriesAStoredMessageAloneDespiteAFloodOfQos0) {
   until_reconnected = 16s;
   is_store_quick = false;  // QoS 0 is there before what is loaded
   link_up();
@@ -215,7 +215,7 @@ TEST_F(OutboxClosingTest, AKeptMessageHasItsTrialBesideAFloodOfQos0) {
   expect_promises_kept_in_the_end();
 }
 
-TEST_F(OutboxClosingTest, AConnectionThatBreaksByItselfAccusesNobody) {
+TEST_F(OutboxClosingTest, BlamesNoMessageWhenTheConnectionBreaksByItself) {
   link_up();
   for (int i = 0; i < 200; ++i) {
     for (int robot = 0; robot < 10; ++robot) {
@@ -226,12 +226,12 @@ TEST_F(OutboxClosingTest, AConnectionThatBreaksByItselfAccusesNobody) {
     run(2s);
   }
   EXPECT_TRUE(store.dead_letters.empty());
-  EXPECT_EQ(said("refuses messages"), 0);
+  EXPECT_EQ(count_notices("refuses messages"), 0);
   test::expect_promises_kept(*this, topic_of, 200);
 }
 
-/// Whatever is under way when a connection ends that has just begun: the line is bad.
-TEST_F(OutboxClosingTest, OnABadLineNoMessageIsAtFault) {
+/// A connection that ends soon after its begin shows a bad line, not a bad message.
+TEST_F(OutboxClosingTest, BlamesNoMessageOnABadLine) {
   for (int i = 0; i < 300; ++i) {
     for (int robot = 0; robot < 8; ++robot) say("r/" + std::to_string(robot) + "/t");
     if (!is_up) link_up();
@@ -248,11 +248,12 @@ TEST_F(OutboxClosingTest, OnABadLineNoMessageIsAtFault) {
   test::expect_promises_kept(*this, topic_of, 300);
 }
 
-TEST_F(OutboxClosingTest, NoMessageIsAtFaultWhileTheBrokerTakesNothing) {
+TEST_F(OutboxClosingTest, BlamesNoMessageWhileTheBrokerTakesNone) {
   is_poison = [](const BrokerMessage&) { return true; };
   for (int i = 0; i < 30; ++i) say("r/" + std::to_string(i % 3) + "/t");
   run(1h, 1s);
-  EXPECT_TRUE(all_dead_letters_are_retried()) << "all are lost alike: it is not the message";
+  EXPECT_TRUE(all_dead_letters_are_retried())
+      << "the connection is lost with each message, so no message is the cause";
   is_poison = [](const BrokerMessage&) { return false; };
   run(2h, 1s);
   EXPECT_EQ(depth(), 0u);
@@ -260,11 +261,11 @@ TEST_F(OutboxClosingTest, NoMessageIsAtFaultWhileTheBrokerTakesNothing) {
   test::expect_promises_kept(*this, topic_of, closings);
 }
 
-TEST_F(OutboxClosingTest, ARestartOfTheDaemonFindsItOutAgainAndLosesNothing) {
+TEST_F(OutboxClosingTest, FindsTheMessageAgainAfterARestartAndLosesNothing) {
   is_poison = [](const BrokerMessage& message) { return number_in(message) == "5"; };
   for (int i = 0; i < 20; ++i) say("r/" + std::to_string(i % 4) + "/t");
   for (int i = 0; i < 4; ++i) {
-    run(200ms);  // less than it takes to find it out
+    run(200ms);  // too short to find the message
     die();
     start();
   }
@@ -285,7 +286,7 @@ TEST_F(OutboxClosingTest, ARestartOfTheDaemonFindsItOutAgainAndLosesNothing) {
   test::expect_promises_kept(*this, topic_of, closings + 5);
 }
 
-TEST_F(OutboxClosingTest, ABrokerThatClosesAfterRefusingAccusesNobodyAndIsSeldomProvoked) {
+TEST_F(OutboxClosingTest, BlamesNoMessageAtABrokerThatClosesAfterRefusingAndRetriesSeldom) {
   link_up();
   for (int i = 0; i < 600; ++i) {
     for (int topic = 0; topic < 10; ++topic) say("denied/" + std::to_string(topic));
@@ -296,13 +297,13 @@ TEST_F(OutboxClosingTest, ABrokerThatClosesAfterRefusingAccusesNobodyAndIsSeldom
   }
   EXPECT_EQ(received_of("r/2/good").size(), 600u);
   EXPECT_TRUE(all_dead_letters_are_retried());
-  EXPECT_EQ(said("connection is lost"), 0);
+  EXPECT_EQ(count_notices("connection is lost"), 0);
   EXPECT_LE(closings, 40u) << "of 10 topics in ten minutes";
   settle();
   test::expect_promises_kept(*this, topic_of, closings);
 }
 
-/// A robot with a hundred topics that the access list forbids, while the broker was away.
+/// A robot filled a hundred topics that the access list forbids while the broker was away.
 TEST_F(OutboxClosingTest, OneRobotsForbiddenTopicsCostTheOthersFewConnections) {
   link_up();
   say("r/evil/adv");
@@ -333,7 +334,8 @@ TEST_F(OutboxClosingTest, OneRobotsForbiddenTopicsCostTheOthersFewConnections) {
   serve(10min, false);
   ASSERT_TRUE(all_of_good);
   EXPECT_LE(*all_of_good - begin, 1s) << "others do not wait for it";
-  EXPECT_EQ(received_of("r/evil/adv").size(), 2u) << "what the broker took before goes on";
+  EXPECT_EQ(received_of("r/evil/adv").size(), 2u)
+      << "the topic that the broker accepted before resumes";
   EXPECT_LE(closings, 20u);
   serve(30min, true);
   EXPECT_EQ(depth(), 0u) << "the list was corrected";
@@ -373,7 +375,7 @@ TEST_F(OutboxClosingTest, ARobotWhoseRefusalIsForgottenSendsNewTopics) {
   EXPECT_EQ(published_topics.back(), "r/a/new");
 }
 
-TEST_F(OutboxClosingTest, OthersDoNotWaitForATrialThatIsNotAnswered) {
+TEST_F(OutboxClosingTest, UnansweredTrialDelaysOtherMessagesOnlyForTrialPatience) {
   is_poison = [](const BrokerMessage& message) { return number_in(message) == "1"; };
   link_up();
   say("t");
@@ -389,7 +391,7 @@ TEST_F(OutboxClosingTest, OthersDoNotWaitForATrialThatIsNotAnswered) {
   EXPECT_EQ(under_way.size(), 2u);
 }
 
-TEST_F(OutboxClosingTest, ATrialIsNotAwaitedForEverWhenTheBrokerOwesAnAnswer) {
+TEST_F(OutboxClosingTest, AbandonsATrialThatWaitsBehindAnUnansweredMessage) {
   link_up();
   say("t");
   for (int i = 0; i < 2; ++i) {
@@ -402,10 +404,10 @@ TEST_F(OutboxClosingTest, ATrialIsNotAwaitedForEverWhenTheBrokerOwesAnAnswer) {
   say("other");
   EXPECT_EQ(under_way.size(), 1u);
   pass(Outbox::trial_patience);
-  EXPECT_EQ(under_way.size(), 3u) << "all go on";
+  EXPECT_EQ(under_way.size(), 3u) << "all are published";
 }
 
-TEST_F(OutboxClosingTest, ATopicThatIsNotAnsweredStopsNoOtherRobot) {
+TEST_F(OutboxClosingTest, UnansweredTopicStopsNoOtherRobot) {
   link_up();
   for (std::uint64_t i = 1; i <= 600; ++i) {
     for (int flood = 0; flood < 10; ++flood) say("r/evil/mute");
@@ -414,15 +416,16 @@ TEST_F(OutboxClosingTest, ATopicThatIsNotAnsweredStopsNoOtherRobot) {
       serve_broker_that_does_not_answer({"r/evil/mute"});
     ASSERT_GE(received_of("r/good/t").size() + 6, i) << "one trial at a time";
   }
-  EXPECT_LE(closings, 8u) << "fewer and fewer";
+  EXPECT_LE(closings, 8u) << "after growing pauses";
   EXPECT_EQ(fired.size(), number) << "kept on disk";
-  EXPECT_EQ(said("refuses messages on r/evil/mute: the broker does not answer messages"), 1);
-  EXPECT_GE(said("dead letter now: the broker did not answer"), 1);
+  EXPECT_EQ(count_notices("refuses messages on r/evil/mute: the broker does not answer messages"),
+            1);
+  EXPECT_GE(count_notices("dead letter now: the broker did not answer"), 1);
   ASSERT_EQ(outbox->refused_topics().count(), 1u);
   expect_promises_kept_in_the_end();
 }
 
-TEST_F(OutboxClosingTest, TopicsOfSeveralRobotsThatAreNotAnsweredAreFoundAtOnce) {
+TEST_F(OutboxClosingTest, FindsUnansweredTopicsOfSeveralRobotsWithOneConnection) {
   const std::set<std::string> mute{"r/a/mute", "r/b/mute", "r/b/mute2"};
   link_up();
   for (int i = 0; i < 20; ++i) {
@@ -438,7 +441,7 @@ TEST_F(OutboxClosingTest, TopicsOfSeveralRobotsThatAreNotAnsweredAreFoundAtOnce)
   expect_promises_kept_in_the_end();
 }
 
-TEST_F(OutboxClosingTest, ATopicThatIsNotAnsweredIsFoundInAWindowOfOneToo) {
+TEST_F(OutboxClosingTest, FindsAnUnansweredTopicInAWindowOfOne) {
   link_up();
   const auto run_mute = [&](int steps) {
     for (int i = 0; i < steps; ++i, pass(100ms)) {
@@ -467,11 +470,11 @@ TEST_F(OutboxClosingTest, ARefusedTopicThatIsNoLongerAnsweredCostsFewConnections
   }
   EXPECT_EQ(closings, 2u) << "once among others, once alone";
   EXPECT_EQ(received_of("r/2/good").size(), 1200u);
-  EXPECT_EQ(said("dead letter now: the broker did not answer"), 1);
+  EXPECT_EQ(count_notices("dead letter now: the broker did not answer"), 1);
   expect_promises_kept_in_the_end();
 }
 
-TEST_F(OutboxClosingTest, ALossBeforeTheBrokerTookTheTopicDoesNotCount) {
+TEST_F(OutboxClosingTest, CountsNoLossFromBeforeTheBrokerAcceptedTheTopic) {
   link_up();
   for (int i = 0; i < 400; ++i) say("r/1/bad");
   const auto tries = [this] {
@@ -492,7 +495,7 @@ TEST_F(OutboxClosingTest, ALossBeforeTheBrokerTookTheTopicDoesNotCount) {
   test::expect_promises_kept(*this, topic_of, closings);
 }
 
-TEST_F(OutboxClosingTest, AMessageWhoseAnswerWasLostArrivesInTheEnd) {
+TEST_F(OutboxClosingTest, RedeliversAMessageWhoseAcknowledgementWasLost) {
   link_up();
   say("r/1/t");
   say("r/2/t");
@@ -504,34 +507,34 @@ TEST_F(OutboxClosingTest, AMessageWhoseAnswerWasLostArrivesInTheEnd) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
-/// It is slow, but skips none.
-TEST_F(OutboxClosingTest, ABrokerThatAnswersNothingForAMinuteAccusesNobody) {
+/// The broker is slow, but skips no message.
+TEST_F(OutboxClosingTest, BlamesNoMessageWhenTheBrokerIsSilentForAMinute) {
   link_up();
   for (int i = 0; i < 20; ++i) say("r/" + std::to_string(i % 4) + "/t");
   pass(60s);
   link_down();
   EXPECT_TRUE(outbox->refused_topics().empty());
   settle();
-  EXPECT_EQ(said("refuses messages"), 0);
+  EXPECT_EQ(count_notices("refuses messages"), 0);
   test::expect_promises_kept(*this, topic_of, 1);
 }
 
-TEST_F(OutboxClosingTest, TheOnlyMessageUnderWayIsNotForgottenByABrokerThatHangs) {
+TEST_F(OutboxClosingTest, DoesNotBlameTheOnlyMessageUnderWayAtABrokerThatHangs) {
   for (const bool is_silent : {true, false}) {
     link_up();
     say(is_silent ? "r/1/t" : "r/2/t");
     outbox->on_silence(is_silent, now);
-    pass(is_silent ? 90s : 50s);  // at first it is not known that it hangs
+    pass(is_silent ? 90s : 50s);  // the hang is not noticed at first
     link_down();
     EXPECT_TRUE(outbox->refused_topics().empty()) << is_silent;
     link_up();
     acknowledge_all();
   }
-  EXPECT_EQ(said("does not answer"), 0);
+  EXPECT_EQ(count_notices("does not answer"), 0);
 }
 
-/// It is too large, so this host refuses it.
-TEST_F(OutboxClosingTest, AMessageThatCannotBeSentShowsNoAnswerOfTheBroker) {
+/// This host refuses the message because it is too large.
+TEST_F(OutboxClosingTest, DoesNotCountALocalRefusalAsAnAnswerOfTheBroker) {
   link_up();
   for (int i = 0; i < 4; ++i) say("r/" + std::to_string(i) + "/t");
   say("r/large/t");
@@ -539,21 +542,21 @@ TEST_F(OutboxClosingTest, AMessageThatCannotBeSentShowsNoAnswerOfTheBroker) {
   refuse_first(0x95);
   pass(60s);
   link_down();
-  EXPECT_EQ(said("does not answer"), 0);
+  EXPECT_EQ(count_notices("does not answer"), 0);
   link_up();
   acknowledge_all();
   EXPECT_EQ(received_of("r/0/t").size(), 1u) << "published again at once";
 }
 
 /// A message of QoS 2 takes two round trips, so later ones of QoS 1 pass it.
-TEST_F(OutboxClosingTest, AMessageOfQos2ThatOthersPassIsNotForgotten) {
+TEST_F(OutboxClosingTest, DoesNotBlameAMessageOfQos2ThatLaterOnesOvertake) {
   link_up();
   say("r/exact/t", Qos::exactly_once);
   say("r/1/t");
   pass(35s);
   acknowledge_quickest();
   link_down();
-  EXPECT_EQ(said("does not answer"), 0);
+  EXPECT_EQ(count_notices("does not answer"), 0);
   link_up();
   acknowledge_all();
   EXPECT_EQ(received_of("r/exact/t").size(), 1u) << "published again at once";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One script of an outage, run again and again: the process dies after each step in turn, or the
+// One script of an outage, run many times: the process is killed after each step in turn, or the
 // store fails at each write in turn.
 #include <gtest/gtest.h>
 
@@ -100,7 +100,7 @@ Script outage_script() {
   return script;
 }
 
-TEST(OutboxCrash, AfterADeathAtAnyStepEverythingAcknowledgedIsDeliveredInOrder) {
+TEST(OutboxCrash, DeliversAcknowledgedMessagesInOrderWhenKilledAtAnyStep) {
   const Script script = outage_script();
   for (std::size_t dies_after = 0; dies_after <= script.size(); ++dies_after) {
     SCOPED_TRACE("dies after step " + std::to_string(dies_after));
@@ -117,7 +117,7 @@ TEST(OutboxCrash, AfterADeathAtAnyStepEverythingAcknowledgedIsDeliveredInOrder) 
   }
 }
 
-TEST(OutboxCrash, AWriteThatWasDoneButNotAnsweredIsNoLossEither) {
+TEST(OutboxCrash, LosesNothingWhenKilledBetweenAWriteAndItsAnswer) {
   const Script script = outage_script();
   for (std::size_t dies_after = 0; dies_after <= script.size(); ++dies_after) {
     SCOPED_TRACE("dies after step " + std::to_string(dies_after));
@@ -132,7 +132,7 @@ TEST(OutboxCrash, AWriteThatWasDoneButNotAnsweredIsNoLossEither) {
   }
 }
 
-TEST(OutboxCrash, AStoreThatFailsOnceAtAnyWriteLosesNothing) {
+TEST(OutboxCrash, LosesNothingWhenTheStoreFailsOnceAtAnyWrite) {
   const Script script = outage_script();
   for (std::size_t n = 1; n <= 25; ++n) {
     SCOPED_TRACE("write " + std::to_string(n) + " fails");
@@ -145,7 +145,7 @@ TEST(OutboxCrash, AStoreThatFailsOnceAtAnyWriteLosesNothing) {
   }
 }
 
-TEST(OutboxCrash, AStoreThatFailsAndThenADeathLoseNothingAcknowledged) {
+TEST(OutboxCrash, LosesNoAcknowledgedMessageWhenKilledAfterAFailedWrite) {
   const Script script = outage_script();
   for (std::size_t n = 1; n <= 12; n += 3) {
     for (std::size_t dies_after = n; dies_after <= script.size(); dies_after += 7) {

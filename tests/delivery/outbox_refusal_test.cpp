@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that answers a PUBLISH with a reason code of 0x80 or above: the message is a dead
-// letter. Its topic is tried again after growing pauses, nobody else waits, and nothing
-// acknowledged is lost.
+// A broker that answers a PUBLISH with a reason code of 0x80 or above: the message becomes a dead
+// letter. Its topic is tried again after growing pauses, other topics do not wait, and no
+// acknowledged message is lost.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@ constexpr int quota_exceeded = 0x97;
 
 class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
  protected:
-  /// Sorted: a message may overtake one that was refused.
+  /// Sorted, because a message may overtake a refused one.
   static std::vector<std::string> numbers(std::uint64_t first, std::uint64_t count) {
     std::vector<std::string> out;
     for (std::uint64_t i = 0; i < count; ++i) out.push_back(std::to_string(first + i));
@@ -33,7 +33,7 @@ class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
     std::ranges::sort(all);
     return all;
   }
-  std::ptrdiff_t said(std::string_view words) const {
+  std::ptrdiff_t count_notices(std::string_view words) const {
     return std::count_if(notices.begin(), notices.end(), [&](const std::string& notice) {
       return notice.find(words) != std::string::npos;
     });
@@ -52,7 +52,7 @@ class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
     while (serve_store()) {
     }
   }
-  /// The broker refuses all of these topics and takes the rest.
+  /// Refuses messages on these topics and acknowledges all others.
   void answer_all(const std::vector<std::string>& refused, int code) {
     while (!under_way.empty()) {
       const std::string& topic = under_way.front().message.topic;
@@ -63,7 +63,7 @@ class OutboxRefusalTest : public testing::Test, public test::OutboxRig {
   }
 };
 
-TEST_F(OutboxRefusalTest, KeepsWhatIsRefusedAndDeliversItOnceTheBrokerTakesIt) {
+TEST_F(OutboxRefusalTest, StoresRefusedMessagesAndDeliversThemOnceTheBrokerAcceptsThem) {
   is_store_quick = true;
   link_up();
   for (std::uint64_t i = 1; i <= 100; ++i) {
@@ -100,7 +100,7 @@ TEST_F(OutboxRefusalTest, LaterMessagesOfARefusedTopicMayOvertake) {
   EXPECT_EQ(received_of("t"), (std::vector<std::string>{"2", "1"}));
 }
 
-TEST_F(OutboxRefusalTest, AWholeShareOfTheWindowThatIsRefusedArrivesInTheEnd) {
+TEST_F(OutboxRefusalTest, DeliversMessagesAfterARefusalOfARobotsWholeWindowShare) {
   link_up();
   for (std::uint64_t i = 1; i <= 40; ++i) submit("t", i);
   ASSERT_EQ(under_way.size(), window / 2);
@@ -115,7 +115,7 @@ TEST_F(OutboxRefusalTest, AWholeShareOfTheWindowThatIsRefusedArrivesInTheEnd) {
   EXPECT_EQ(all_of("t"), numbers(1, 42));
 }
 
-TEST_F(OutboxRefusalTest, NobodyElseWaits) {
+TEST_F(OutboxRefusalTest, RefusedTopicDelaysNoOtherTopic) {
   is_store_quick = true;
   link_up();
   std::uint64_t number = 0;
@@ -129,7 +129,7 @@ TEST_F(OutboxRefusalTest, NobodyElseWaits) {
   EXPECT_EQ(depth(), 0u);
 }
 
-TEST_F(OutboxRefusalTest, ABacklogOfOthersPassesTheRefusedTopic) {
+TEST_F(OutboxRefusalTest, DeliversTheBacklogOfOtherTopicsPastARefusedOne) {
   for (std::uint64_t i = 1; i <= 2000; ++i) submit(i % 2 ? "bad" : "good", i);
   serve_all();
   link_up();
@@ -147,7 +147,7 @@ TEST_F(OutboxRefusalTest, ABacklogOfOthersPassesTheRefusedTopic) {
   EXPECT_EQ(all_of("bad"), odd);
 }
 
-TEST_F(OutboxRefusalTest, SaysTopicAndReasonOnceAndThatTheBrokerTakesThemAgain) {
+TEST_F(OutboxRefusalTest, ReportsTopicAndReasonOnceAndWhenTheBrokerAcceptsThemAgain) {
   is_store_quick = true;
   link_up();
   submit("a", 1);
@@ -159,20 +159,21 @@ TEST_F(OutboxRefusalTest, SaysTopicAndReasonOnceAndThatTheBrokerTakesThemAgain) 
     submit("a", static_cast<std::uint64_t>(10 + i));
     answer_all({"a", "b"}, not_authorised);
   }
-  EXPECT_EQ(said("refuses messages on a: said so (0x87)"), 1);
-  EXPECT_EQ(said("refuses messages on b: said so (0x97)"), 1);
-  EXPECT_EQ(said("refuses messages on b: said so (0x87)"), 1) << "the reason has changed";
+  EXPECT_EQ(count_notices("refuses messages on a: some reason (0x87)"), 1);
+  EXPECT_EQ(count_notices("refuses messages on b: some reason (0x97)"), 1);
+  EXPECT_EQ(count_notices("refuses messages on b: some reason (0x87)"), 1)
+      << "the reason has changed";
   const std::vector<RefusedTopic> held = outbox->refused_topics().list(10);
   ASSERT_EQ(held.size(), 2u);
   const RefusedTopic& a = held[0].topic == "a" ? held[0] : held[1];
   EXPECT_EQ(a.waiting, 31u);
   EXPECT_EQ(a.refusal.code, not_authorised);
   settle();
-  EXPECT_EQ(said("accepts messages on a again"), 1);
+  EXPECT_EQ(count_notices("accepts messages on a again"), 1);
   EXPECT_EQ(notices.size(), 5u);
 }
 
-TEST_F(OutboxRefusalTest, AThousandRefusedTopicsAreAcceptedInTheEnd) {
+TEST_F(OutboxRefusalTest, DeliversAThousandRefusedTopicsOnceTheBrokerAcceptsThem) {
   is_store_quick = true;
   link_up();
   for (std::uint64_t i = 1; i <= 1000; ++i) {
@@ -185,7 +186,7 @@ TEST_F(OutboxRefusalTest, AThousandRefusedTopicsAreAcceptedInTheEnd) {
     EXPECT_EQ(received_of("t/" + std::to_string(i)).size(), 1u);
 }
 
-TEST_F(OutboxRefusalTest, WhatTheBrokerCanNeverTakeBecomesADeadLetterAlone) {
+TEST_F(OutboxRefusalTest, PermanentRefusalMakesADeadLetterOfThatMessageOnly) {
   link_up();
   for (std::uint64_t i = 1; i <= 3; ++i) submit("t", i);
   acknowledge_first();
@@ -198,10 +199,11 @@ TEST_F(OutboxRefusalTest, WhatTheBrokerCanNeverTakeBecomesADeadLetterAlone) {
   const auto& letter = store.dead_letters.begin()->second;
   EXPECT_EQ(letter.message.payload, to_bytes("2"));
   EXPECT_EQ(letter.why.code, topic_name_invalid);
-  EXPECT_EQ(letter.why.reason, "said so");
+  EXPECT_EQ(letter.why.reason, "some reason");
   EXPECT_EQ(outbox->statistics().dead_letters, 1u);
-  EXPECT_EQ(said("a message of 1 octets on t is a dead letter now: said so (0x90)"), 1);
-  EXPECT_TRUE(outbox->refused_topics().empty()) << "its topic goes on";
+  EXPECT_EQ(count_notices("a message of 1 octets on t is a dead letter now: some reason (0x90)"),
+            1);
+  EXPECT_TRUE(outbox->refused_topics().empty()) << "its topic is not refused";
   EXPECT_EQ(depth(), 0u);
   EXPECT_EQ(outbox->queued_bytes(), 0u);
   EXPECT_EQ(outbox->backlog().bytes(), 0u);
@@ -209,7 +211,7 @@ TEST_F(OutboxRefusalTest, WhatTheBrokerCanNeverTakeBecomesADeadLetterAlone) {
   EXPECT_EQ(received_of("t"), (std::vector<std::string>{"1", "3"}));
 }
 
-TEST_F(OutboxRefusalTest, ADeadLetterFromTheBacklogLeavesIt) {
+TEST_F(OutboxRefusalTest, RefusedMessageOfTheBacklogLeavesIt) {
   for (std::uint64_t i = 1; i <= 20; ++i) submit("t", i);
   serve_all();
   link_up();
@@ -222,7 +224,7 @@ TEST_F(OutboxRefusalTest, ADeadLetterFromTheBacklogLeavesIt) {
   EXPECT_EQ(outbox->backlog().bytes(), 0u);
 }
 
-TEST_F(OutboxRefusalTest, WhenTheDeadLetterCannotBeWrittenItIsTriedAgain) {
+TEST_F(OutboxRefusalTest, RetriesADeadLetterThatTheStoreFailedToWrite) {
   store.is_failing = true;
   link_up();
   submit("t", 1);
@@ -241,7 +243,7 @@ TEST_F(OutboxRefusalTest, WhenTheDeadLetterCannotBeWrittenItIsTriedAgain) {
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
 }
 
-TEST_F(OutboxRefusalTest, WithoutAStoreWhatCanNeverBeTakenIsNotAcknowledged) {
+TEST_F(OutboxRefusalTest, WithoutAStorePermanentlyRefusedMessagesAreNotAcknowledged) {
   outbox->on_store_event(StoreAbsent{}, now);
   link_up();
   submit("t", 1);
@@ -249,11 +251,11 @@ TEST_F(OutboxRefusalTest, WithoutAStoreWhatCanNeverBeTakenIsNotAcknowledged) {
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused));
   EXPECT_EQ(depth(), 0u);
   EXPECT_EQ(outbox->queued_bytes(), 0u);
-  EXPECT_EQ(said("was not delivered"), 1);
+  EXPECT_EQ(count_notices("was not delivered"), 1);
 }
 
-/// Sent again by an operator, it would replace a newer one at the broker.
-TEST_F(OutboxRefusalTest, AnOwnRetainedMessageIsNeverADeadLetter) {
+/// If an operator resent it, it would replace a newer one at the broker.
+TEST_F(OutboxRefusalTest, GatewaysOwnRetainedMessageNeverBecomesADeadLetter) {
   constexpr int packet_too_large = 0x95;
   is_store_quick = true;
   link_up();
@@ -293,8 +295,8 @@ TEST_F(OutboxRefusalTest, WithoutAStoreRefusedMessagesAreNotAcknowledged) {
   EXPECT_EQ(received_of("t"), (std::vector<std::string>{"42", "44"}));
 }
 
-/// Presence and state: only the last one of a topic is worth anything.
-TEST_F(OutboxRefusalTest, AnOlderRetainedMessageOfTheGatewayDoesNotComeAfterANewerOne) {
+/// Of presence and state only the last message of a topic counts.
+TEST_F(OutboxRefusalTest, PublishesNoOlderRetainedGatewayMessageAfterANewerOne) {
   is_store_quick = true;
   link_up();
   const auto state = [&](const char* text) {
@@ -329,7 +331,7 @@ TEST_F(OutboxRefusalTest, AnOlderRetainedMessageOfTheGatewayDoesNotComeAfterANew
   EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
-TEST_F(OutboxRefusalTest, OfTheGatewaysOwnRetainedMessagesTheLastIsTriedAgain) {
+TEST_F(OutboxRefusalTest, RetriesOnlyTheLastOfTheGatewaysOwnRetainedMessages) {
   is_store_quick = true;
   link_up();
   for (const char* state : {"1", "2", "3"}) {
@@ -346,7 +348,7 @@ TEST_F(OutboxRefusalTest, OfTheGatewaysOwnRetainedMessagesTheLastIsTriedAgain) {
   EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
-TEST_F(OutboxRefusalTest, ANewConnectionDoesNotEndThePause) {
+TEST_F(OutboxRefusalTest, NewConnectionDoesNotEndThePauseOfARefusedTopic) {
   is_store_quick = true;
   link_up();
   submit("t", 1);
@@ -365,7 +367,7 @@ TEST_F(OutboxRefusalTest, ANewConnectionDoesNotEndThePause) {
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
 }
 
-TEST_F(OutboxRefusalTest, ARefusedTopicIsRefusedAgainAfterARestartAndLosesNothing) {
+TEST_F(OutboxRefusalTest, RefusedTopicLosesNothingOverARestart) {
   be_refused(30);
   die();
   start();
@@ -378,7 +380,7 @@ TEST_F(OutboxRefusalTest, ARefusedTopicIsRefusedAgainAfterARestartAndLosesNothin
   EXPECT_EQ(all_of("t"), numbers(1, 30));
 }
 
-TEST_F(OutboxRefusalTest, DeadLettersGoUpAfterARestartWithoutANewMessage) {
+TEST_F(OutboxRefusalTest, RetriesDeadLettersAfterARestartWithoutANewMessage) {
   be_refused(300);
   die();
   start();
@@ -388,7 +390,7 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpAfterARestartWithoutANewMessage) {
   EXPECT_EQ(all_of("t"), numbers(1, 300));
 }
 
-TEST_F(OutboxRefusalTest, WhatCannotBeKeptWhileTheDiskFailsStaysADeadLetter) {
+TEST_F(OutboxRefusalTest, DeadLetterStaysOneWhileTheDiskFails) {
   is_store_quick = true;
   link_up();
   submit("t", 1);
@@ -405,7 +407,7 @@ TEST_F(OutboxRefusalTest, WhatCannotBeKeptWhileTheDiskFailsStaysADeadLetter) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
-TEST_F(OutboxRefusalTest, DeadLettersGoUpOnceTheDiskIsNoLongerFull) {
+TEST_F(OutboxRefusalTest, DeliversDeadLettersOnceTheDiskIsNoLongerFull) {
   be_refused(100);
   pass(2min);
   ASSERT_EQ(under_way.size(), 1u) << "one is tried";
@@ -415,18 +417,18 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpOnceTheDiskIsNoLongerFull) {
   EXPECT_EQ(store.dead_letters.size(), 99u);
   EXPECT_NE(outbox->store_trouble(), "");
   for (int i = 0; i < 30; ++i) pass(1s);
-  EXPECT_EQ(said("the store cannot be written: no space left"), 1) << "once a minute";
+  EXPECT_EQ(count_notices("the store cannot be written: no space left"), 1) << "once a minute";
   store.is_failing = false;
   for (int i = 0; i < 60; ++i) {
     pass(1s);
     acknowledge_all();
   }
-  EXPECT_EQ(all_of("t"), numbers(1, 100)) << "though nothing else was stored meanwhile";
+  EXPECT_EQ(all_of("t"), numbers(1, 100)) << "though nothing else was stored in between";
   EXPECT_EQ(outbox->store_trouble(), "");
 }
 
-/// Its topic is under suspicion for a moment while its dead letters go up.
-TEST_F(OutboxRefusalTest, DeadLettersGoUpThoughTheConnectionBreaksMeanwhile) {
+/// A loss during the retry counts against the topic for a moment.
+TEST_F(OutboxRefusalTest, DeliversDeadLettersThoughTheConnectionBreaksDuringTheirRetry) {
   be_refused(400);
   for (int losses = 0; losses < 2; ++losses) {
     pass(2min);
@@ -440,14 +442,14 @@ TEST_F(OutboxRefusalTest, DeadLettersGoUpThoughTheConnectionBreaksMeanwhile) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
-TEST_F(OutboxRefusalTest, WhatAnOperatorResendsIsTriedAtOnce) {
+TEST_F(OutboxRefusalTest, PublishesDeadLettersAtOnceWhenAnOperatorResendsThem) {
   be_refused(100);
   for (int i = 0; i < 100; ++i) {
     pass(1s);
     refuse_all();
   }
   pass(1s);
-  ASSERT_TRUE(under_way.empty()) << "the topic rests for a minute";
+  ASSERT_TRUE(under_way.empty()) << "the topic pauses for a minute";
   outbox->on_store_event(store.revive_all(now), now);
   drain();
   EXPECT_EQ(under_way.size(), 1u);
@@ -459,7 +461,7 @@ TEST_F(OutboxRefusalTest, WhatAnOperatorResendsIsTriedAtOnce) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
-TEST_F(OutboxRefusalTest, DiscardedLettersDoNotWaitAnyMore) {
+TEST_F(OutboxRefusalTest, DiscardedDeadLettersNoLongerCountAsWaiting) {
   be_refused(100);
   ASSERT_EQ(outbox->list_refused(1)[0].waiting, 100u);
   outbox->on_store_event(store.discard_all(), now);
@@ -472,8 +474,8 @@ TEST_F(OutboxRefusalTest, DiscardedLettersDoNotWaitAnyMore) {
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"101"});
 }
 
-/// Else the store would take more messages than it has room for.
-TEST_F(OutboxRefusalTest, LettersThatAreNotWrittenYetTakeRoom) {
+/// Otherwise the store would accept more messages than it has room for.
+TEST_F(OutboxRefusalTest, CountsDeadLettersThatAreNotWrittenYet) {
   be_refused(1);
   is_store_quick = false;
   submit("t", 2);
@@ -485,8 +487,8 @@ TEST_F(OutboxRefusalTest, LettersThatAreNotWrittenYetTakeRoom) {
   settle();
 }
 
-/// Letters 1 and 2 were asked for when the operator discards them; letter 3 was not yet written.
-TEST_F(OutboxRefusalTest, ALetterIsFetchedThoughEarlierOnesAreDiscardedMeanwhile) {
+/// The operator discards letters 1 and 2 while they are requested; letter 3 is not written yet.
+TEST_F(OutboxRefusalTest, RetriesADeadLetterThoughEarlierOnesWereDiscarded) {
   be_refused(2);
   is_store_quick = false;
   pass(1s);  // the store is asked for a letter
@@ -499,7 +501,7 @@ TEST_F(OutboxRefusalTest, ALetterIsFetchedThoughEarlierOnesAreDiscardedMeanwhile
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
-TEST_F(OutboxRefusalTest, ALetterIsTriedAgainThoughAnotherOneOfItsTopicWasResentInVain) {
+TEST_F(OutboxRefusalTest, RetriesADeadLetterThoughAResentOneOfItsTopicWasRefusedAgain) {
   is_store_quick = true;
   link_up();
   submit("t", 1);
@@ -517,7 +519,7 @@ TEST_F(OutboxRefusalTest, ALetterIsTriedAgainThoughAnotherOneOfItsTopicWasResent
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"2"});
 }
 
-TEST_F(OutboxRefusalTest, ALetterFollowsThoughAnOperatorTookTheOneThatWasAskedFor) {
+TEST_F(OutboxRefusalTest, DeliversALaterMessageThoughAnOperatorResentTheRequestedLetter) {
   link_up();
   submit("t", 1);
   refuse_all();
@@ -531,7 +533,7 @@ TEST_F(OutboxRefusalTest, ALetterFollowsThoughAnOperatorTookTheOneThatWasAskedFo
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
-TEST_F(OutboxRefusalTest, ALetterFollowsThoughTheStoreFailedToMakeItOneAtFirst) {
+TEST_F(OutboxRefusalTest, DeliversAMessageThatTheStoreFirstFailedToMakeADeadLetter) {
   submit("t", 1);
   serve_all();
   link_up();
@@ -543,8 +545,8 @@ TEST_F(OutboxRefusalTest, ALetterFollowsThoughTheStoreFailedToMakeItOneAtFirst) 
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
 }
 
-/// Between the requests the store takes writes that need no room.
-TEST_F(OutboxRefusalTest, AStoreThatTakesSomeWritesOnlyIsSaidOnceAMinute) {
+/// Between these requests the store takes writes that need no room.
+TEST_F(OutboxRefusalTest, ReportsAStoreThatTakesOnlySomeWritesOnceAMinute) {
   be_refused(1);
   store.is_full = true;
   for (std::uint64_t i = 0; i < 150; ++i) {
@@ -553,15 +555,15 @@ TEST_F(OutboxRefusalTest, AStoreThatTakesSomeWritesOnlyIsSaidOnceAMinute) {
     acknowledge_all();
     for (int second = 0; second < 2; ++second) pass(1s);
   }
-  EXPECT_LE(said("cannot be written"), 10) << "in ten minutes";
-  EXPECT_LE(said("works again"), 10);
+  EXPECT_LE(count_notices("cannot be written"), 10) << "in ten minutes";
+  EXPECT_LE(count_notices("works again"), 10);
   store.is_full = false;
   settle();
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
   EXPECT_EQ(outbox->store_trouble(), "");
 }
 
-TEST_F(OutboxRefusalTest, AStoreThatMakesNoMessageOfALetterIsAskedSeldom) {
+TEST_F(OutboxRefusalTest, RetriesDeadLettersSeldomWhileTheStoreIsFull) {
   be_refused(1);
   store.is_full = true;
   for (int i = 0; i < 300; ++i) pass(1s);
@@ -571,7 +573,7 @@ TEST_F(OutboxRefusalTest, AStoreThatMakesNoMessageOfALetterIsAskedSeldom) {
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
 }
 
-TEST_F(OutboxRefusalTest, AnOldAnswerOfTheStoreIsNotTakenForANewOne) {
+TEST_F(OutboxRefusalTest, DoesNotMistakeAnOldAnswerOfTheStoreForANewOne) {
   be_refused(2);
   pass(1s);
   is_store_quick = false;
@@ -590,7 +592,7 @@ TEST_F(OutboxRefusalTest, AnOldAnswerOfTheStoreIsNotTakenForANewOne) {
   EXPECT_EQ(all_of("t"), (std::vector<std::string>{"1", "3", "4"}));
 }
 
-TEST_F(OutboxRefusalTest, AnAnswerAboutDeadLettersDoesNotHideThatTheStoreFails) {
+TEST_F(OutboxRefusalTest, AnswerAboutDeadLettersDoesNotHideThatTheStoreFails) {
   link_up();
   submit("t", 1);
   refuse_all();
@@ -602,7 +604,7 @@ TEST_F(OutboxRefusalTest, AnAnswerAboutDeadLettersDoesNotHideThatTheStoreFails) 
   EXPECT_NE(outbox->store_trouble(), "");
 }
 
-TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
+TEST_F(OutboxRefusalTest, RefusedTopicLeavesMostOfTheStoreToOtherTopics) {
   max_bytes = 1000 * stored_cost(3, 4);
   start();
   be_refused(2000, "bad", 1001);
@@ -616,7 +618,7 @@ TEST_F(OutboxRefusalTest, ARefusedTopicLeavesMostOfTheStoreToTheOthers) {
   EXPECT_EQ(received_of("good").size(), 300u);
 }
 
-TEST_F(OutboxRefusalTest, ALineAboutRefusedTopicsCountsNoMessagesForWhichTheStoreWasFull) {
+TEST_F(OutboxRefusalTest, LogLineOfRefusedTopicsCountsNoMessagesOfAFullStore) {
   max_bytes = 1000 * stored_cost(3, 4);
   start();
   is_store_quick = true;
@@ -662,7 +664,7 @@ TEST_F(OutboxRefusalTest, ARobotWithARefusedTopicLeavesRoomForDeadLettersOfOther
   EXPECT_FALSE(outbox->backlog().has_little_room_for_letters());
 }
 
-TEST_F(OutboxRefusalTest, UnacknowledgedMessagesOfARefusedTopicDoNotWait) {
+TEST_F(OutboxRefusalTest, DropsMessagesOfQos0OfARefusedTopic) {
   is_store_quick = true;
   link_up();
   submit("t", 1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // An outbox between robots, a broker and a store, on a virtual clock: verbs for tests, and what
-// each side has seen. Messages carry their number as payload.
+// each side has received. Messages carry their number as payload.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ class OutboxRig {
     outbox = std::make_unique<Outbox>(window, max_bytes);
     open_store();
   }
-  /// Everything in memory is gone, and so is what the store was asked and had not done.
+  /// Loses everything in memory, and the requests that the store has not served.
   void die() {
     store.on_process_died();
     under_way.clear();
@@ -64,8 +64,8 @@ class OutboxRig {
     outbox->on_link_up(receive_maximum, now);
     drain();
   }
-  /// The broker has received the first `received_unacknowledged` of what was under way; their
-  /// acknowledgements are lost.
+  /// Loses the connection. The broker has received the first `received_unacknowledged` messages
+  /// under way; their acknowledgements are lost.
   void link_down(std::size_t received_unacknowledged = 0) {
     for (std::size_t i = 0; i < std::min(received_unacknowledged, under_way.size()); ++i) {
       receive(under_way[i].message);
@@ -78,7 +78,7 @@ class OutboxRig {
       refused_topics.insert(refused.topic);
   }
   void acknowledge_first() { acknowledge(under_way.begin()); }
-  /// A broker takes a message of QoS 2 a round trip later, so that later ones pass it.
+  /// Acknowledges QoS 1 first: QoS 2 takes a round trip longer, so later messages overtake it.
   void acknowledge_quickest() {
     const auto quick = std::ranges::find_if(under_way, [](const Published& published) {
       return published.message.qos != Qos::exactly_once;
@@ -100,14 +100,14 @@ class OutboxRig {
     const std::uint64_t sequence = under_way.front().sequence;
     refused_topics.insert(under_way.front().message.topic);
     under_way.pop_front();
-    outbox->on_publish_refused(sequence, {code, "said so"}, now);
+    outbox->on_publish_refused(sequence, {code, "some reason"}, now);
     drain();
   }
   void refuse_all(int code = 0x87) {
     while (!under_way.empty()) refuse_first(code);
   }
-  /// What the broker does not have: the status shows it as the depths of queue and store. What is
-  /// being written counts in both.
+  /// Returns how many messages the broker does not have, as the status shows them: the depths of
+  /// queue and store. A message that is being written counts in both.
   std::size_t depth() const { return outbox->unsaved() + outbox->backlog().rows(); }
   std::vector<std::string> received_of(const std::string& topic) const {
     const auto found = received.find(topic);
@@ -130,9 +130,9 @@ class OutboxRig {
     outbox->on_deadline(now);
     drain();
     const auto next = outbox->deadline();
-    EXPECT_TRUE(!next || *next > now) << "a deadline that was served comes at once again";
+    EXPECT_TRUE(!next || *next > now) << "a deadline that was served is due again at once";
   }
-  /// A broker and a store that work, for as long as there is something to do.
+  /// Lets broker and store work until nothing is left to do.
   void settle() {
     if (!is_up) link_up();
     for (int idle = 0; idle < 200; ++idle) {
@@ -156,7 +156,7 @@ class OutboxRig {
   TimePoint now{std::chrono::hours{1}};
   std::uint64_t max_bytes;
   FakeStore store;
-  bool is_store_quick = false;  ///< it serves at once
+  bool is_store_quick = false;  ///< the store serves each request at once
   std::unique_ptr<Outbox> outbox;
   bool is_up = false;
   struct Published {
@@ -167,7 +167,8 @@ class OutboxRig {
   std::vector<std::string> published_topics;
   std::map<std::string, std::vector<std::string>> received;  ///< by topic, payloads as text
   std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
-  /// At any time, also with their flow. Their messages may overtake each other.
+  /// All topics that were ever refused, also with their flow. Their messages may overtake each
+  /// other.
   std::set<std::string> refused_topics;
   std::vector<MessageStep> steps;
   std::vector<std::string> notices;

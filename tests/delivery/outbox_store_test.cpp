@@ -38,15 +38,15 @@ class OutboxStoreTest : public testing::Test, public test::OutboxRig {
   }
 };
 
-TEST_F(OutboxStoreTest, CommitsTogetherWhatCameWhileACommitRan) {
+TEST_F(OutboxStoreTest, CommitsMessagesThatCameDuringACommitTogether) {
   for (std::uint64_t i = 1; i <= 500; ++i) submit("t", i);
   serve_all();
-  EXPECT_EQ(store.commits, 2u) << "the first message, then all that came meanwhile";
+  EXPECT_EQ(store.commits, 2u) << "the first message, then all that came during its commit";
   EXPECT_EQ(store.rows.size(), 500u);
   EXPECT_EQ(outbox->backlog().stored_total(), 500u);
 }
 
-TEST_F(OutboxStoreTest, StoresQos1And2ThatNobodyWaitsForAndNoQos0) {
+TEST_F(OutboxStoreTest, StoresQos1And2WithoutAReceiptAndNoQos0) {
   submit("ble", 0);
   submit("exactly", 0, Qos::exactly_once);
   submit("often", 0, Qos::at_most_once);
@@ -77,7 +77,7 @@ TEST_F(OutboxStoreTest, DeletesDeliveredMessagesInBatches) {
   EXPECT_LE(store.commits - before, 2000 / Backlog::forget_batch + 3);
 }
 
-TEST_F(OutboxStoreTest, AFailingStoreLeavesRoomBesideMessagesThatAreSetAside) {
+TEST_F(OutboxStoreTest, WaitingMessagesLeaveMemoryForOtherRobotsWhileTheStoreFails) {
   store_backlog("robot/a/x", 1, 1);
   store.is_failing = true;
   link_up();  // the stored message is asked for, and is not read
@@ -130,7 +130,7 @@ TEST_F(OutboxStoreTest, ABacklogTakesTurnsInAWindowOfOneToo) {
   EXPECT_EQ(std::count(published_topics.begin(), published_topics.end(), "old"), 10);
 }
 
-TEST_F(OutboxStoreTest, ABrokerThatDoesNotAcknowledgeIsNotWaitedFor) {
+TEST_F(OutboxStoreTest, StoresMessagesWhileTheBrokerDoesNotAcknowledge) {
   link_up();
   for (std::uint64_t i = 1; i <= 40; ++i) submit("t" + std::to_string(i), i);
   pass(1s);
@@ -152,7 +152,7 @@ TEST_F(OutboxStoreTest, ABrokerThatDoesNotAcknowledgeIsNotWaitedFor) {
   EXPECT_FALSE(store.is_asked()) << "the broker is quick again";
 }
 
-TEST_F(OutboxStoreTest, ABrokerThatIsSlowerThanTheRobotsIsNotWaitedForEither) {
+TEST_F(OutboxStoreTest, StoresMessagesWhileTheBrokerIsSlowerThanTheRobots) {
   link_up();
   std::uint64_t number = 0;
   for (int i = 0; i < 100; ++i) {  // ten come, one is acknowledged, each 100 ms
@@ -169,7 +169,7 @@ TEST_F(OutboxStoreTest, ABrokerThatIsSlowerThanTheRobotsIsNotWaitedForEither) {
   EXPECT_EQ(total, number);
 }
 
-TEST_F(OutboxStoreTest, AnUnacknowledgedMessageQueuesBehindItsTopicToo) {
+TEST_F(OutboxStoreTest, QueuesAMessageOfQos0BehindTheBacklogOfItsTopic) {
   store_backlog("t", 1, 3);
   link_up();
   submit("t", 0, Qos::at_most_once);
@@ -178,7 +178,7 @@ TEST_F(OutboxStoreTest, AnUnacknowledgedMessageQueuesBehindItsTopicToo) {
   EXPECT_EQ(received_of("t"), (std::vector<std::string>{"1", "2", "3", "0"}));
 }
 
-TEST_F(OutboxStoreTest, WhatIsAcknowledgedWhileItIsCopiedIsDeletedAgain) {
+TEST_F(OutboxStoreTest, DeletesTheStoredCopyOfAMessageAcknowledgedDuringTheWrite) {
   link_up();
   submit("t", 1);
   pass(2s);
@@ -192,7 +192,7 @@ TEST_F(OutboxStoreTest, WhatIsAcknowledgedWhileItIsCopiedIsDeletedAgain) {
   EXPECT_EQ(outbox->backlog().rows(), 0u);
 }
 
-TEST_F(OutboxStoreTest, WhatIsLostWithTheLinkWhileItIsCopiedComesFromTheStore) {
+TEST_F(OutboxStoreTest, PublishesFromTheStoreWhenTheLinkIsLostDuringTheWrite) {
   link_up();
   submit("t", 1);
   pass(2s);
@@ -204,7 +204,7 @@ TEST_F(OutboxStoreTest, WhatIsLostWithTheLinkWhileItIsCopiedComesFromTheStore) {
   EXPECT_EQ(received_of("t"), numbers(1, 2));
 }
 
-TEST_F(OutboxStoreTest, AFullStoreRefusesAndSaysSoOnce) {
+TEST_F(OutboxStoreTest, FullStoreRefusesMessagesAndReportsThatOnce) {
   max_bytes = 100 * stored_cost(1, 2);
   start();
   is_store_quick = true;
@@ -219,11 +219,11 @@ TEST_F(OutboxStoreTest, AFullStoreRefusesAndSaysSoOnce) {
   const std::size_t acknowledged = store.rows.size();
   EXPECT_EQ(outbox->statistics().refused, 140 - acknowledged);
   submit("t", 0);
-  EXPECT_EQ(outbox->statistics().dropped, 1u) << "nobody waits for its acknowledgement";
+  EXPECT_EQ(outbox->statistics().dropped, 1u) << "it has no receipt";
 
   link_up();
   submit("other", 5000);
-  EXPECT_EQ(fired.count(5000), 0u) << "what need not be stored goes to the broker";
+  EXPECT_EQ(fired.count(5000), 0u) << "it goes to the broker without the store";
   settle();
   EXPECT_FALSE(outbox->backlog().is_full());
   EXPECT_EQ(received_of("t").size() + received_of("u").size(), acknowledged);
@@ -243,7 +243,7 @@ class StoreShare : public OutboxStoreTest {
   static std::uint64_t cost(const std::string& robot) {
     return stored_cost(topic(robot).size(), 6);
   }
-  /// True when it was acknowledged.
+  /// Returns true when it was acknowledged.
   bool send(const std::string& robot) {
     const std::uint64_t receipt = ++last_receipt;
     submit(topic(robot), receipt);
@@ -255,14 +255,14 @@ class StoreShare : public OutboxStoreTest {
   std::uint64_t last_receipt = 100000;
 };
 
-TEST_F(StoreShare, OfManyMadeUpNamesIsAllOfIt) {
+TEST_F(StoreShare, OfManyInventedNamesIsTheWholeStore) {
   int names = 0;
   while (send("made-up-" + std::to_string(names))) ASSERT_LT(++names, 100000);
   EXPECT_TRUE(outbox->backlog().is_full());
   EXPECT_FALSE(send("r1")) << "docs/security.md says so";
 }
 
-TEST_F(StoreShare, OfAFloodLeavesRoomForTheOthers) {
+TEST_F(StoreShare, OfAFloodingRobotLeavesRoomForOthers) {
   for (int round = 0; round < 100; ++round) {
     for (int i = 0; i < 100; ++i) send("r0");
     for (const std::string robot : {"r1", "r2", "r3", "r4", "r5"})
@@ -284,7 +284,7 @@ TEST_F(StoreShare, OfAFloodLeavesRoomForTheOthers) {
   EXPECT_TRUE(send("r0"));
 }
 
-TEST_F(StoreShare, OfALoneRobotIsMostOfTheStore) {
+TEST_F(StoreShare, OfALoneRobotIsThreeQuartersOfTheStore) {
   for (std::uint64_t i = 0; i < messages; ++i) send("r0");
   EXPECT_GE(acknowledged["r0"].size(), messages * 3 / 4);
   EXPECT_LE(acknowledged["r0"].size(), messages * 3 / 4 + 1);
@@ -302,10 +302,10 @@ TEST_F(StoreShare, OfOneRobotIsTheSameForSmallAndLargeMessages) {
   while (send("r0")) {
   }
   submit_bytes(topic("r0"), {}, 1);
-  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused)) << "it would pass the one that was refused";
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused)) << "it would overtake the refused one";
 }
 
-TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhile) {
+TEST_F(OutboxStoreTest, RetriesAFailingStoreAndAcknowledgesNothingUntilItWorks) {
   store.is_failing = true;
   for (std::uint64_t i = 1; i <= 100; ++i) submit("t", i);
   serve_all();
@@ -328,8 +328,8 @@ TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhi
   EXPECT_EQ(received_of("t"), numbers(1, 100));
 }
 
-TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinute) {
-  const auto said = [this] {
+TEST_F(OutboxStoreTest, ReportsAFailingStoreOnceAMinute) {
+  const auto reports = [this] {
     return std::count_if(notices.begin(), notices.end(), [](const std::string& notice) {
       return notice.find("cannot be written") != std::string::npos;
     });
@@ -340,7 +340,7 @@ TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinute) {
     serve_all();
     pass(1s);
   }
-  EXPECT_EQ(said(), 1);
+  EXPECT_EQ(reports(), 1);
   EXPECT_EQ(outbox->store_trouble(), "it cannot be written: no space left on device");
   store.is_failing = false;
   for (int i = 0; i < 61; ++i) {
@@ -351,10 +351,10 @@ TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinute) {
   store.is_failing = true;
   submit("t", 2);
   serve_all();
-  EXPECT_EQ(said(), 2) << "not taken for a repetition";
+  EXPECT_EQ(reports(), 2) << "a new failure is no repetition";
 }
 
-TEST_F(OutboxStoreTest, AStoreThatWorksAgainIsSeenWithoutAMessageToStore) {
+TEST_F(OutboxStoreTest, NoticesThatTheStoreWorksAgainWithoutAMessageToStore) {
   link_up();
   store.is_failing = true;
   submit("t", 1);
@@ -371,7 +371,7 @@ TEST_F(OutboxStoreTest, AStoreThatWorksAgainIsSeenWithoutAMessageToStore) {
   EXPECT_TRUE(is_noticed("works again"));
 }
 
-TEST_F(OutboxStoreTest, AStoreThatCanBeReadAgainSaysSo) {
+TEST_F(OutboxStoreTest, WithdrawsTheReadErrorOnceTheStoreCanBeReadAgain) {
   store_backlog("t", 1, 3);
   link_up();
   outbox->on_store_event(StoreLoadFailed{"Input/output error"}, now);
@@ -410,7 +410,7 @@ TEST_F(OutboxStoreTest, AFullDiskDrainsAndHasRoomAgain) {
   store.is_full = true;
   link_up();
   for (std::uint64_t i = 1; received_of("t").size() < many && i <= 1000; ++i) {
-    submit("t", many + i);  // waits for those before it, and so should be stored
+    submit("t", many + i);  // should be stored, because it waits for earlier ones
     for (int k = 0; k < 64; ++k) {
       acknowledge_all();
       serve_store();
@@ -431,7 +431,7 @@ TEST_F(OutboxStoreTest, AFullDiskDrainsAndHasRoomAgain) {
   EXPECT_EQ(depth(), 0u);
 }
 
-TEST_F(OutboxStoreTest, ADiskThatTakesNoErasureEitherIsTriedSeldom) {
+TEST_F(OutboxStoreTest, RetriesErasuresSeldomOnADiskThatTakesNone) {
   store_backlog("t", 1, 20);
   store.is_failing = true;
   link_up();
@@ -461,7 +461,7 @@ TEST_F(OutboxStoreTest, AfterARestartTheBacklogComesBeforeFreshMessages) {
   EXPECT_EQ(received_of("t"), numbers(1, 301));
 }
 
-TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredInTheirOldPlaces) {
+TEST_F(OutboxStoreTest, DeliversResentDeadLettersOnceAndInTheirOldOrder) {
   store_backlog("t", 1, 4);
   store_backlog("u", 1000, 600);
   for (const std::uint64_t row : {1u, 2u, 4u}) {
@@ -489,7 +489,7 @@ TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredInTheirOldPlaces)
   EXPECT_EQ(outbox->backlog().bytes(), 0u);
 }
 
-TEST_F(OutboxStoreTest, DamagedRowsAreLeftOutAndBlockNothing) {
+TEST_F(OutboxStoreTest, SkipsDamagedRowsAndDeliversAllOthers) {
   store_backlog("t", 1, 600);
   store.damaged = {1, 100, 256, 257, 600};
   link_up();
@@ -505,7 +505,7 @@ TEST_F(OutboxStoreTest, DamagedRowsAreLeftOutAndBlockNothing) {
   EXPECT_EQ(store.commits, commits) << "no detour through the store for its topic";
 }
 
-/// The disk was full for so long that its next try is far away.
+/// The disk was full for a minute, so the next regular try is far away.
 TEST_F(OutboxStoreTest, AnOrderlyStopTriesAFailingStoreOnceMore) {
   store_backlog("t", 1, 20);
   link_up();
@@ -525,10 +525,10 @@ TEST_F(OutboxStoreTest, AnOrderlyStopTriesAFailingStoreOnceMore) {
   while (serve_store()) {
   }
   EXPECT_TRUE(outbox->is_settled());
-  EXPECT_TRUE(store.rows.empty()) << "else all of them come again";
+  EXPECT_TRUE(store.rows.empty()) << "otherwise all of them are delivered twice";
 }
 
-TEST_F(OutboxStoreTest, AStoreThatCannotBeReadIsAskedAgain) {
+TEST_F(OutboxStoreTest, RetriesAStoreThatCannotBeRead) {
   store_backlog("t", 1, 5);
   link_up();
   store.on_process_died();  // the answer to the load comes from here

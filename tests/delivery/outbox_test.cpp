@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The outbox with a broker that comes and goes; the store only where it shows. More of the store in
-// outbox_store_test.cpp.
+// The outbox with a broker that comes and goes. More of the store in outbox_store_test.cpp.
 #include "daemon/delivery/outbox.hpp"
 
 #include <gtest/gtest.h>
@@ -27,7 +26,7 @@ TEST_F(OutboxTest, FiresAReceiptOnlyWhenTheBrokerHasTheMessage) {
   EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
-TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
+TEST_F(OutboxTest, ReportsStepsOfRobotsMessagesOnlyWhileTraced) {
   const auto submit_from_robot = [&](std::uint64_t receipt, Qos qos) {
     outbox->submit({"t", {1}, qos, false, Provenance{Mesh::ble, {}}}, {Mesh::ble, receipt}, now);
     drain();
@@ -35,7 +34,7 @@ TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
   link_up();
   submit_from_robot(1, Qos::at_least_once);
   acknowledge_all();
-  EXPECT_TRUE(steps.empty()) << "nobody listens";
+  EXPECT_TRUE(steps.empty()) << "nothing is traced";
   outbox->on_trace(true);
   outbox->submit({"own", {2}, Qos::at_least_once, false}, no_receipt, now);  // the gateway's own
   drain();
@@ -59,7 +58,7 @@ TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
   EXPECT_EQ(steps[2].qos, Qos::at_most_once);
 }
 
-/// The ages of all messages are looked at once a second at most.
+/// The outbox checks the ages of all messages at most once a second.
 TEST_F(OutboxTest, PublishesNoQos0MessageThatHasWaitedTooLong) {
   link_up();
   outbox->on_silence(true, now);
@@ -88,7 +87,7 @@ TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
   EXPECT_EQ(outbox->statistics().published, 40u);
 }
 
-/// The broker takes a message of QoS 2 only when PUBREL comes.
+/// A broker may publish a message of QoS 2 only when PUBREL comes.
 TEST_F(OutboxTest, KeepsTheOrderOfATopicAcrossQos) {
   link_up();
   submit("t", 1, Qos::exactly_once);
@@ -111,7 +110,7 @@ TEST_F(OutboxTest, KeepsTheOrderOfATopicAcrossQos) {
   EXPECT_EQ(depth(), 0u);
 }
 
-/// A broker that does not answer a message of QoS 2 may have the whole store wait behind it.
+/// The whole store may wait behind one unanswered message of QoS 2.
 TEST_F(OutboxTest, ReadsNoMoreThanAPageForATopicThatWaits) {
   submit("t", 1, Qos::exactly_once);
   for (std::uint64_t i = 2; i <= 2000; ++i) submit("t", i);
@@ -127,8 +126,7 @@ TEST_F(OutboxTest, ReadsNoMoreThanAPageForATopicThatWaits) {
   EXPECT_EQ(received_of("t").size(), 2000u);
 }
 
-/// A message that waits for another of its topic is refused with it.
-TEST_F(OutboxTest, RefusesWhatWaitedForARefusedMessage) {
+TEST_F(OutboxTest, WithoutAStoreRefusesMessagesBehindARefusedOneOfTheirTopic) {
   outbox = std::make_unique<Outbox>(window, max_bytes);
   outbox->on_store_event(StoreAbsent{"no disk"}, now);
   drain();
@@ -140,8 +138,7 @@ TEST_F(OutboxTest, RefusesWhatWaitedForARefusedMessage) {
   EXPECT_TRUE(has_fired(2, ReceiptOutcome::refused));
 }
 
-/// A message that waits for another of its topic becomes a dead letter with it.
-TEST_F(OutboxTest, BuriesWhatWaitedForARefusedMessage) {
+TEST_F(OutboxTest, MakesDeadLettersOfMessagesBehindARefusedOneOfTheirTopic) {
   submit("t", 1, Qos::exactly_once);
   submit("t", 2);
   is_store_quick = true;
@@ -165,7 +162,7 @@ TEST_F(OutboxTest, ARobotHasHalfOfTheWindowAtMost) {
   submit("r/1/unacknowledged", 0, Qos::at_most_once);
   submit("r/2/t", 41);
   submit("r/3/t", 42);
-  EXPECT_EQ(under_way.size(), window / 2 + 2) << "the others have their turns";
+  EXPECT_EQ(under_way.size(), window / 2 + 2) << "other robots have their turns";
   EXPECT_EQ(published_topics.back(), "r/3/t");
   acknowledge_all();
   EXPECT_EQ(fired.size(), 42u);
@@ -174,7 +171,7 @@ TEST_F(OutboxTest, ARobotHasHalfOfTheWindowAtMost) {
   EXPECT_EQ(under_way.size(), 1u) << "a window of one";
 }
 
-TEST_F(OutboxTest, PublishesNothingBeforeItKnowsWhatTheStoreHolds) {
+TEST_F(OutboxTest, PublishesNothingBeforeTheStoreHasAnswered) {
   outbox = std::make_unique<Outbox>(window, max_bytes);
   link_up();
   submit("t", 1);
@@ -185,7 +182,7 @@ TEST_F(OutboxTest, PublishesNothingBeforeItKnowsWhatTheStoreHolds) {
   EXPECT_EQ(under_way.size(), 2u);
 }
 
-TEST_F(OutboxTest, WithoutAStorePublishesAgainInOrderWhatWasUnderWay) {
+TEST_F(OutboxTest, WithoutAStoreRepublishesUnacknowledgedMessagesInOrder) {
   outbox->on_store_event(StoreAbsent{}, now);
   link_up();
   for (std::uint64_t i = 1; i <= 20; ++i) submit("t" + std::to_string(i), i);
@@ -213,20 +210,20 @@ TEST_F(OutboxTest, IgnoresAnswersFromBeforeAReconnect) {
   EXPECT_EQ(outbox->unsaved(), 1u);
 }
 
-TEST_F(OutboxTest, AsksTheStoreWhileTheBrokerIsAwayAndFiresOnCommit) {
+TEST_F(OutboxTest, StoresWhileTheBrokerIsAwayAndFiresReceiptsOnCommit) {
   submit("t", 1);
   EXPECT_TRUE(store.is_asked());
   EXPECT_TRUE(fired.empty());
   serve_store();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
-  EXPECT_EQ(outbox->queued_bytes(), 0u) << "what is safely stored is not in memory";
+  EXPECT_EQ(outbox->queued_bytes(), 0u) << "a stored message is not in memory";
   settle();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe)) << "and never again";
   EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
   EXPECT_TRUE(store.rows.empty());
 }
 
-TEST_F(OutboxTest, TouchesNoStoreWhileTheBrokerIsThere) {
+TEST_F(OutboxTest, WritesNothingToTheStoreWhileTheBrokerAcknowledges) {
   link_up();
   for (std::uint64_t i = 1; i <= 1000; ++i) {
     submit("t" + std::to_string(i % 7), i);
@@ -236,10 +233,10 @@ TEST_F(OutboxTest, TouchesNoStoreWhileTheBrokerIsThere) {
   EXPECT_FALSE(store.is_asked());
   submit("t", 2000);
   link_down();
-  EXPECT_TRUE(store.is_asked()) << "what was under way is kept when the link goes";
+  EXPECT_TRUE(store.is_asked()) << "messages under way are stored when the link is lost";
 }
 
-TEST_F(OutboxTest, KeepsUnacknowledgedMessagesNoLongerThanTenSeconds) {
+TEST_F(OutboxTest, DropsMessagesOfQos0ThatWaitedForTenSeconds) {
   submit("old", 0, Qos::at_most_once);
   pass(6s);
   submit("young", 0, Qos::at_most_once);
@@ -253,12 +250,12 @@ TEST_F(OutboxTest, KeepsUnacknowledgedMessagesNoLongerThanTenSeconds) {
 TEST_F(OutboxTest, DeadlineAlwaysLiesAheadAfterItWasServed) {
   for (int i = 0; i < 50; ++i) {
     submit("t", 0, Qos::at_most_once);
-    pass(500ms);  // looks at the deadline
+    pass(500ms);  // checks the deadline
   }
   EXPECT_LE(depth(), 24u);
 }
 
-TEST_F(OutboxTest, DropsUnacknowledgedMessagesThatWereUnderWay) {
+TEST_F(OutboxTest, DropsMessagesOfQos0UnderWayWhenTheConnectionIsLost) {
   link_up();
   submit("t", 0, Qos::at_most_once);
   link_down();
@@ -266,15 +263,15 @@ TEST_F(OutboxTest, DropsUnacknowledgedMessagesThatWereUnderWay) {
   EXPECT_EQ(depth(), 0u);
 }
 
-TEST_F(OutboxTest, RefusesWhatItHasNoRoomForAndAcknowledgesNothing) {
+TEST_F(OutboxTest, RefusesMessagesBeyondItsMemoryBoundAndReportsThatOnce) {
   for (std::uint64_t i = 1; i <= 80; ++i) {  // and the store does not answer
     submit_bytes("t", Bytes(1 << 20, 0), i);
   }
   EXPECT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
   EXPECT_TRUE(has_fired(80, ReceiptOutcome::refused));
-  EXPECT_FALSE(fired.contains(1)) << "what is queued still waits for broker or store";
+  EXPECT_FALSE(fired.contains(1)) << "a queued message still waits for broker or store";
   EXPECT_EQ(outbox->statistics().refused, 80u - outbox->unsaved());
-  EXPECT_EQ(notices.size(), 1u) << "said once";
+  EXPECT_EQ(notices.size(), 1u) << "reported once";
 }
 
 TEST_F(OutboxTest, SettlesWhenItStopsAndLeavesTheBacklogOnDisk) {
@@ -295,7 +292,7 @@ TEST_F(OutboxTest, SettlesWhenItStopsAndLeavesTheBacklogOnDisk) {
   EXPECT_EQ(received_of("fresh").size(), 1u);
 }
 
-TEST_F(OutboxTest, WhenItStopsBeforeASilentBrokerStoresWhatIsInMemory) {
+TEST_F(OutboxTest, StoresMessagesInMemoryWhenStoppedWhileTheBrokerIsSilent) {
   link_up();
   for (std::uint64_t i = 1; i <= 20; ++i) submit("t", i);
   outbox->on_stop(now);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Seeded random walks: robots talk, the broker comes, goes, stalls and refuses, the store works,
-// fails, is full or late, the process dies. Whatever happens, the promises hold.
+// fails, is full or late, the process dies. The promises hold in all of them.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -16,8 +16,8 @@ using namespace std::chrono_literals;
 
 class Walk : public test::OutboxRig {
  public:
-  /// `refusing`: how much of what is published on the first three topics is refused, in percent.
-  /// `closing_topic`: for which the broker closes the connection; -1: for none.
+  /// `refusing`: the share of messages on the first three topics that the broker refuses, in
+  /// percent. `closing_topic`: the topic for which it closes the connection; -1: none.
   Walk(unsigned seed, std::uint64_t store_max_bytes, int refusing, int closing_topic)
       : test::OutboxRig(store_max_bytes),
         random_(seed),
@@ -70,7 +70,7 @@ class Walk : public test::OutboxRig {
   }
 
  private:
-  /// The broker takes what came before the first message of that topic, and closes the connection.
+  /// The broker takes the messages before the first one of that topic, and closes the connection.
   void close_for_poison() {
     if (!is_up) return link_up();
     while (!under_way.empty() && first_topic() != topic(closing_topic_)) acknowledge_first();
@@ -123,7 +123,7 @@ class Walk : public test::OutboxRig {
     ++interruptions_;
     link_down(static_cast<std::size_t>(below(20)));
   }
-  /// As an operator orders; the store has answered all that it was asked before.
+  /// Resends all dead letters, as an operator orders, after the store has served its requests.
   void resend() {
     while (store.is_asked() && below(3) > 0) serve_store();
     if (store.is_failing || is_store_late_) return;
@@ -134,8 +134,8 @@ class Walk : public test::OutboxRig {
     ++interruptions_;
     if (store.is_asked() && below(2) == 0) store.serve(now);
     die();
-    last_state_ = 0;                     // said again by a gateway that starts
-    refused_topics.insert(state_topic);  // one that was replaced just before may come once more
+    last_state_ = 0;                     // a gateway that starts publishes it again
+    refused_topics.insert(state_topic);  // a message replaced just before may come once more
     is_store_late_ = below(3) == 0;
     if (!is_store_late_) return start();
     outbox = std::make_unique<Outbox>(window, max_bytes);
@@ -158,7 +158,7 @@ class Walk : public test::OutboxRig {
   std::mt19937 random_;
   int refusing_;
   int closing_topic_;
-  std::string refused_topic_;  // every message of it
+  std::string refused_topic_;  // the broker refuses each of its messages
   std::uint64_t number_ = 0;
   std::uint64_t last_state_ = 0;  // 0: none in this process
   bool is_store_late_ = false;    // it can be opened only later
