@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages that the broker did not take: on disk until they are sent again or discarded.
+// Messages that the broker refused stay on disk until they are resent or discarded.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -26,7 +26,7 @@ Ids ids_in(const json& page) {
 
 class DeadLetters : public testing::Test {
  public:
-  /// Messages 1 to 10, some of which are dead letters.
+  /// Stores messages 1 to 10 and makes dead letters of `rows`.
   void make_dead_letters(const Ids& rows) {
     ASSERT_TRUE(user->keep(1, 10, 20));
     ASSERT_TRUE(user->make_dead_letters(rows, "the broker refuses it: not authorised"));
@@ -46,7 +46,7 @@ class DeadLetters : public testing::Test {
   std::unique_ptr<StoreUser> user = std::make_unique<StoreUser>(directory.path());
 };
 
-TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
+TEST_F(DeadLetters, AreNotLoadedAsMessagesAndSurviveAReopen) {
   make_dead_letters({2, 5});
   EXPECT_EQ(user->await<DeadLettersChanged>()->dead_letters.count, 2u);
   EXPECT_EQ(messages(), (Ids{1, 3, 4, 6, 7, 8, 9, 10}));
@@ -69,7 +69,7 @@ TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
   EXPECT_FALSE(letter["stored_at"].get<std::string>().empty());
 }
 
-TEST_F(DeadLetters, CanBecomeSoInTheWriteThatKeepsThem) {
+TEST_F(DeadLetters, CanBeMadeInTheWriteThatStoresTheMessage) {
   WriteToStore write{{{1, StoreUser::message(1, 10), {}}}, {}, {{1, "too large", 0x95, 1}}};
   user->store().ask(std::move(write));
   ASSERT_TRUE(user->await<StoreWritten>());
@@ -77,7 +77,7 @@ TEST_F(DeadLetters, CanBecomeSoInTheWriteThatKeepsThem) {
   EXPECT_TRUE(messages().empty());
 }
 
-TEST_F(DeadLetters, UnknownRowsAreNoError) {
+TEST_F(DeadLetters, AreNotMadeOfUnknownRows) {
   ASSERT_TRUE(user->make_dead_letters({77}, "gone"));
   EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
 }
@@ -101,7 +101,7 @@ TEST_F(DeadLetters, AreListedByTopicAndByPages) {
   EXPECT_EQ(page["letters"].size(), 200u);
 }
 
-TEST_F(DeadLetters, AreSentAgainInTheirOldPlaces) {
+TEST_F(DeadLetters, AreResentInTheirOldPlaces) {
   make_dead_letters({5, 2, 9});
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
             json({{"resent", 3}, {"left", 0}}));
@@ -110,7 +110,7 @@ TEST_F(DeadLetters, AreSentAgainInTheirOldPlaces) {
   EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
 }
 
-TEST_F(DeadLetters, ThoseThatAreNamedAreSentAgainOrDiscarded) {
+TEST_F(DeadLetters, AreResentOrDiscardedByIdOrTopic) {
   make_dead_letters({2, 4, 5, 6, 7});
   EXPECT_EQ(document(user->perform(ResendOrder{{{4, 77}, "", false}}))["resent"], 1);
   EXPECT_EQ(document(user->perform(DiscardOrder{{{2, 77}, "", false}}))["discarded"], 1);
@@ -139,7 +139,7 @@ TEST_F(DeadLetters, CountInTheirRobotsShareUntilTheyAreDiscarded) {
       << "of messages 5 and 8";
 }
 
-TEST_F(DeadLetters, ManyAreSentAgainPageByPage) {
+TEST_F(DeadLetters, AreAllResentThoughTheyExceedOnePage) {
   ASSERT_TRUE(user->keep(1, 600, 20));
   Ids rows;
   for (std::uint64_t row = 1; row <= 600; ++row) rows.push_back(row);
@@ -148,7 +148,7 @@ TEST_F(DeadLetters, ManyAreSentAgainPageByPage) {
   EXPECT_EQ(user->resent(), rows);
 }
 
-TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyBecomeSoAgain) {
+TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenRefusedAgain) {
   make_dead_letters({2});
   const json before = document(user->perform(ListDeadLetters{}));
   EXPECT_EQ(document(user->perform(ResendOrder{{{2}, "", false}}))["resent"], 1);
@@ -160,7 +160,7 @@ TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyBecomeSoAgain) {
 }
 
 /// Rows 2, 5 and 8 have one topic.
-TEST_F(DeadLetters, OfATopicAreTriedAgain) {
+TEST_F(DeadLetters, OfATopicAreRetriedUnlessTheyWaitForAnOperator) {
   ASSERT_TRUE(user->keep(1, 10, 20));
   WriteToStore write;
   write.dead_letters = {{1, "not authorised", 0x87, 1},
@@ -182,7 +182,7 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   user->store().ask(RetryDeadLetters{topic, 1});
   const auto one = user->await<DeadLettersRevived>();
   ASSERT_EQ(one->messages.size(), 1u);
-  EXPECT_EQ(one->messages[0].row, 8u) << "it may cost the connection, so it is known first";
+  EXPECT_EQ(one->messages[0].row, 8u) << "it may cost the connection, so it is tried first";
   EXPECT_EQ(one->messages[0].topic, topic);
   EXPECT_EQ(one->retried_topic, topic);
   user->store().ask(RetryDeadLetters{topic, 10});
@@ -196,8 +196,8 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   EXPECT_EQ(none->why_failed, "");
 }
 
-/// A right that is missing for all of a thousand robots.
-TEST_F(DeadLetters, OfManyTopicsAreKnownAfterARestart) {
+/// An access right may be missing for all of a thousand robots.
+TEST_F(DeadLetters, OfManyTopicsAreReportedAfterARestart) {
   WriteToStore write;
   for (std::uint64_t row = 1; row <= 3000; ++row) {
     write.keep.push_back({row, StoreUser::message(row, 10), {}});
@@ -210,7 +210,7 @@ TEST_F(DeadLetters, OfManyTopicsAreKnownAfterARestart) {
   EXPECT_EQ(user->await<StoreOpened>()->dead_topics.size(), 3000u);
 }
 
-TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {
+TEST_F(DeadLetters, OrdersFailWithAReasonWithoutAStore) {
   ASSERT_TRUE(user->await<StoreOpened>());
   StoreUser second(directory.path());
   ASSERT_TRUE(second.await<StoreAbsent>());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The store on a real file: what survives, what is refused, and what damage does.
+// The store on a real file: reopening, bounds, foreign files, unusable directories.
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -42,7 +42,7 @@ TEST(DiskStore, OpensAnEmptyStoreAgainAndAgain) {
   ASSERT_TRUE(user.keep(1, 1));
 }
 
-TEST(DiskStore, NeverGivesANumberTwice) {
+TEST(DiskStore, NeverAssignsARowNumberTwice) {
   const TempDir directory;
   {
     StoreUser user(directory.path());
@@ -52,7 +52,7 @@ TEST(DiskStore, NeverGivesANumberTwice) {
   EXPECT_EQ(StoreUser(directory.path()).await<StoreOpened>()->last_row, 10u);
 }
 
-TEST(DiskStore, RemembersWhereAMessageCameFrom) {
+TEST(DiskStore, KeepsTheProvenanceOfAMessage) {
   const TempDir directory;
   const WallTime received{std::chrono::milliseconds{1700000000123}};
   {
@@ -72,7 +72,7 @@ TEST(DiskStore, RemembersWhereAMessageCameFrom) {
   EXPECT_EQ(loaded->messages[0].message.provenance->received_at, received);
 }
 
-TEST(DiskStore, GivesBackAfterAReopenWhatItKept) {
+TEST(DiskStore, LoadsStoredMessagesAfterAReopen) {
   const TempDir directory;
   {
     StoreUser user(directory.path());
@@ -114,7 +114,7 @@ TEST(DiskStore, KeepsEmptyPayloadsAndLoadsByPages) {
   EXPECT_TRUE(user.load(10)->messages.empty());
 }
 
-TEST(DiskStore, MakesItsDirectoryAndFileForNobodyElse) {
+TEST(DiskStore, CreatesDirectoryAndFilesForItsOwnerOnly) {
   const TempDir directory;
   const std::string inner = directory / "a/b";
   StoreUser user(inner);
@@ -130,7 +130,7 @@ TEST(DiskStore, MakesItsDirectoryAndFileForNobodyElse) {
   EXPECT_EQ(files, 3u) << "segment, list of erased records, tally";
 }
 
-TEST(DiskStore, StaysWithinItsBoundAndGivesTheSpaceBack) {
+TEST(DiskStore, StaysWithinItsBoundAndFreesItsSpace) {
   const TempDir directory;
   const std::uint64_t max_bytes = 4u << 20;
   StoreUser user(directory.path(), max_bytes);
@@ -147,7 +147,7 @@ TEST(DiskStore, StaysWithinItsBoundAndGivesTheSpaceBack) {
   EXPECT_LT(bytes_in(directory.path()), 1u << 20);
 }
 
-TEST(DiskStore, ASecondProcessGoesWithoutAndSaysWhy) {
+TEST(DiskStore, SecondProcessRunsWithoutTheStoreAndReportsWhy) {
   const TempDir directory;
   StoreUser first(directory.path());
   ASSERT_TRUE(first.await<StoreOpened>());
@@ -157,7 +157,7 @@ TEST(DiskStore, ASecondProcessGoesWithoutAndSaysWhy) {
                                   "slam-gatewayd: stop one of them. Robots get "),
             std::string::npos)
       << second.notices();
-  EXPECT_TRUE(first.keep(1, 1)) << "and the first is not disturbed";
+  EXPECT_TRUE(first.keep(1, 1)) << "the first process is not disturbed";
 }
 
 TEST(DiskStore, LeavesTheLogOfANewerVersionAlone) {
@@ -187,15 +187,15 @@ TEST(DiskStore, LeavesTheLogOfANewerVersionAlone) {
 TEST(DiskStore, LeavesFilesOfOthersAlone) {
   const TempDir directory;
   std::filesystem::create_directory(directory / "messages");
-  write_file(directory / "messages/notes.log", "somebody's");
+  write_file(directory / "messages/notes.log", "foreign file");
   std::filesystem::create_directory(directory / "messages/00000001-0123456789abcdef.log");
   mkfifo((directory / "messages/00000002-0123456789abcdef.log").c_str(), 0600);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1));
-  EXPECT_EQ(read_file(directory / "messages/notes.log"), "somebody's");
+  EXPECT_EQ(read_file(directory / "messages/notes.log"), "foreign file");
 }
 
-TEST(DiskStore, GoesWithoutAUsableDirectory) {
+TEST(DiskStore, RunsWithoutAUsableDirectoryAndReportsWhy) {
   const TempDir directory;
   write_file(directory / "file", "");
   StoreUser user(directory / "file/store");
@@ -204,7 +204,7 @@ TEST(DiskStore, GoesWithoutAUsableDirectory) {
   EXPECT_NE(user.notices().find("Not a directory"), std::string::npos) << user.notices();
 }
 
-TEST(DiskStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
+TEST(DiskStore, ReportsAFullDiskAndWorksOnceThereIsRoomAgain) {
   const TempDir directory;
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1));
@@ -229,7 +229,7 @@ TEST(DiskStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
   EXPECT_EQ(user.load(0)->messages.size(), 199u);
 }
 
-TEST(DiskStore, DoesWhatWasAskedBeforeItStops) {
+TEST(DiskStore, ServesPendingRequestsBeforeItStops) {
   const TempDir directory;
   {
     StoreUser user(directory.path());

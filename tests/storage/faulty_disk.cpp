@@ -59,7 +59,7 @@ void FaultyDisk::make_unreadable(const std::string& path, std::uint64_t from, st
 
 }  // namespace slamgw::test
 
-// The program's own calls come here before they go to the C library.
+// The program's calls arrive here before they reach the C library.
 extern "C" {
 
 ssize_t pread(int file, void* into, size_t count, off_t offset) {

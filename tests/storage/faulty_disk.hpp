@@ -22,9 +22,9 @@ class FaultyDisk {
   static void make_unreadable(const std::string& path, std::uint64_t from, std::uint64_t to);
   /// Every pwrite() fails with EIO.
   static std::atomic<bool> fails_writes;
-  /// fdatasync() and fsync() fail with EIO; what was written before is there all the same.
+  /// fdatasync() and fsync() fail with EIO; octets that were written before stay in the file.
   static std::atomic<bool> fails_syncs;
-  static std::atomic<std::uint64_t> failed_reads;  ///< how many did
+  static std::atomic<std::uint64_t> failed_reads;  ///< the number of reads that failed
 };
 
 }  // namespace slamgw::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sessions on a real file: what comes back, who may read it, and what damage does.
+// Sessions on a real file: loading, file permissions, damage.
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
@@ -32,7 +32,7 @@ struct Process {
   bool is_written() {
     return eventually(io, [this] { return !store.is_busy(); });
   }
-  bool says(const std::string& text) {
+  bool reports(const std::string& text) {
     return eventually(io, [&] { return notices.find(text) != std::string::npos; });
   }
   std::string names() const {
@@ -47,7 +47,7 @@ struct Process {
   std::vector<SessionStore::Session> loaded;
 };
 
-TEST(DiskSessionStore, BringsBackTheLastOfEachSession) {
+TEST(DiskSessionStore, LoadsTheLastSavedContentOfEachSession) {
   const TempDir directory;
   {
     Process first(directory.path());
@@ -80,23 +80,23 @@ TEST(DiskSessionStore, KeepsWhatIsWrittenWhenTheProcessDies) {
   EXPECT_EQ(Process(directory.path()).names(), "r1 ");
 }
 
-TEST(DiskSessionStore, TellsWhatBecameOfEachWrite) {
+TEST(DiskSessionStore, ReportsTheResultOfEachWrite) {
   const TempDir directory;
-  std::vector<bool> told;
+  std::vector<bool> results;
   {
     Process process(directory.path());
-    process.store.watch([&](bool is_written) { told.push_back(is_written); });
+    process.store.watch([&](bool is_written) { results.push_back(is_written); });
     process.save("r1", to_bytes("x"));
-    EXPECT_TRUE(told.empty()) << "never from inside the call";
-    EXPECT_TRUE(eventually(process.io, [&] { return !told.empty(); }));
+    EXPECT_TRUE(results.empty()) << "never from inside the call";
+    EXPECT_TRUE(eventually(process.io, [&] { return !results.empty(); }));
   }
-  EXPECT_EQ(told, std::vector<bool>{true});
+  EXPECT_EQ(results, std::vector<bool>{true});
   Process without("/proc/nowhere");
-  without.store.watch([&](bool is_written) { told.push_back(is_written); });
+  without.store.watch([&](bool is_written) { results.push_back(is_written); });
   without.save("r1", to_bytes("x"));
-  EXPECT_TRUE(eventually(without.io, [&] { return told.size() > 2; })) << "it is tried again";
-  EXPECT_FALSE(told[1]);
-  EXPECT_FALSE(told[2]);
+  EXPECT_TRUE(eventually(without.io, [&] { return results.size() > 2; })) << "it is tried again";
+  EXPECT_FALSE(results[1]);
+  EXPECT_FALSE(results[2]);
 }
 
 TEST(DiskSessionStore, IsReadableForItsOwnerOnly) {
@@ -135,7 +135,7 @@ TEST(DiskSessionStore, ErasesASessionThatEndedWhileTheDiskCouldNotBeWritten) {
       EXPECT_TRUE(process.is_written());
       FaultyDisk::fails_writes = true;
       process.store.save({{"r1", std::nullopt}, {"r2", to_bytes("x")}});
-      EXPECT_TRUE(process.says("not kept"));
+      EXPECT_TRUE(process.reports("not kept"));
       if (comes_back) process.save("r1", to_bytes("new"));
       FaultyDisk::fails_writes = false;
       EXPECT_TRUE(process.is_written());
@@ -162,7 +162,7 @@ TEST(DiskSessionStore, ErasesASessionWhoseErasureFailedAtFirst) {
   EXPECT_EQ(Process(directory.path()).names(), "r2 ");
 }
 
-TEST(DiskSessionStore, SavesWhatIsLeftOfADamagedFile) {
+TEST(DiskSessionStore, LoadsTheIntactSessionsOfADamagedFile) {
   const TempDir directory;
   {
     Process process(directory.path());
@@ -181,8 +181,8 @@ TEST(DiskSessionStore, SavesWhatIsLeftOfADamagedFile) {
   for (const auto& session : process.loaded)
     EXPECT_EQ(session.content,
               Bytes(100, static_cast<std::uint8_t>(std::stoi(session.id.substr(6)))));
-  EXPECT_TRUE(process.says(std::to_string(200 - process.loaded.size()) +
-                           " sessions of MQTT-SN clients in"));
+  EXPECT_TRUE(process.reports(std::to_string(200 - process.loaded.size()) +
+                              " sessions of MQTT-SN clients in"));
 }
 
 TEST(DiskSessionStore, DropsASessionWhoseOctetsHaveChanged) {
@@ -198,15 +198,15 @@ TEST(DiskSessionStore, DropsASessionWhoseOctetsHaveChanged) {
   write_file(path, octets, 0600);
   Process process(directory.path());
   EXPECT_EQ(process.names(), "r2 ");
-  EXPECT_TRUE(process.says("1 sessions of MQTT-SN clients in"));
+  EXPECT_TRUE(process.reports("1 sessions of MQTT-SN clients in"));
   process.store.stop();
   Process next(directory.path());
   next.save("r3", to_bytes("x"));
   EXPECT_TRUE(next.is_written());
-  EXPECT_EQ(next.notices, "") << "told once";
+  EXPECT_EQ(next.notices, "") << "reported once";
 }
 
-/// Sessions change all the time, and one that never changes does not keep the others' records.
+/// Sessions change all the time; one that never changes must not keep the others' records.
 TEST(DiskSessionStore, DoesNotGrow) {
   const TempDir directory;
   {
@@ -244,12 +244,12 @@ TEST(DiskSessionStore, RestoresAnOldSegmentThatIsRemovedWhileItIsOpen) {
   EXPECT_EQ(process.notices, "");
 }
 
-TEST(DiskSessionStore, WorksWithoutADirectoryAndSaysSo) {
+TEST(DiskSessionStore, WorksWithoutADirectoryAndReportsThat) {
   const TempDir directory;
   write_file(directory.path() + "/file", "");
   Process process(directory.path() + "/file/below");
   EXPECT_TRUE(process.loaded.empty());
-  EXPECT_TRUE(process.says("not kept"));
+  EXPECT_TRUE(process.reports("not kept"));
   process.save("r1", to_bytes("x"));
   process.store.stop();
 }
@@ -299,8 +299,8 @@ TEST(RecordLog, KeepsReplacedRecordsUntilTheNewOnesAreDurable) {
   }
 }
 
-/// Linux reports a failed write once, and then takes the pages for written.
-TEST(RecordLog, WritesASegmentAgainThatTheDiskDidNotTake) {
+/// Linux reports a failed write once, and then counts the pages as written.
+TEST(RecordLog, RewritesASegmentThatTheDiskFailedToWrite) {
   SmallLog small;
   small.write(1);
   const std::string segment = *segments_in(small.path).begin();
@@ -317,7 +317,7 @@ TEST(RecordLog, WritesASegmentAgainThatTheDiskDidNotTake) {
   EXPECT_EQ(std::filesystem::last_write_time(segment), long_ago) << "once is enough";
 }
 
-TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
+TEST(RecordLog, ErasesRecordsOfASegmentThatItFailedToRemove) {
   SmallLog small;
   small.write(1);
   small.write(2);
@@ -332,7 +332,7 @@ TEST(RecordLog, ErasesTheRecordsOfASegmentThatItCouldNotRemove) {
 }
 
 /// A full disk may have no room for the list of erased records, nor for a new segment.
-TEST(RecordLog, TakesBackTheRoomOfItsLastRecordsAfterAFailedWrite) {
+TEST(RecordLog, FreesTheRoomOfItsLastRecordsAfterAFailedWrite) {
   SmallLog small;
   small.log->put(1, Bytes(1000, 1));
   small.log->put(2, Bytes(1000, 2));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a failing disk and a damaged file do to the store: a disk that fails for a moment costs
-// nothing; of a damaged file everything that can be read is delivered, and the rest is told.
+// The store on a failing disk or with damaged files: it loses nothing when the disk fails for a
+// moment; it delivers all readable messages of a damaged file and reports the rest as lost.
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
@@ -31,7 +31,7 @@ std::vector<std::uint64_t> rows_of(const StoreLoaded& loaded) {
   return rows;
 }
 
-/// Every message that came is the one that was stored under its number.
+/// Expects each loaded message to be the one that was stored under its number.
 void expect_intact(const StoreLoaded& loaded, std::size_t payload_bytes) {
   std::uint64_t last = 0;
   for (const StoredMessage& stored : loaded.messages) {
@@ -45,7 +45,7 @@ void expect_intact(const StoreLoaded& loaded, std::size_t payload_bytes) {
 
 class StoreDamage : public testing::Test {
  public:
-  /// A store with these messages in one segment.
+  /// Writes these messages into one segment.
   void fill(std::uint64_t count, std::size_t payload_bytes = 100) {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.keep(1, count, payload_bytes));
@@ -57,7 +57,7 @@ class StoreDamage : public testing::Test {
       count += file.path().extension() == ".log" ? 1 : 0;
     return count;
   }
-  static std::string told(std::size_t lost) {
+  static std::string loss_notice(std::size_t lost) {
     return ": " + std::to_string(lost) + " messages are lost";
   }
 
@@ -65,7 +65,7 @@ class StoreDamage : public testing::Test {
   TempDir directory;
 };
 
-TEST_F(StoreDamage, ADiskThatCannotBeReadForAMomentCostsNothing) {
+TEST_F(StoreDamage, LosesNothingWhenTheDiskFailsToReadForAMoment) {
   fill(300);
   FaultyDisk::fails_reads = true;
   StoreUser user(directory.path());
@@ -78,7 +78,7 @@ TEST_F(StoreDamage, ADiskThatCannotBeReadForAMomentCostsNothing) {
   EXPECT_EQ(user.notices(), "");
 }
 
-TEST_F(StoreDamage, ADiskThatFailsWhileTheStoreIsOpenCostsNothingEither) {
+TEST_F(StoreDamage, LosesNothingWhenTheDiskFailsWhileTheStoreIsOpen) {
   fill(300);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreOpened>());
@@ -93,7 +93,7 @@ TEST_F(StoreDamage, ADiskThatFailsWhileTheStoreIsOpenCostsNothingEither) {
   EXPECT_EQ(user.notices(), "");
 }
 
-TEST_F(StoreDamage, APartThatStaysUnreadableIsLostAndTheRestDelivered) {
+TEST_F(StoreDamage, ReportsUnreadableMessagesAsLostAndDeliversTheRest) {
   fill(600);
   FaultyDisk::make_unreadable(segment(), 6 * page_bytes, 6 * page_bytes + 512);
   StoreUser user(directory.path());
@@ -101,13 +101,14 @@ TEST_F(StoreDamage, APartThatStaysUnreadableIsLostAndTheRestDelivered) {
   ASSERT_TRUE(opened);
   EXPECT_LT(opened->count, 600u);
   EXPECT_GT(opened->count, 570u);
-  EXPECT_NE(user.notices().find(told(600 - opened->count)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(600 - opened->count)), std::string::npos)
+      << user.notices();
   const auto loaded = user.load(0);
   EXPECT_EQ(loaded->messages.size(), opened->count);
   expect_intact(*loaded, 100);
 }
 
-TEST_F(StoreDamage, ADiskThatIsAwayForLongIsNotTakenForDamage) {
+TEST_F(StoreDamage, ReportsNoLossWhenTheDiskIsUnreadableForLong) {
   fill(300);
   FaultyDisk::fails_reads = true;
   StoreUser user(directory.path());
@@ -118,7 +119,7 @@ TEST_F(StoreDamage, ADiskThatIsAwayForLongIsNotTakenForDamage) {
   EXPECT_EQ(user.notices().find("lost"), std::string::npos) << user.notices();
 }
 
-TEST_F(StoreDamage, ADiskThatCannotBeReadAtAllIsTriedSeldom) {
+TEST_F(StoreDamage, RetriesAnUnreadableDiskSeldom) {
   fill(1);
   FaultyDisk::fails_reads = true;
   StoreUser user(directory.path());
@@ -130,7 +131,7 @@ TEST_F(StoreDamage, ADiskThatCannotBeReadAtAllIsTriedSeldom) {
       << "about four of them in each attempt";
 }
 
-TEST_F(StoreDamage, AZeroedPageCostsWhatWasInIt) {
+TEST_F(StoreDamage, LosesOnlyTheMessagesOfAZeroedPage) {
   for (const std::size_t bytes : {std::size_t{512}, page_bytes}) {
     for (const std::size_t page : {0, 1, 2, 7}) {
       std::filesystem::remove_all(directory.path());
@@ -141,14 +142,14 @@ TEST_F(StoreDamage, AZeroedPageCostsWhatWasInIt) {
       const auto loaded = user.load(0);
       EXPECT_GE(loaded->messages.size(), 570u) << page;
       expect_intact(*loaded, 100);
-      EXPECT_NE(user.notices().find(told(600 - loaded->messages.size())), std::string::npos)
+      EXPECT_NE(user.notices().find(loss_notice(600 - loaded->messages.size())), std::string::npos)
           << user.notices();
       EXPECT_TRUE(user.keep(601, 1, 100));
     }
   }
 }
 
-TEST_F(StoreDamage, AFlippedOctetInAPayloadIsNotDelivered) {
+TEST_F(StoreDamage, DeliversNoMessageWithAFlippedOctetInItsPayload) {
   fill(100);
   const std::string file = read_file(segment());
   const Bytes payload = StoreUser::message(40, 100).payload;
@@ -157,16 +158,16 @@ TEST_F(StoreDamage, AFlippedOctetInAPayloadIsNotDelivered) {
   overwrite(segment(), at + 50, "!");
   StoreUser user(directory.path());
   ASSERT_EQ(user.await<StoreOpened>()->count, 99u);
-  EXPECT_NE(user.notices().find(told(1)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(1)), std::string::npos) << user.notices();
   expect_intact(*user.load(0), 100);
   user.store().stop();
   StoreUser next(directory.path());
   ASSERT_EQ(next.await<StoreOpened>()->count, 99u);
-  EXPECT_EQ(next.notices(), "") << "told once";
+  EXPECT_EQ(next.notices(), "") << "reported once";
 }
 
-/// As a kill -9 leaves it, in a file system that has lost the end.
-TEST_F(StoreDamage, ASegmentThatLostItsEndIsNoticed) {
+/// After kill -9, on a file system that has lost the end.
+TEST_F(StoreDamage, ReportsTheMessagesOfATruncatedSegmentAsLost) {
   fill(100);
   std::filesystem::resize_file(segment(), std::filesystem::file_size(segment()) / 3);
   StoreUser user(directory.path());
@@ -175,11 +176,11 @@ TEST_F(StoreDamage, ASegmentThatLostItsEndIsNoticed) {
   EXPECT_LT(loaded->messages.size(), 40u);
   EXPECT_GT(loaded->messages.size(), 20u);
   expect_intact(*loaded, 100);
-  EXPECT_NE(user.notices().find(told(100 - loaded->messages.size())), std::string::npos)
+  EXPECT_NE(user.notices().find(loss_notice(100 - loaded->messages.size())), std::string::npos)
       << user.notices();
 }
 
-TEST_F(StoreDamage, AnEarlierSegmentThatLostItsEndIsNoticedWithoutTheTally) {
+TEST_F(StoreDamage, ReportsATruncatedEarlierSegmentWithoutTheTally) {
   fill(100);
   const std::string first = segment();
   {  // each process begins a segment
@@ -193,11 +194,11 @@ TEST_F(StoreDamage, AnEarlierSegmentThatLostItsEndIsNoticedWithoutTheTally) {
   const auto loaded = (user.await<StoreOpened>(), user.load(0));
   EXPECT_LT(loaded->messages.size(), 110u);
   expect_intact(*loaded, 100);
-  EXPECT_NE(user.notices().find(told(150 - loaded->messages.size())), std::string::npos)
+  EXPECT_NE(user.notices().find(loss_notice(150 - loaded->messages.size())), std::string::npos)
       << user.notices();
 }
 
-TEST_F(StoreDamage, ASegmentThatIsGoneIsMissed) {
+TEST_F(StoreDamage, ReportsTheMessagesOfARemovedSegmentAsLost) {
   fill(100);
   const std::string first = segment();
   {
@@ -207,10 +208,10 @@ TEST_F(StoreDamage, ASegmentThatIsGoneIsMissed) {
   std::filesystem::remove(first);
   StoreUser user(directory.path());
   EXPECT_EQ(user.await<StoreOpened>()->count, 50u);
-  EXPECT_NE(user.notices().find(told(100)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(100)), std::string::npos) << user.notices();
 }
 
-TEST_F(StoreDamage, ASegmentWithoutItsBeginningIsReadAllTheSame) {
+TEST_F(StoreDamage, ReadsASegmentWithoutItsHeader) {
   fill(100);
   overwrite(segment(), 0, std::string(32, '\0'));
   StoreUser user(directory.path());
@@ -220,7 +221,7 @@ TEST_F(StoreDamage, ASegmentWithoutItsBeginningIsReadAllTheSame) {
   expect_intact(*loaded, 100);
 }
 
-TEST_F(StoreDamage, WhatWasDeliveredMayComeAgainWhereTheListOfErasedRecordsIsDamaged) {
+TEST_F(StoreDamage, LosesNothingWhereTheListOfErasedRecordsIsDamaged) {
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.keep(1, 100, 100));
@@ -232,8 +233,8 @@ TEST_F(StoreDamage, WhatWasDeliveredMayComeAgainWhereTheListOfErasedRecordsIsDam
   EXPECT_EQ(user.notices(), "") << "nothing is lost";
 }
 
-/// Also when nothing else is written after the disk works again.
-TEST_F(StoreDamage, WhatWasDeliveredDoesNotComeAgainThoughItsErasureFailedAtFirst) {
+/// Holds also when nothing else is written after the disk works again.
+TEST_F(StoreDamage, RetriesAFailedErasureSoThatNoMessageIsDeliveredTwice) {
   for (const bool stops_at_once : {true, false}) {
     const TempDir directory;
     {
@@ -252,7 +253,7 @@ TEST_F(StoreDamage, WhatWasDeliveredDoesNotComeAgainThoughItsErasureFailedAtFirs
   }
 }
 
-TEST_F(StoreDamage, LossesAreARangeWhereBothFilesAreDamaged) {
+TEST_F(StoreDamage, ReportsLossesAsARangeWhereBothFilesAreDamaged) {
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.keep(1, 100, 100));
@@ -268,8 +269,8 @@ TEST_F(StoreDamage, LossesAreARangeWhereBothFilesAreDamaged) {
       << user.notices();
 }
 
-/// The checksums cover the log's id, which no robot knows.
-TEST_F(StoreDamage, ARecordInsideAPayloadIsNoRecord) {
+/// A robot cannot forge a record: the checksums cover the log's secret id.
+TEST_F(StoreDamage, DoesNotReadARecordInsideAPayload) {
   fill(1, 10);
   const std::string record = read_file(segment()).substr(32);
   std::filesystem::remove_all(directory.path());
@@ -285,10 +286,10 @@ TEST_F(StoreDamage, ARecordInsideAPayloadIsNoRecord) {
   overwrite(segment(), 32, "!!!!");
   StoreUser user(directory.path());
   EXPECT_EQ(user.await<StoreOpened>()->count, 0u);
-  EXPECT_NE(user.notices().find(told(1)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(1)), std::string::npos) << user.notices();
 }
 
-TEST_F(StoreDamage, LargeMessagesCostNoMoreThanTheirOwn) {
+TEST_F(StoreDamage, LosesOneLargeMessageForADamagedPage) {
   fill(50, 20000);
   overwrite(segment(), page_bytes, std::string(512, '\0'));
   StoreUser user(directory.path());
@@ -297,7 +298,7 @@ TEST_F(StoreDamage, LargeMessagesCostNoMoreThanTheirOwn) {
   expect_intact(*loaded, 20000);
 }
 
-TEST_F(StoreDamage, DamageWhileTheStoreIsOpenCostsWhatItHit) {
+TEST_F(StoreDamage, LosesOnlyDamagedMessagesOfAnOpenStore) {
   fill(3000, 2000);
   StoreUser user(directory.path());
   ASSERT_EQ(user.await<StoreOpened>()->count, 3000u);
@@ -318,11 +319,11 @@ TEST_F(StoreDamage, DamageWhileTheStoreIsOpenCostsWhatItHit) {
   EXPECT_EQ(delivered + damaged, 3000u);
   EXPECT_GE(delivered, 2970u);
   EXPECT_LT(delivered, 3000u);
-  EXPECT_FALSE(user.was_absent()) << "for the outbox it was never away";
+  EXPECT_FALSE(user.was_absent()) << "the outbox saw no absent store";
   EXPECT_NE(user.notices().find("messages are lost"), std::string::npos);
 }
 
-TEST_F(StoreDamage, ADiskThatDoesNotReadAMessageWhileTheStoreIsOpenIsWaitedFor) {
+TEST_F(StoreDamage, RetriesAnUnreadableMessageBeforeItReportsItAsLost) {
   fill(100);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreOpened>());
@@ -339,10 +340,10 @@ TEST_F(StoreDamage, ADiskThatDoesNotReadAMessageWhileTheStoreIsOpenIsWaitedFor) 
   }));
   EXPECT_EQ(loaded->messages.size() + loaded->damaged.size(), 100u);
   EXPECT_LE(loaded->damaged.size(), 5u);
-  EXPECT_TRUE(user.says(told(loaded->damaged.size()))) << user.notices();
+  EXPECT_TRUE(user.reports(loss_notice(loaded->damaged.size()))) << user.notices();
 }
 
-TEST_F(StoreDamage, AWriteThatWasNotConfirmedIsNotDeliveredTwice) {
+TEST_F(StoreDamage, DeliversAMessageOfAFailedWriteOnceAfterItsRetry) {
   fill(10);
   {
     StoreUser user(directory.path());
@@ -360,7 +361,7 @@ TEST_F(StoreDamage, AWriteThatWasNotConfirmedIsNotDeliveredTwice) {
   EXPECT_EQ(user.notices(), "");
 }
 
-TEST_F(StoreDamage, AFailedWriteCostsNoEarlierMessageOfItsSegment) {
+TEST_F(StoreDamage, FailedWriteLosesNoEarlierMessageOfItsSegment) {
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.keep(1, 100, 200));
@@ -375,7 +376,7 @@ TEST_F(StoreDamage, AFailedWriteCostsNoEarlierMessageOfItsSegment) {
   EXPECT_EQ(user.notices(), "");
 }
 
-TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
+TEST_F(StoreDamage, DeadLettersStayWhenTheDiskFailsToWriteThemAsMessages) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
   ASSERT_TRUE(user.make_dead_letters({1, 2}, "refused"));
@@ -389,7 +390,7 @@ TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
   EXPECT_EQ(user.load(0)->messages.size(), 3u);
 }
 
-TEST_F(StoreDamage, ADamagedDeadLetterHidesNoOtherOfItsTopic) {
+TEST_F(StoreDamage, DamagedDeadLetterHidesNoOtherOfItsTopic) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 9, 100));
   ASSERT_TRUE(user.make_dead_letters({1, 4, 7}, "refused"));
@@ -402,10 +403,10 @@ TEST_F(StoreDamage, ADamagedDeadLetterHidesNoOtherOfItsTopic) {
   ASSERT_EQ(revived->messages.size(), 1u);
   EXPECT_EQ(revived->messages[0].row, 4u);
   EXPECT_EQ(user.await<DeadLettersChanged>()->dead_letters.count, 1u);
-  EXPECT_NE(user.notices().find(told(1)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(1)), std::string::npos) << user.notices();
 }
 
-TEST_F(StoreDamage, ADeadLetterThatTheDiskDoesNotReadHidesNoOther) {
+TEST_F(StoreDamage, UnreadableDeadLetterHidesNoOther) {
   const std::string topic = "ntnu-slam/robot/r1/update";
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 9, 100));
@@ -434,8 +435,8 @@ TEST_F(StoreDamage, ADeadLetterThatTheDiskDoesNotReadHidesNoOther) {
   EXPECT_EQ(user.perform(DiscardOrder{{{1}, "", false}}).json, R"({"discarded":1})");
 }
 
-/// More of them than one commit sends again.
-TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotReadKeepNoLaterOnesFromBeingResent) {
+/// There are more of them than one commit resends.
+TEST_F(StoreDamage, ResendsDeadLettersBehindUnreadableOnes) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 200, 100));
   std::vector<std::uint64_t> rows;
@@ -455,7 +456,7 @@ TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotReadKeepNoLaterOnesFromBeingRes
   EXPECT_EQ(listed.find("payload_hex"), std::string::npos);
 }
 
-TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableWaitsForAnOperator) {
+TEST_F(StoreDamage, LeavesADeadLetterThatStaysUnreadableToAnOperator) {
   const std::string topic = "ntnu-slam/robot/r1/update";
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1, 100));
@@ -471,13 +472,13 @@ TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableWaitsForAnOperator) {
     return revived->why_failed.empty();
   }));
   EXPECT_GT(failures, 1u) << "the disk may fail for a moment only";
-  EXPECT_TRUE(user.says("dead letters on " + topic + " wait for an operator")) << user.notices();
+  EXPECT_TRUE(user.reports("dead letters on " + topic + " wait for an operator")) << user.notices();
   FaultyDisk::make_unreadable(segment(), 0, 0);
   EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":0,"resent":1})");
 }
 
-/// Letter 4 is read and refused again and again meanwhile.
-TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableIsReportedBesideAReadableOne) {
+/// Letter 4 is read and refused each time in between.
+TEST_F(StoreDamage, ReportsAnUnreadableDeadLetterBesideAReadableOne) {
   const std::string topic = "ntnu-slam/robot/r1/update";
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 4, 100));
@@ -496,7 +497,7 @@ TEST_F(StoreDamage, ADeadLetterThatStaysUnreadableIsReportedBesideAReadableOne) 
   })) << user.notices();
 }
 
-TEST_F(StoreDamage, WithoutDeadLettersNothingWaitsForAnOperatorThoughTheDiskFails) {
+TEST_F(StoreDamage, ReportsNoDeadLettersForAnOperatorWhereThereAreNone) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1, 100));
   std::filesystem::remove(segment());
@@ -508,7 +509,7 @@ TEST_F(StoreDamage, WithoutDeadLettersNothingWaitsForAnOperatorThoughTheDiskFail
   EXPECT_EQ(user.notices().find("wait for an operator"), std::string::npos) << user.notices();
 }
 
-TEST_F(StoreDamage, AMessageThatIsLostInsteadOfADeadLetterIsNotCountedAsOne) {
+TEST_F(StoreDamage, CountsNoDeadLetterForAMessageThatWasLost) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
   const std::string file = read_file(segment());
@@ -521,7 +522,7 @@ TEST_F(StoreDamage, AMessageThatIsLostInsteadOfADeadLetterIsNotCountedAsOne) {
   EXPECT_EQ(changed->dead_letters, DeadLetterCounts{});
 }
 
-TEST_F(StoreDamage, AFileThatIsRemovedIsBackBeforeDeadLettersAreSentAgainOrDiscarded) {
+TEST_F(StoreDamage, RestoresARemovedFileBeforeItResendsOrDiscardsDeadLetters) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
   ASSERT_TRUE(user.make_dead_letters({1, 2}, "refused"));
@@ -534,7 +535,7 @@ TEST_F(StoreDamage, AFileThatIsRemovedIsBackBeforeDeadLettersAreSentAgainOrDisca
   EXPECT_TRUE(std::filesystem::exists(path));
 }
 
-TEST_F(StoreDamage, ADeadLetterIsOneMessageHoweverOftenItIsSentAgain) {
+TEST_F(StoreDamage, CountsADeadLetterThatWasResentThreeTimesAsOneMessage) {
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.keep(1, 10, 100));
@@ -550,11 +551,11 @@ TEST_F(StoreDamage, ADeadLetterIsOneMessageHoweverOftenItIsSentAgain) {
   expect_intact(*user.load(0), 100);
 }
 
-TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenIsWrittenAgain) {
+TEST_F(StoreDamage, RestoresAStoreThatIsRemovedWhileOpen) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
   std::filesystem::remove_all(directory.path());
-  EXPECT_TRUE(user.says("its contents are restored"));
+  EXPECT_TRUE(user.reports("its contents are restored"));
   ASSERT_TRUE(user.keep(51, 1, 100));
   user.store().stop();
   StoreUser next(directory.path());
@@ -562,12 +563,12 @@ TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenIsWrittenAgain) {
   EXPECT_EQ(next.notices(), "");
 }
 
-TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenComesBackWithItsErasures) {
+TEST_F(StoreDamage, RestoresARemovedStoreWithItsErasures) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
   ASSERT_TRUE(user.forget(1, 49));
   std::filesystem::remove_all(directory.path());
-  EXPECT_TRUE(user.says("its contents are restored"));
+  EXPECT_TRUE(user.reports("its contents are restored"));
   user.store().stop();
   StoreUser next(directory.path());
   EXPECT_EQ(next.await<StoreOpened>()->count, 1u);
@@ -575,28 +576,28 @@ TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenComesBackWithItsErasures) {
   EXPECT_EQ(next.notices(), "");
 }
 
-TEST_F(StoreDamage, ASegmentThatIsReplacedWhileItIsOpenIsPutAside) {
+TEST_F(StoreDamage, MovesAwayAFileThatReplacedAnOpenSegment) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
-  write_file(directory / "other", "what somebody put there");
+  write_file(directory / "other", "a foreign file");
   const std::string path = segment();
   std::filesystem::rename(directory / "other", path);
   ASSERT_TRUE(user.keep(51, 1, 100));
   EXPECT_EQ(user.load(0)->messages.size(), 51u);
-  EXPECT_EQ(read_file(path + ".replaced"), "what somebody put there");
+  EXPECT_EQ(read_file(path + ".replaced"), "a foreign file");
   user.store().stop();
   EXPECT_EQ(StoreUser(directory.path()).await<StoreOpened>()->count, 51u);
 }
 
-TEST_F(StoreDamage, ALogThatIsGoneAtTheStartIsMissed) {
+TEST_F(StoreDamage, ReportsTheMessagesOfAMissingLogAsLost) {
   fill(50);
   std::filesystem::remove(segment());
   StoreUser user(directory.path());
   EXPECT_EQ(user.await<StoreOpened>()->count, 0u);
-  EXPECT_NE(user.notices().find(told(50)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(50)), std::string::npos) << user.notices();
 }
 
-TEST_F(StoreDamage, AnOldCopyOfASegmentIsNoticed) {
+TEST_F(StoreDamage, ReportsMessagesThatAnOldCopyOfASegmentLacks) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
   std::filesystem::copy(segment(), directory / "backup");
@@ -605,11 +606,11 @@ TEST_F(StoreDamage, AnOldCopyOfASegmentIsNoticed) {
   std::filesystem::rename(directory / "backup", segment());
   StoreUser next(directory.path());
   EXPECT_EQ(next.await<StoreOpened>()->count, 50u);
-  EXPECT_NE(next.notices().find(told(7)), std::string::npos) << next.notices();
+  EXPECT_NE(next.notices().find(loss_notice(7)), std::string::npos) << next.notices();
 }
 
-/// Its header tells how many records another segment has.
-TEST_F(StoreDamage, ACopyUnderTheNextNumberCostsNothing) {
+/// The header of the copy states how many records another segment has.
+TEST_F(StoreDamage, LosesNothingWhenASegmentIsCopiedUnderTheNextNumber) {
   fill(100);
   for (std::uint64_t first = 101; first < 400; first += 100) {
     StoreUser user(directory.path());  // each begins a new segment
@@ -632,7 +633,7 @@ TEST_F(StoreDamage, ACopyUnderTheNextNumberCostsNothing) {
   expect_intact(*user.load(0), 100);
 }
 
-TEST_F(StoreDamage, ARenamedSegmentIsFoundAgain) {
+TEST_F(StoreDamage, ReadsARenamedSegment) {
   fill(100);
   const std::string path = segment();
   const std::string other = (std::filesystem::path(path).parent_path() / "00000900").string() +
@@ -659,8 +660,8 @@ TEST_F(StoreDamage, SegmentsOfAnotherStoreAreLeftAloneAndReported) {
   EXPECT_NE(user.notices().find("belong to another store"), std::string::npos) << user.notices();
 }
 
-/// All records fail their checksums, and none is taken for the beginning of a long one.
-TEST_F(StoreDamage, SwappedSegmentsAreReadInAMoment) {
+/// All records fail their checksums; none may look like the begin of a long one.
+TEST_F(StoreDamage, ReadsSwappedSegmentsQuickly) {
   for (std::uint64_t first = 1; first < 40000; first += 20000) {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.keep(first, 20000, 20));
@@ -677,12 +678,13 @@ TEST_F(StoreDamage, SwappedSegmentsAreReadInAMoment) {
   StoreUser user(directory.path());
   const auto opened = user.await<StoreOpened>();
   ASSERT_TRUE(opened) << "within the time that a test waits";
-  EXPECT_NE(user.notices().find(told(40000 - opened->count)), std::string::npos) << user.notices();
+  EXPECT_NE(user.notices().find(loss_notice(40000 - opened->count)), std::string::npos)
+      << user.notices();
 }
 
 TEST_F(StoreDamage, LinksAndFifosAreNotFollowed) {
   fill(10);
-  write_file(directory / "victim", "somebody's", 0600);
+  write_file(directory / "victim", "foreign file", 0600);
   std::filesystem::remove(directory / "messages/tally");
   std::filesystem::create_symlink(directory / "victim", directory / "messages/tally");
   {
@@ -693,10 +695,10 @@ TEST_F(StoreDamage, LinksAndFifosAreNotFollowed) {
   mkfifo((segment() + ".erased").c_str(), 0600);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreAbsent>()) << "and it does not hang";
-  EXPECT_EQ(read_file(directory / "victim"), "somebody's");
+  EXPECT_EQ(read_file(directory / "victim"), "foreign file");
 }
 
-TEST_F(StoreDamage, SegmentsGoWhenTheyAreDelivered) {
+TEST_F(StoreDamage, RemovesSegmentsWhoseMessagesAreDelivered) {
   StoreUser user(directory.path(), 4u << 20);
   for (std::uint64_t row = 1; row <= 2000; row += 100) ASSERT_TRUE(user.keep(row, 100, 1000));
   EXPECT_GE(segments(), 20u);
@@ -705,8 +707,8 @@ TEST_F(StoreDamage, SegmentsGoWhenTheyAreDelivered) {
   EXPECT_EQ(rows_of(*user.load(0)).front(), 1501u);
 }
 
-/// One message in a hundred waits for ever, as those of a topic that the broker refuses.
-TEST_F(StoreDamage, MessagesThatWaitDoNotKeepWhatIsAroundThem) {
+/// One message in a hundred waits for ever, like those of a refused topic.
+TEST_F(StoreDamage, WaitingMessagesDoNotKeepSegmentsOfDeliveredOnes) {
   {
     StoreUser user(directory.path(), 4u << 20);
     for (std::uint64_t row = 1; row <= 20000; row += 100) {

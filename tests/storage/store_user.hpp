@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One process's message store on a real file: asks, and keeps what it answered.
+// One process's message store on a real file: sends requests and records the answers.
 #pragma once
 
 #include <algorithm>
@@ -37,7 +37,7 @@ class StoreUser {
     store_.start();
   }
 
-  /// The next event of this kind; null when it does not come. Forgets those before it.
+  /// Returns the next event of this kind, or null when none comes. Drops earlier events.
   template <class Event>
   std::unique_ptr<Event> await() {
     std::unique_ptr<Event> found;
@@ -53,7 +53,7 @@ class StoreUser {
     });
     return found;
   }
-  /// The next event of either kind.
+  /// Returns the next event of either kind.
   template <class One, class Other>
   StoreEvent await_either() {
     std::optional<StoreEvent> found;
@@ -94,7 +94,7 @@ class StoreUser {
     store_.ask(std::move(write));
     return await<StoreWritten>() != nullptr;
   }
-  /// What an operator is answered.
+  /// Returns the answer to an operator's order.
   OrderAnswer perform(StoreOrder order) {
     std::optional<OrderAnswer> answer;
     store_.perform(std::move(order), [&](OrderAnswer given) { answer = std::move(given); });
@@ -104,7 +104,7 @@ class StoreUser {
   /// Dead letters that became messages again.
   const std::vector<std::uint64_t>& resent() const { return resent_; }
 
-  /// Never the same for two rows.
+  /// Returns a message that differs for each row.
   static BrokerMessage message(std::uint64_t row, std::size_t payload_bytes) {
     Bytes payload(payload_bytes);
     for (std::size_t i = 0; i < payload.size(); ++i)
@@ -112,8 +112,8 @@ class StoreUser {
     return {"ntnu-slam/robot/r" + std::to_string(row % 3) + "/update", std::move(payload),
             row % 2 ? Qos::at_least_once : Qos::exactly_once, row % 5 == 0};
   }
-  /// Runs the loop until a notice has this text.
-  bool says(const std::string& text) {
+  /// Returns true once a notice contains this text.
+  bool reports(const std::string& text) {
     return eventually(io_, [&] {
       while (!events_.empty()) {
         note(events_.front());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Damage at random places of files that a killed or an ended process left: every message comes back
-// as it was stored, or is a dead letter, or is told as lost; and the numbers that are told are
-// right. SLAMGW_WALKS=n walks longer than the default.
+// Damage at random places in files of a process that was killed or stopped: each message is loaded
+// unchanged, is a dead letter, or is reported as lost, and the reported numbers are right.
+// SLAMGW_WALKS=n walks longer than the default.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -36,7 +36,7 @@ class Walk {
     return std::uniform_int_distribution<std::uint64_t>(0, limit - 1)(random_);
   }
 
-  /// Keeps, forgets and sets aside; ends the process in one of two ways.
+  /// Stores messages, erases some, makes dead letters of others; stops or kills the process.
   void store_messages() {
     const TempDir alive;
     StoreUser user(alive.path(), 1u << 20);
@@ -121,8 +121,9 @@ class Walk {
     for (const auto& [row, size] : kept_) missing += delivered.contains(row) ? 0 : 1;
     const std::size_t again = delivered.size() - (kept_.size() - missing);
     for (const auto& [row, size] : dead_) missing += letters.contains(row) ? 0 : 1;
-    const std::size_t at_most = told(user.notices(), "([0-9]+) messages are lost");
-    const std::size_t at_least = told(user.notices(), "([0-9]+)( to [0-9]+)? messages are lost");
+    const std::size_t at_most = reported(user.notices(), "([0-9]+) messages are lost");
+    const std::size_t at_least =
+        reported(user.notices(), "([0-9]+)( to [0-9]+)? messages are lost");
     EXPECT_LE(missing, at_most) << user.notices();
     EXPECT_GE(missing, at_least) << user.notices();
     EXPECT_TRUE(user.keep(1000000, 1));
@@ -144,7 +145,7 @@ class Walk {
     EXPECT_EQ(stored.message.retain, expected.retain);
   }
 
-  static std::size_t told(const std::string& notices, const char* pattern) {
+  static std::size_t reported(const std::string& notices, const char* pattern) {
     std::smatch match;
     return std::regex_search(notices, match, std::regex(pattern)) ? std::stoul(match[1]) : 0;
   }
@@ -168,7 +169,7 @@ class Walk {
   std::map<std::uint64_t, std::size_t> dead_;
 };
 
-TEST(StoreWalk, EveryMessageIsDeliveredAsItWasOrTold) {
+TEST(StoreWalk, DeliversEachMessageUnchangedOrReportsItAsLost) {
   const char* const walks = std::getenv("SLAMGW_WALKS");
   const std::uint64_t count = walks ? std::stoull(walks) : 15;
   for (std::uint64_t seed = 1; seed <= count && !testing::Test::HasFailure(); ++seed) {
@@ -179,7 +180,7 @@ TEST(StoreWalk, EveryMessageIsDeliveredAsItWasOrTold) {
   EXPECT_LT(totals.missing * 10, totals.messages) << "damage to one place costs little";
   RecordProperty("missing", static_cast<int>(totals.missing));
   std::cout << totals.messages << " messages, " << totals.missing << " missing, " << totals.again
-            << " again\n";
+            << " delivered again\n";
 }
 
 }  // namespace
