@@ -15,8 +15,8 @@ class BoardOfRoomB : public testing::Test {
  protected:
   BoardOfRoomB() { choice.on_board(true); }
 
-  /// The robot sends five messages a second; both boards hear them if they can, and room-a
-  /// publishes what it hears. Returns after how long this gateway took the robot.
+  /// Lets the robot send five messages a second, which both boards hear if they can; room-a
+  /// publishes what it hears. Returns how long it took until this gateway took the robot.
   std::optional<Duration> run(Duration time) {
     const TimePoint begin = now;
     for (; now < begin + time; now += 200ms) {
@@ -50,7 +50,7 @@ class BoardOfRoomB : public testing::Test {
 
 TEST_F(BoardOfRoomB, LeavesTheRobotToAHolderThatHearsItAsWell) { EXPECT_FALSE(run(5min)); }
 
-TEST_F(BoardOfRoomB, TakesARobotThatNobodyHolds) {
+TEST_F(BoardOfRoomB, TakesARobotThatNoGatewayHolds) {
   EXPECT_FALSE(choice.should_take("r1", "", now)) << "not heard";
   choice.on_heard("r1", std::nullopt, now);
   EXPECT_TRUE(choice.should_take("r1", "", now));
@@ -78,12 +78,12 @@ TEST_F(BoardOfRoomB, LeavesARobotWhoseHolderHasMissedTwoMessagesOnly) {
   run(10s);
   is_heard_there = false;
   EXPECT_FALSE(run(400ms));
-  is_heard_here = false;  // the robot says no more
+  is_heard_here = false;  // the robot sends no more
   EXPECT_FALSE(run(4s));
 }
 
-/// It has no board in this mesh, or it is an older message of it that shows the robot.
-TEST_F(BoardOfRoomB, TakesTheRobotOfAHolderThatSaysNothingOfWhatItHears) {
+/// The holder has no board in this mesh, or only an older presence shows the robot.
+TEST_F(BoardOfRoomB, TakesTheRobotOfAHolderThatDoesNotPublishWhatItHears) {
   speaks = false;
   const auto taken = run(20s);
   ASSERT_TRUE(taken);
@@ -144,7 +144,7 @@ TEST_F(BoardOfRoomB, PublishesOnceASecondWhatItHears) {
   EXPECT_TRUE(choice.next_hears(now + 2min)->rows.empty());
 }
 
-TEST_F(BoardOfRoomB, WhatItKeepsIsBounded) {
+TEST_F(BoardOfRoomB, KeepsABoundedNumberOfBoardsAndRobots) {
   for (std::size_t i = 0; i < 2 * BoardChoice::max_robots; ++i)
     choice.on_heard(std::string(64, 'r') + std::to_string(i), std::nullopt, now);
   const auto hears = choice.next_hears(now);
@@ -166,7 +166,7 @@ TEST(Hears, AreReadAsTheyAreWritten) {
   EXPECT_EQ(read->rows.at(0).age, 120ms);
 }
 
-TEST(Hears, MalformedOnesAreNothing) {
+TEST(Hears, AreIgnoredWhenMalformed) {
   std::string rows = R"(["r",-60,1])";
   for (std::size_t i = 1; i < Hears::max_rows; ++i) rows += R"(,["r",-60,1])";
   const auto with_rows = [](const std::string& text) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An MQTT broker as a pure model, as strict as the specification allows: it gives a session to one
-// holder at a time and says nothing to the old one, acknowledgements take effect when they arrive,
+// An MQTT broker as a pure model, as strict as the specification allows. It gives a session to one
+// client at a time and does not notify the old one. Acknowledgements take effect when they arrive,
 // and everything takes time on its way. Octets are not modelled.
 #pragma once
 
@@ -19,7 +19,7 @@
 
 namespace slamgw::test {
 
-/// What one connection hears; called in the order in which the broker has sent it.
+/// The callbacks of one connection, in the order in which the broker has sent the packets.
 struct Hearing {
   std::function<void(bool is_present)> on_connack = [](bool) {};
   std::function<void(BrokerMessage, std::vector<std::uint32_t>)> on_message =
@@ -34,15 +34,15 @@ class BrokerModel {
  public:
   using Connection = std::uint64_t;
 
-  /// MQTT 5 sends a message once for each filter that it matches, or once with the identifiers of
-  /// all; MQTT 3.1.1 once without any, and retained messages whether they are wanted or not.
+  /// MQTT 5 sends a message once for each matching filter, or once with the identifiers of all.
+  /// MQTT 3.1.1 sends it once without any, and retained messages whether wanted or not.
   enum class Kind : std::uint8_t { v5_copies, v5_one, v3_1_1 };
 
   static constexpr std::size_t receive_maximum = 16;
 
   BrokerModel(unsigned seed, Kind kind) : kind_(kind), random_(seed) {}
 
-  /// From here on all happens at `time`, in steps of a millisecond.
+  /// Runs all events up to `time`, in steps of a millisecond.
   std::int64_t time_ms() const { return time_ms_; }
   void run_until(std::int64_t time_ms) {
     while (!events_.empty() && events_.begin()->first <= time_ms) {
@@ -53,7 +53,7 @@ class BrokerModel {
     time_ms_ = time_ms;
   }
 
-  // What a client sends; each takes effect later, in its order.
+  // A client's packets. Each takes effect later, in its order.
   Connection connect(const std::string& client, bool is_clean, Hearing hearing) {
     const Connection id = ++last_connection_;
     links_[id] = {client, std::move(hearing), true, time_ms_, time_ms_, true};
@@ -88,7 +88,7 @@ class BrokerModel {
         to_client(id, [number](const Hearing& hearing) { hearing.on_fence(number); });
     });
   }
-  /// On a connection, or by somebody else at once.
+  /// Publishes on a connection, or at once as another client.
   void publish(BrokerMessage message, Connection id = 0) {
     if (message.retain) retained_[message.topic] = message;
     message.retain = false;
@@ -106,7 +106,7 @@ class BrokerModel {
     });
     links_.at(id).is_reading = false;
   }
-  /// The connection breaks: what is on its way is lost, each side notices later.
+  /// Breaks the connection: packets on their way are lost, each side notices later.
   void cut(Connection id) {
     const auto found = links_.find(id);
     if (found == links_.end() || !found->second.is_open) return;
@@ -114,7 +114,7 @@ class BrokerModel {
     at(time_ms_ + delay(), [this, id] { release(id); });
     at(time_ms_ + delay(), [this, id] { close(id); });
   }
-  /// Its client is stopped: nothing is read, and what it wrote has left.
+  /// Stops its client: it reads nothing; packets that it wrote have left.
   void stop_reading(Connection id, bool is_stopped) {
     Link& link = links_.at(id);
     link.is_reading = !is_stopped;
@@ -164,7 +164,7 @@ class BrokerModel {
     link.client_has_until_ms = std::max(link.client_has_until_ms, time_ms_ + delay());
     at(link.client_has_until_ms, [this, id, what] { give(id, what); });
   }
-  /// What was on its way when the connection broke may have been read before.
+  /// Packets on their way when the connection broke may have been read before.
   void give(Connection id, const std::function<void(const Hearing&)>& what) {
     Link& link = links_.at(id);
     if (link.is_told_closed) return;
@@ -187,7 +187,7 @@ class BrokerModel {
     const std::string& client = links_.at(id).client;
     const bool is_present = sessions_.contains(client) && !is_clean;
     Session& session = sessions_[client];
-    if (session.holder != 0) {  // without a word, as Mosquitto 2.0 does
+    if (session.holder != 0) {  // without a DISCONNECT, as Mosquitto 2.0 does
       links_.at(session.holder).is_open = false;
       close(session.holder);
     }
@@ -213,7 +213,7 @@ class BrokerModel {
       send_next(session);
     }
   }
-  /// As many as the client's Receive Maximum allows.
+  /// Sends as many as the client's Receive Maximum allows.
   void send_next(Session& session) {
     if (session.holder == 0) return;
     std::size_t place = 0;
@@ -233,8 +233,8 @@ class BrokerModel {
     for (const std::uint32_t id : ids) copies.push_back({id});
     return copies;
   }
-  /// The client's library acknowledges before it hands the message on; the acknowledgement counts
-  /// when it is here and the session is still its.
+  /// The client's library acknowledges before it passes the message on. The acknowledgement counts
+  /// if the client still has the session when it arrives.
   void send(Connection id, const Kept& kept) {
     to_client(id, [this, id, kept](const Hearing& hearing) {
       to_broker(id, [this, id, number = kept.number] {

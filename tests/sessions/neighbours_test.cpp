@@ -22,9 +22,10 @@ class NeighboursOfRoomB : public testing::Test {
   Neighbours neighbours{"room-b"};
 };
 
-TEST_F(NeighboursOfRoomB, ALivingGatewayServesWhatItShows) {
+TEST_F(NeighboursOfRoomB, LivingGatewayServesTheRobotsThatItShows) {
   shows("room-a", "r1");
-  EXPECT_FALSE(neighbours.is_served_elsewhere("r1")) << "nothing says that room-a lives";
+  EXPECT_FALSE(neighbours.is_served_elsewhere("r1"))
+      << "room-a has not published that it is online";
   state("room-a", online);
   EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
   EXPECT_FALSE(neighbours.is_served_elsewhere("r2"));
@@ -32,8 +33,8 @@ TEST_F(NeighboursOfRoomB, ALivingGatewayServesWhatItShows) {
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
 }
 
-/// Another gateway that answers for its robots shows them as offline.
-TEST_F(NeighboursOfRoomB, TakesTheWordOfAGatewayThatAnswersForOneThatHasDied) {
+/// A gateway that answers for another's robots shows them as offline.
+TEST_F(NeighboursOfRoomB, AcceptsPresenceFromAGatewayThatAnswersForADeadOne) {
   state("room-a", online);
   state("room-c", online);
   shows("room-c", "r1");
@@ -45,7 +46,7 @@ TEST_F(NeighboursOfRoomB, TakesTheWordOfAGatewayThatAnswersForOneThatHasDied) {
   EXPECT_FALSE(neighbours.is_heard_elsewhere("r1"));
 }
 
-TEST_F(NeighboursOfRoomB, OfAnotherBrokerAreNotKnown) {
+TEST_F(NeighboursOfRoomB, AreForgottenAtAnotherBroker) {
   state("room-a", online);
   shows("room-a", "r1");
   EXPECT_FALSE(neighbours.is_first());
@@ -54,14 +55,14 @@ TEST_F(NeighboursOfRoomB, OfAnotherBrokerAreNotKnown) {
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
 }
 
-/// A broker that has lost what it retained, and a gateway that has died with it.
-TEST_F(NeighboursOfRoomB, OneThatTheBrokerShowsNoMoreHasDied) {
+/// A broker lost its retained messages, and a gateway died with it.
+TEST_F(NeighboursOfRoomB, GatewayWithoutARetainedStateAfterReconnectIsDead) {
   for (const char* const each : {"room-a", "room-c"}) state(each, online);
   shows("room-a", "r1");
   shows("room-c", "r2");
   neighbours.on_broker_up(/*is_other=*/false);
   state("room-c", online);
-  EXPECT_TRUE(neighbours.is_served_elsewhere("r1")) << "the broker may show it yet";
+  EXPECT_TRUE(neighbours.is_served_elsewhere("r1")) << "its retained state may still arrive";
   neighbours.on_settled();
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
   EXPECT_TRUE(neighbours.is_served_elsewhere("r2"));
@@ -69,8 +70,8 @@ TEST_F(NeighboursOfRoomB, OneThatTheBrokerShowsNoMoreHasDied) {
   EXPECT_EQ(neighbours.orphans()[0].robot, "r1");
 }
 
-/// It shows itself to gateways that it has seen go, so its silence means nothing.
-TEST_F(NeighboursOfRoomB, OneOfVersion010LivesUntilItsLastWill) {
+/// It shows itself again only to gateways that it saw leave, so its silence means nothing.
+TEST_F(NeighboursOfRoomB, GatewayOfVersion010LivesUntilItsLastWill) {
   state("room-a", R"({"state":"online","version":"0.1.0","since":"2026-11-23T09:00:00Z"})");
   shows("room-a", "r1");
   neighbours.on_broker_up(/*is_other=*/false);
@@ -80,14 +81,14 @@ TEST_F(NeighboursOfRoomB, OneOfVersion010LivesUntilItsLastWill) {
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
 }
 
-TEST_F(NeighboursOfRoomB, ItsOwnWordsSayNothing) {
+TEST_F(NeighboursOfRoomB, IgnoresItsOwnMessages) {
   state("room-b", online);
   shows("room-b", "r1");
   EXPECT_FALSE(neighbours.is_served_elsewhere("r1"));
   EXPECT_TRUE(neighbours.gateways().empty());
 }
 
-TEST_F(NeighboursOfRoomB, Rule7_TheRobotsOfADeadGatewayAreOrphansOnce) {
+TEST_F(NeighboursOfRoomB, Rule7_ReturnsTheRobotsOfADeadGatewayAsOrphansOnce) {
   state("room-a", online);
   state("room-aa", online);
   state("room-c", online);
@@ -96,11 +97,12 @@ TEST_F(NeighboursOfRoomB, Rule7_TheRobotsOfADeadGatewayAreOrphansOnce) {
   const auto orphans = state("room-c", offline);
   ASSERT_EQ(orphans.size(), 1U);
   EXPECT_EQ(orphans[0].robot, "r1");
-  EXPECT_EQ(orphans[0].after, seconds{5} + seconds{2}) << "two living ones come before it by name";
+  EXPECT_EQ(orphans[0].after, seconds{5} + seconds{2})
+      << "two living gateways come before it by name";
   EXPECT_TRUE(state("room-c", offline).empty());
 }
 
-TEST_F(NeighboursOfRoomB, TheRobotsOfAGatewayThatWasGoneBeforeAreOrphansToo) {
+TEST_F(NeighboursOfRoomB, ReturnsTheRobotsOfAGatewayThatWasAlreadyOffline) {
   shows("room-c", "r1");
   EXPECT_TRUE(state("room-c", offline).empty());
   ASSERT_EQ(neighbours.orphans().size(), 1U);
@@ -109,7 +111,7 @@ TEST_F(NeighboursOfRoomB, TheRobotsOfAGatewayThatWasGoneBeforeAreOrphansToo) {
   EXPECT_TRUE(neighbours.orphans().empty());
 }
 
-TEST_F(NeighboursOfRoomB, OneThatOnlyAnswersForARobotHasNotHeardIt) {
+TEST_F(NeighboursOfRoomB, GatewayThatShowsARobotAsOfflineHasNotHeardIt) {
   state("room-a", online);
   shows("room-a", "r1", offline);
   EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
@@ -118,7 +120,7 @@ TEST_F(NeighboursOfRoomB, OneThatOnlyAnswersForARobotHasNotHeardIt) {
   EXPECT_TRUE(neighbours.is_heard_elsewhere("r1"));
 }
 
-TEST_F(NeighboursOfRoomB, OneThatShowsARobotOnceMoreBeforeItWithdrawsItHidesNobody) {
+TEST_F(NeighboursOfRoomB, LatePresenceOfAFormerGatewayDoesNotHideTheCurrentOne) {
   state("room-a", online);
   state("room-c", online);
   shows("room-a", "r1");
@@ -143,7 +145,7 @@ TEST_F(NeighboursOfRoomB, OneThatShowsARobotOnceMoreBeforeItWithdrawsItHidesNobo
   EXPECT_FALSE(neighbours.robots().contains("r1")) << "room-a is gone";
 }
 
-TEST_F(NeighboursOfRoomB, OneThatHeardTheRobotLastShowsIt) {
+TEST_F(NeighboursOfRoomB, TakesThePresenceOfTheGatewayThatHeardTheRobotLast) {
   state("room-a", online);
   state("room-c", online);
   shows("room-a", "r1");
@@ -155,7 +157,7 @@ TEST_F(NeighboursOfRoomB, OneThatHeardTheRobotLastShowsIt) {
   EXPECT_TRUE(neighbours.is_served_elsewhere("r1"));
 }
 
-TEST_F(NeighboursOfRoomB, Rule8_TheFirstByNameOfTheLivingRefusesUnknownNames) {
+TEST_F(NeighboursOfRoomB, Rule8_FirstLivingGatewayByNameRefusesUnknownRobots) {
   EXPECT_TRUE(neighbours.is_first());
   state("room-c", online);
   EXPECT_TRUE(neighbours.is_first());
@@ -165,7 +167,7 @@ TEST_F(NeighboursOfRoomB, Rule8_TheFirstByNameOfTheLivingRefusesUnknownNames) {
   EXPECT_TRUE(neighbours.is_first());
 }
 
-TEST_F(NeighboursOfRoomB, DocumentsOfWrongTypesAreNoNeighbours) {
+TEST_F(NeighboursOfRoomB, IgnoresMalformedDocuments) {
   for (const char* text :
        {"{", "[]", "7", R"({"state":7})", R"({"state":{"toString":1}})", "null"}) {
     EXPECT_TRUE(state("room-a", text).empty());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who holds a robot's session, and when it is opened.
+// When a gateway opens, retries, loses and forgets a robot's session.
 #include <algorithm>
 
 #include "daemon/sessions/robot_sessions.hpp"
@@ -8,7 +8,7 @@
 namespace slamgw::sessions {
 namespace {
 
-TEST_F(RobotSessionRules, NamesNeedNoLevelsInTheClientId) {
+TEST_F(RobotSessionRules, ClientIdHasNoTopicLevels) {
   const SessionNames names(TopicScheme("lab/slam", "pi1"));
   EXPECT_EQ(names.client_id("NRF_5"), "lab-slam-robot-NRF_5");
   EXPECT_EQ(names.mailbox_topic("NRF_5"), "lab/slam/fleet/robots/NRF_5/waiting");
@@ -39,7 +39,7 @@ TEST_F(RobotSessionRulesUp, Rule1_ALostSessionWaitsUntilTheRobotIsHeardAgain) {
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndIsNotContested) {
+TEST_F(RobotSessionRulesUp, Rule1_ReopensAConnectionThatTheGatewayEndedAndDoesNotContestIt) {
   attach();
   auto wait = RobotSession::first_retry;
   for (int loss = 0; loss < 8; ++loss) {
@@ -65,7 +65,7 @@ TEST_F(RobotSessionRulesUp, Rule1_AConnectionThatThisSideEndedIsOpenedAgainAndIs
   EXPECT_TRUE(drain<OpenSession>().empty()) << "another gateway has the robot";
 }
 
-TEST_F(RobotSessionRules, Rule1_NothingIsOpenedBeforeTheBrokerIsThere) {
+TEST_F(RobotSessionRules, Rule1_OpensNothingBeforeTheBrokerIsUp) {
   sessions.on_heard("r1", now);
   EXPECT_TRUE(drain<OpenSession>().empty());
   sessions.on_broker_up(true, false, now);
@@ -81,7 +81,7 @@ TEST_F(RobotSessionRulesUp, OpensABoundedNumberOfSessionsAtOnce) {
   EXPECT_EQ(drain<Notice>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, ARefusedConnectIsTriedAgainEverLater) {
+TEST_F(RobotSessionRulesUp, RetriesARefusedConnectAfterGrowingPauses) {
   sessions.on_heard("r1", now);
   for (const seconds wait : {seconds{1}, seconds{2}, seconds{4}}) {
     forget_actions();
@@ -93,7 +93,7 @@ TEST_F(RobotSessionRulesUp, ARefusedConnectIsTriedAgainEverLater) {
   }
 }
 
-/// A robot that another gateway shows was heard, two CONNECTs failed, and it has been silent.
+/// A robot that another gateway shows. It was heard here, two CONNECTs failed, now it is silent.
 class RobotThatMayHaveLeft : public RobotSessionRulesUp {
  protected:
   RobotThatMayHaveLeft() {
@@ -107,15 +107,15 @@ class RobotThatMayHaveLeft : public RobotSessionRulesUp {
   }
 };
 
-/// Three gateways that each repeat a CONNECT for a robot that walks between them end each other's.
-TEST_F(RobotThatMayHaveLeft, IsTriedAgainLater) {
+/// Otherwise three gateways around a roaming robot end each other's CONNECTs.
+TEST_F(RobotThatMayHaveLeft, IsRetriedAfterTheLongestPause) {
   pass(RobotSession::longest_retry - milliseconds{1});
   EXPECT_TRUE(drain<OpenSession>().empty());
   pass(milliseconds{1});
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, ARobotThatComesBackDoesNotWaitForTheNextTry) {
+TEST_F(RobotSessionRulesUp, ConnectsAtOnceForARobotThatComesBack) {
   is_served_elsewhere = true;
   sessions.on_heard("r1", now);
   for (int i = 0; i < 4; ++i) {
@@ -136,7 +136,7 @@ TEST_F(RobotSessionRulesUp, ARobotThatComesBackDoesNotWaitForTheNextTry) {
 }
 
 /// Counts the CONNECTs for a robot that is heard each 4 s, within ten minutes.
-TEST_F(RobotSessionRulesUp, ARobotThatIsSilentBetweenItsMessagesIsNotTriedMoreOften) {
+TEST_F(RobotSessionRulesUp, RetriesNoMoreOftenForARobotThatIsSilentBetweenMessages) {
   for (const bool is_refused : {false, true}) {
     is_served_elsewhere = is_refused;
     std::size_t connects = 0;
@@ -171,15 +171,15 @@ TEST_F(RobotThatMayHaveLeft, Rule7_DoesNotWaitWhenItsGatewayHasDied) {
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
-/// The failed CONNECT may have ended the other gateway's session. What came since would be obeyed.
-TEST_F(RobotThatMayHaveLeft, Rule7_HasNoCommandThatGetsTooOldBetweenTwoTries) {
+/// The failed CONNECT may have ended the other gateway's session, so commands may wait since then.
+TEST_F(RobotThatMayHaveLeft, Rule7_IsRetriedBeforeACommandCanBecomeStale) {
   pass(RobotSession::stale_after);
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
 // --- Rule 5: flapping ----------------------------------------------------------------------------
 
-TEST_F(RobotSessionRulesUp, Rule5_TwoThatTakeTheSessionFromEachOtherWaitEverLonger) {
+TEST_F(RobotSessionRulesUp, Rule5_GatewaysThatTakeASessionFromEachOtherWaitLongerEachTime) {
   for (unsigned i = 0; i <= RobotSession::free_losses; ++i) {
     attach(true);
     sessions.on_detached("r1", now);
@@ -208,26 +208,26 @@ class ContestedSession : public RobotSessionRulesUp {
       sessions.on_detached("r1", now);
     }
   }
-  struct Said {
+  struct Reports {
     std::vector<bool> contested;
     std::vector<std::string> notices;
   };
-  Said said() {
-    Said said;
+  Reports reports() {
+    Reports all;
     while (auto action = sessions.next_action()) {
       if (const auto* it = std::get_if<SessionContested>(&*action))
-        said.contested.push_back(it->is_contested);
-      if (const auto* it = std::get_if<Notice>(&*action)) said.notices.push_back(it->text);
+        all.contested.push_back(it->is_contested);
+      if (const auto* it = std::get_if<Notice>(&*action)) all.notices.push_back(it->text);
     }
-    return said;
+    return all;
   }
 };
 
-TEST_F(ContestedSession, Rule5_IsSaidOnceAndOverAfterAQuietMinute) {
+TEST_F(ContestedSession, Rule5_IsReportedOnceAndEndsAfterAQuietMinute) {
   lose(2);
-  EXPECT_TRUE(said().contested.empty()) << "the robot may have gone";
+  EXPECT_TRUE(reports().contested.empty()) << "the robot may have gone";
   for (int i = 0; i < 3; ++i) sessions.on_heard("r1", now);
-  Said first = said();
+  Reports first = reports();
   EXPECT_EQ(first.contested, std::vector{true});
   ASSERT_EQ(first.notices.size(), 1U);
   EXPECT_NE(first.notices[0].find("a second robot or a foreign client with this name?"),
@@ -239,23 +239,23 @@ TEST_F(ContestedSession, Rule5_IsSaidOnceAndOverAfterAQuietMinute) {
   forget_actions();
   pass(seconds{1});
   EXPECT_FALSE(sessions.is_contested("r1"));
-  Said last = said();
+  Reports last = reports();
   EXPECT_EQ(last.contested, std::vector{false});
   EXPECT_EQ(last.notices.size(), 1U);
 }
 
-TEST_F(ContestedSession, Rule5_AForeignClientThatComesTwiceAMinuteIsNoticed) {
+TEST_F(ContestedSession, Rule5_ForeignClientThatConnectsTwiceAMinuteIsReported) {
   for (int i = 0; i < 2; ++i) {
     attach(true);
     pass(seconds{25});
     sessions.on_detached("r1", now);
   }
   sessions.on_heard("r1", now);
-  EXPECT_EQ(said().contested, std::vector{true});
+  EXPECT_EQ(reports().contested, std::vector{true});
 }
 
-/// Else a shared mesh would leave the robot unacknowledged for the whole outage.
-TEST_F(ContestedSession, Rule11_ALossJustBeforeTheBrokersIsToldAsTheBrokers) {
+/// Otherwise a shared mesh would leave the robot unacknowledged for the whole outage.
+TEST_F(ContestedSession, Rule11_LossJustBeforeTheBrokersIsReportedAsTheBrokers) {
   attach(true);
   sessions.on_detached("r1", now);
   EXPECT_EQ(drain<SessionLost>().at(0).why, LossReason::taken);
@@ -265,7 +265,7 @@ TEST_F(ContestedSession, Rule11_ALossJustBeforeTheBrokersIsToldAsTheBrokers) {
   EXPECT_EQ(lost[0].why, LossReason::broker_gone);
 }
 
-TEST_F(ContestedSession, Rule11_ABrokerThatEndsAgainAndAgainIsNoClientThatTakesSessions) {
+TEST_F(ContestedSession, Rule11_BrokerThatRestartsRepeatedlyContestsNoSession) {
   for (int i = 0; i < 3; ++i) {
     attach(true);
     sessions.on_detached("r1", now);  // a moment before the gateway's own connection
@@ -276,7 +276,8 @@ TEST_F(ContestedSession, Rule11_ABrokerThatEndsAgainAndAgainIsNoClientThatTakesS
   EXPECT_FALSE(sessions.is_contested("r1"));
   forget_actions();
   pass(RobotSessions::unheard_delay);
-  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "the robot is answered for, heard or not";
+  EXPECT_EQ(drain<OpenSession>().size(), 1U)
+      << "the session reopens, whether the robot is heard or not";
 }
 
 TEST_F(ContestedSession, Rule5_ARobotThatRoamsIsNotContested) {
@@ -291,7 +292,7 @@ TEST_F(ContestedSession, Rule5_ARobotThatRoamsIsNotContested) {
   }
 }
 
-TEST_F(ContestedSession, AFilterThatBreaksTheConnectionTwiceIsRefusedAndNoClientIsBlamed) {
+TEST_F(ContestedSession, RefusesAFilterThatBreaksTheConnectionTwiceAndBlamesNoClient) {
   subscribe("ntnu-slam/robot/+/update");
   for (int i = 0; i < 2; ++i) {
     sessions.on_heard("r1", now);
@@ -305,14 +306,14 @@ TEST_F(ContestedSession, AFilterThatBreaksTheConnectionTwiceIsRefusedAndNoClient
   EXPECT_FALSE(sessions.is_contested("r1"));
 }
 
-TEST_F(ContestedSession, Rule5_LossesLongAgoDoNotCount) {
+TEST_F(ContestedSession, Rule5_LossesOlderThanAMinuteDoNotCount) {
   lose(2);
   pass(RobotSession::quiet_minute);
   sessions.on_heard("r1", now);
-  EXPECT_TRUE(said().contested.empty());
+  EXPECT_TRUE(reports().contested.empty());
 }
 
-TEST_F(RobotSessionRulesUp, MessagesWhileASessionMayNotOpenLeaveOneTimerEach) {
+TEST_F(RobotSessionRulesUp, KeepsNoTimerForEachMessageWhileASessionMayNotOpen) {
   for (unsigned i = 0; i <= RobotSession::free_losses; ++i) {
     attach(true);
     sessions.on_detached("r1", now);
@@ -334,7 +335,7 @@ TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNoTimer) {
 
 // --- Rule 11: the broker is away -----------------------------------------------------------------
 
-TEST_F(RobotSessionRulesUp, Rule11_RobotsThatWereHeardComeFirstWhenTheBrokerIsBack) {
+TEST_F(RobotSessionRulesUp, Rule11_OpensSessionsOfHeardRobotsFirstWhenTheBrokerIsBack) {
   attach();
   sessions.on_heard("r2", now);
   sessions.on_attached("r2", false, now);
@@ -354,7 +355,7 @@ TEST_F(RobotSessionRulesUp, Rule11_RobotsThatWereHeardComeFirstWhenTheBrokerIsBa
   EXPECT_EQ(opened[0].robot, "r1");
 }
 
-TEST_F(RobotSessionRulesUp, Rule11_AConnectThatFailedWithTheBrokerIsSentAtOnceWhenItIsBack) {
+TEST_F(RobotSessionRulesUp, Rule11_RetriesAConnectThatFailedWithTheBrokerAtOnceWhenItIsBack) {
   for (int i = 0; i < 5; ++i) {
     sessions.on_heard("r1", now);
     ASSERT_EQ(drain<OpenSession>().size(), 1U);
@@ -367,7 +368,7 @@ TEST_F(RobotSessionRulesUp, Rule11_AConnectThatFailedWithTheBrokerIsSentAtOnceWh
   }
 }
 
-TEST_F(RobotSessionRulesUp, Rule11_RobotsWhoseConnectWaitsWhileTheBrokerGoesAreAttachedLater) {
+TEST_F(RobotSessionRulesUp, Rule11_AttachesRobotsLaterWhoseConnectWaitedWhenTheBrokerWentDown) {
   for (int i = 0; i < 40; ++i) sessions.on_heard("r" + std::to_string(i), now);
   sessions.on_broker_down(now);
   forget_actions();
@@ -378,7 +379,7 @@ TEST_F(RobotSessionRulesUp, Rule11_RobotsWhoseConnectWaitsWhileTheBrokerGoesAreA
   EXPECT_EQ(sessions.held(), 40U);
 }
 
-TEST_F(RobotSessionRulesUp, AnotherBrokerIsToldEverythingAndItsOldCommandsAreRefused) {
+TEST_F(RobotSessionRulesUp, SubscribesEverythingAtAnotherBrokerAndRefusesItsOldCommands) {
   attach();
   subscribed_id("ntnu-slam/robot/+/update");
   sessions.on_broker_down(now);
@@ -391,8 +392,7 @@ TEST_F(RobotSessionRulesUp, AnotherBrokerIsToldEverythingAndItsOldCommandsAreRef
   EXPECT_TRUE(fenced().empty());
 }
 
-// --- Forgetting
-// -----------------------------------------------------------------------------------
+// --- Forgetting ----------------------------------------------------------------------------------
 
 TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNothingAtTheBroker) {
   attach();
@@ -403,7 +403,7 @@ TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNothingAtTheBroker) {
   EXPECT_EQ(sessions.held(), 0U);
 }
 
-TEST_F(RobotSessionRulesUp, AForgottenRobotIsNotRefusedAnyMore) {
+TEST_F(RobotSessionRulesUp, ForgettingARobotEndsItsRefusal) {
   sessions.on_heard("r1", now);
   sessions.on_attach_failed("r1", now, /*is_refused=*/true);
   EXPECT_TRUE(sessions.is_refused("r1"));
@@ -412,7 +412,7 @@ TEST_F(RobotSessionRulesUp, AForgottenRobotIsNotRefusedAnyMore) {
   EXPECT_FALSE(sessions.is_refused("r1"));
 }
 
-TEST_F(RobotSessionRulesUp, ARefusedRobotIsRefusedUntilTheSessionIsHeldOrTheBrokerIsGone) {
+TEST_F(RobotSessionRulesUp, RefusalLastsUntilTheSessionIsHeldOrTheBrokerIsDown) {
   for (const bool is_lost : {false, true}) {
     sessions.on_heard("r1", now);
     sessions.on_attach_failed("r1", now, /*is_refused=*/true);
@@ -430,8 +430,8 @@ TEST_F(RobotSessionRulesUp, ARefusedRobotIsRefusedUntilTheSessionIsHeldOrTheBrok
   }
 }
 
-/// As a command does for a robot that may be at another gateway: many may come.
-TEST_F(RobotSessionRulesUp, ARobotThatIsKeptAgainIsNotPutOff) {
+/// Each command for a robot that may be at another gateway calls keep(): many may come.
+TEST_F(RobotSessionRulesUp, KeepingARobotAgainDoesNotPostponeItsConnect) {
   sessions.keep("r1", {}, std::chrono::seconds(5), now);
   pass(std::chrono::seconds(3));
   sessions.keep("r1", {}, std::chrono::seconds(5), now);
@@ -441,8 +441,8 @@ TEST_F(RobotSessionRulesUp, ARobotThatIsKeptAgainIsNotPutOff) {
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
-/// Boards that share a mesh all hear the robot, so hearing it says nothing about who serves it.
-TEST_F(RobotSessionRulesUp, ASessionThatWasJustTakenIsKnownUntilTheTakerHadTimeToShowTheRobot) {
+/// All boards of a shared mesh hear the robot, so hearing it does not show which gateway serves it.
+TEST_F(RobotSessionRulesUp, ReportsASessionAsJustTakenUntilTheOtherGatewayCanShowTheRobot) {
   EXPECT_FALSE(sessions.was_just_taken("r1", now.mono));
   attach();
   EXPECT_FALSE(sessions.was_just_taken("r1", now.mono));
@@ -467,14 +467,14 @@ class ForgottenRobots : public RobotSessionRules {
   }
 };
 
-TEST_F(ForgottenRobots, OnMqtt311ACleanConnectSaysSo) {
+TEST_F(ForgottenRobots, OnMqtt311AreForgottenByACleanConnect) {
   sessions.on_broker_up(/*is_v5=*/false, false, now);
   attach();
   sessions.forget("r1");
   expect_a_clean_open_and_close();
 }
 
-TEST_F(ForgottenRobots, WhoseSessionIsNotHeldAreForgottenToo) {
+TEST_F(ForgottenRobots, AreForgottenAtTheBrokerWithoutAHeldSession) {
   sessions.on_broker_up(/*is_v5=*/true, false, now);
   sessions.forget("r1");
   expect_a_clean_open_and_close();
@@ -509,24 +509,24 @@ TEST_F(ForgottenRobots, AreBoundedAndPaced) {
   }
   EXPECT_EQ(opened, RobotSessions::max_forgetting);
   sessions.on_heard("r1", now);
-  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "no place is lost";
+  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "failed attempts free their places";
 }
 
-TEST_F(ForgottenRobots, ThatAreHeardAgainBeginAnew) {
+TEST_F(ForgottenRobots, ThatAreHeardAgainGetACleanSession) {
   sessions.on_broker_up(/*is_v5=*/true, false, now);
   sessions.forget("r1");
   forget_actions();
   sessions.on_heard("r1", now);
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
   sessions.on_attached("r1", true, now);
-  EXPECT_EQ(sessions.held(), 0U) << "first it refuses what waits there";
+  EXPECT_EQ(sessions.held(), 0U) << "it refuses the waiting messages first";
   pass(RobotSession::marker_patience);
   const auto opened = drain<OpenSession>();
   ASSERT_EQ(opened.size(), 1U);
   EXPECT_TRUE(opened[0].is_clean);
 }
 
-TEST_F(ForgottenRobots, ThatAreHeardAgainBeginAnewThoughTheirConnectionIsLostWhileSorting) {
+TEST_F(ForgottenRobots, ThatAreHeardAgainGetACleanSessionAfterALossWhileSorting) {
   sessions.on_broker_up(/*is_v5=*/true, false, now);
   sessions.forget("r1");
   sessions.on_heard("r1", now);
@@ -545,7 +545,7 @@ TEST_F(ForgottenRobots, ThatAreHeardAgainBeginAnewThoughTheirConnectionIsLostWhi
 
 // --- What another gateway leaves behind ----------------------------------------------------------
 
-TEST_F(RobotSessionRulesUp, Rule7_AConnectionThatBreaksWhileItSortsIsFollowedByAnotherMarker) {
+TEST_F(RobotSessionRulesUp, Rule7_SendsAnotherMarkerAfterAConnectionBrokeWhileSorting) {
   now.mono += seconds{60};
   attach(true);
   sessions.on_detached("r1", now);
@@ -554,7 +554,7 @@ TEST_F(RobotSessionRulesUp, Rule7_AConnectionThatBreaksWhileItSortsIsFollowedByA
   EXPECT_EQ(drain<SendMarker>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule13_AFilterForAllCommandsIsTheRobotsAgainWhenTheSessionIs) {
+TEST_F(RobotSessionRulesUp, Rule13_RestoresTheRobotsFilterForAllCommandsWithItsSession) {
   const std::string everything = "ntnu-slam/server/r1/#";
   attach();
   subscribed_id(everything);
@@ -563,10 +563,10 @@ TEST_F(RobotSessionRulesUp, Rule13_AFilterForAllCommandsIsTheRobotsAgainWhenTheS
   sessions.on_attached("r1", true, now);
   const auto filters = subscribed();
   EXPECT_EQ(std::ranges::count(filters, everything), 1)
-      << "another gateway may have put its own in its place";
+      << "another gateway may have replaced it with its own";
 }
 
-TEST_F(RobotSessionRulesUp, ARobotThatHasMovedWhileTheBrokerWasAwayIsGivenUp) {
+TEST_F(RobotSessionRulesUp, GivesUpARobotThatMovedWhileTheBrokerWasAway) {
   attach(true);
   sessions.on_broker_down(now);
   is_served_elsewhere = true;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot's session subscribes to, who is answered when, and the robot's note.
+// A robot's session: its subscriptions, answers to the robot, and its note.
 #include "tests/sessions/session_rules.hpp"
 
 namespace slamgw::sessions {
@@ -7,7 +7,7 @@ namespace {
 
 // --- Subscriptions -------------------------------------------------------------------------------
 
-TEST_F(RobotSessionRulesUp, SubscribesWhatTheRobotAskedForWhenTheSessionIsNew) {
+TEST_F(RobotSessionRulesUp, SubscribesTheRobotsFiltersWhenItsSessionIsNew) {
   sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, false, now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", false, now);
@@ -23,7 +23,7 @@ TEST_F(RobotSessionRulesUp, SubscribesWhatTheRobotAskedForWhenTheSessionIsNew) {
 
 /// A broker that was killed may have an older session, and a gateway that was killed may have made
 /// one without all of the robot's filters.
-TEST_F(RobotSessionRulesUp, SubscribesAgainWhatItsSessionShouldHave) {
+TEST_F(RobotSessionRulesUp, RenewsSubscriptionsThatThePresentSessionShouldHave) {
   sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", true, now);
@@ -36,7 +36,7 @@ TEST_F(RobotSessionRulesUp, SubscribesAgainWhatItsSessionShouldHave) {
   EXPECT_EQ(subscribed(), (std::vector{mailbox, std::string("ntnu-slam/server/r1/+")}));
 }
 
-TEST_F(RobotSessionRulesUp, DropsNoCommandForAFilterThatItsSessionDoesNotHave) {
+TEST_F(RobotSessionRulesUp, TakesACommandForAFilterThatItsSessionMayLack) {
   sessions.subscribe("r1", "ntnu-slam/server/r1/run", Qos::at_least_once, true, now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", true, now);
@@ -47,14 +47,14 @@ TEST_F(RobotSessionRulesUp, DropsNoCommandForAFilterThatItsSessionDoesNotHave) {
   EXPECT_EQ(fenced().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, SubscribesAgainWhenTheBrokerHasForgotten) {
+TEST_F(RobotSessionRulesUp, RenewsSubscriptionsWhenTheBrokerLostTheSession) {
   sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", false, now);
   EXPECT_EQ(drain<SubscribeSession>().back().filter, "ntnu-slam/server/r1/+");
 }
 
-TEST_F(RobotSessionRulesUp, UnsubscribesLaterWhatWasGivenUpWhileTheSessionWasAway) {
+TEST_F(RobotSessionRulesUp, UnsubscribesLaterWhatTheRobotUnsubscribedWhileDetached) {
   sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, true, now);
   attach(true);
   sessions.on_detached("r1", now);
@@ -66,10 +66,10 @@ TEST_F(RobotSessionRulesUp, UnsubscribesLaterWhatWasGivenUpWhileTheSessionWasAwa
 
 /// The session may have filters that this gateway does not know, unless the broker has just made
 /// it.
-TEST_F(RobotSessionRulesUp, ANewSessionWantsOnlyWhatItsRobotHasSubscribedTo) {
+TEST_F(RobotSessionRulesUp, NewSessionWantsOnlyTopicsThatItsRobotHasSubscribedTo) {
   const std::string topic = "ntnu-slam/server/r1/cmd";
   sessions.on_heard("r1", now);
-  EXPECT_TRUE(sessions.may_want("r1", topic)) << "it is not known yet";
+  EXPECT_TRUE(sessions.may_want("r1", topic)) << "unknown so far";
   sessions.on_attached("r1", /*is_present=*/true, now);
   EXPECT_TRUE(sessions.may_want("r1", topic));
   sessions.on_detached("r1", now);
@@ -82,7 +82,7 @@ TEST_F(RobotSessionRulesUp, ANewSessionWantsOnlyWhatItsRobotHasSubscribedTo) {
   EXPECT_FALSE(sessions.may_want("r1", topic));
 }
 
-TEST_F(RobotSessionRulesUp, ACleanRobotBeginsAnew) {
+TEST_F(RobotSessionRulesUp, CleanConnectRefusesWaitingCommandsAndOpensACleanSession) {
   sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, false, now);
   sessions.on_heard("r1", now);
   forget_actions();
@@ -104,7 +104,7 @@ TEST_F(RobotSessionRulesUp, ACleanRobotBeginsAnew) {
   EXPECT_EQ(subscribed(), (std::vector<std::string>{mailbox, "ntnu-slam/server/r1/#"}));
 }
 
-TEST_F(RobotSessionRulesUp, ACleanConnectThatFailsIsFollowedByOneThatSortsAgain) {
+TEST_F(RobotSessionRulesUp, SortsAgainAfterACleanConnectThatFailed) {
   sessions.begin_clean("r1", now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", true, now);
@@ -126,7 +126,7 @@ TEST_F(RobotSessionRulesUp, ACleanConnectThatFailsIsFollowedByOneThatSortsAgain)
   EXPECT_EQ(stale, 1U);
 }
 
-TEST_F(RobotSessionRulesUp, ARobotThatWasGivenUpBringsItsFiltersWithItsNote) {
+TEST_F(RobotSessionRulesUp, ForgetsTheFiltersOfARobotThatItHasGivenUp) {
   subscribe("ntnu-slam/server/r1/run");
   attach(true);
   sessions.on_given_up("r1");
@@ -165,7 +165,7 @@ TEST_F(RobotSessionRulesUp, UnsubscribesAgainUntilTheBrokerHasAnswered) {
 }
 
 /// The other broker may have an older session of the robot, with that filter.
-TEST_F(RobotSessionRules, UnsubscribesAtAnotherBrokerWhatTheRobotGaveUpBefore) {
+TEST_F(RobotSessionRules, UnsubscribesAtAnotherBrokerWhatTheRobotUnsubscribedBefore) {
   const std::string updates = "ntnu-slam/robot/+/update";
   resume(updates);
   sessions.unsubscribe("r1", updates);
@@ -177,7 +177,7 @@ TEST_F(RobotSessionRules, UnsubscribesAtAnotherBrokerWhatTheRobotGaveUpBefore) {
   EXPECT_EQ(given_up[0].filter, updates);
 }
 
-TEST_F(RobotSessionRulesUp, WaitsForTheAnswerOfABrokerThatIsBackFromItsSilence) {
+TEST_F(RobotSessionRulesUp, WaitsForTheSubackOfABrokerThatAnswersAgain) {
   attach();
   sessions.on_silence(true);
   sessions.on_broker_down(now);
@@ -190,7 +190,7 @@ TEST_F(RobotSessionRulesUp, WaitsForTheAnswerOfABrokerThatIsBackFromItsSilence) 
 }
 
 /// An UNSUBSCRIBE from the note may be lost with its connection.
-TEST_F(RobotSessionRulesUp, ReadsTheRetainedNoteAndNoneThatWaitedInTheSession) {
+TEST_F(RobotSessionRulesUp, ReadsTheRetainedNoteAndIgnoresOneThatWaitedInTheSession) {
   sessions.read_note("r1", now);
   sessions.on_attached("r1", /*is_present=*/true, now);
   arrives({note_topic, to_bytes("old"), Qos::at_least_once, /*retain=*/false});
@@ -217,7 +217,7 @@ TEST_F(RobotSessionRulesUp, TakesTheSessionAgainForTheNoteOfARobotThatConnectsAg
   EXPECT_EQ(as_text(read[0].note), "new");
 }
 
-TEST_F(RobotSessionRulesUp, AnUnsubscribedFilterForAllCommandsIsTheGatewaysAfterwards) {
+TEST_F(RobotSessionRulesUp, ResubscribesTheGatewaysFilterAfterTheRobotUnsubscribesTheSame) {
   const std::string everything = "ntnu-slam/server/r1/#";
   resume(everything);
   attach(true);

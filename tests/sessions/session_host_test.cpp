@@ -67,7 +67,7 @@ class Host {
 
 class SessionHosts : public testing::TestWithParam<MqttVersion> {
  protected:
-  /// Tests that expect a notice take it.
+  /// Tests that expect a notice remove it.
   void TearDown() override {
     EXPECT_EQ(a.notices, std::vector<std::string>{});
     EXPECT_EQ(b.notices, std::vector<std::string>{});
@@ -82,13 +82,13 @@ class SessionHosts : public testing::TestWithParam<MqttVersion> {
     test::write_file(directory / "payload", as_text(payload));
     test::mosquitto_publish(broker, {"-t", topic, "-f", directory / "payload", "-q", "1"});
   }
-  /// The gateway knows the broker, and holds this robot.
+  /// Connects the gateway and lets it take this robot's session.
   void hold(Host& gateway, const std::string& robot) {
     gateway.up(broker.port(), GetParam());
     gateway.hear(robot);
     ASSERT_TRUE(eventually(io, [&] { return gateway.host.sessions().is_held(robot); }));
   }
-  /// The gateway holds r1 with this filter.
+  /// Lets the gateway take the session of r1 with this filter.
   void serve(Host& gateway, const std::string& filter) {
     hold(gateway, "r1");
     gateway.subscribe("r1", filter);
@@ -103,7 +103,7 @@ class SessionHosts : public testing::TestWithParam<MqttVersion> {
   Host b{io};
 };
 
-TEST_P(SessionHosts, ACommandComesToWhoeverHoldsTheRobotsSession) {
+TEST_P(SessionHosts, GatewayThatHoldsTheRobotsSessionGetsItsCommands) {
   serve(a, "p/server/r1/+");
   publish("p/server/r1/run", "1");
   ASSERT_TRUE(eventually(io, [&] { return a.taken.size() == 1; }));
@@ -121,7 +121,7 @@ TEST_P(SessionHosts, ACommandComesToWhoeverHoldsTheRobotsSession) {
   EXPECT_EQ(b.host.sessions().held(), 1U);
 }
 
-TEST_P(SessionHosts, WhatCameWhileNobodyHeldTheSessionWaitsAtTheBroker) {
+TEST_P(SessionHosts, CommandsWaitAtTheBrokerWhileNoGatewayHoldsTheSession) {
   serve(a, "p/server/r1/+");
   a.host.stop();
   publish("p/server/r1/run", "1");
@@ -131,8 +131,8 @@ TEST_P(SessionHosts, WhatCameWhileNobodyHeldTheSessionWaitsAtTheBroker) {
   EXPECT_EQ(as_text(b.taken[0].message.payload), "1");
 }
 
-/// Mosquitto 2.0 sends more of them at once than the client allows.
-TEST_P(SessionHosts, ManyCommandsWithQos2AllComeAlsoWhenTheyHaveWaited) {
+/// Mosquitto 2.0 sends more messages of QoS 2 at once than the client allows.
+TEST_P(SessionHosts, ReceiveHundredsOfQos2CommandsEvenAfterTheyWaited) {
   const auto publish_many = [&] {
     test::mosquitto_publish(broker,
                             {"-t", "p/server/r1/run", "-m", "1", "-q", "2", "--repeat", "300"});
@@ -150,7 +150,7 @@ TEST_P(SessionHosts, ManyCommandsWithQos2AllComeAlsoWhenTheyHaveWaited) {
   EXPECT_TRUE(a.lost.empty() && b.lost.empty());
 }
 
-TEST_P(SessionHosts, WhatWaitedIsOldWhereTheFormerProcessUsedAnotherBroker) {
+TEST_P(SessionHosts, RefuseWaitingCommandsWhereTheFormerProcessUsedAnotherBroker) {
   serve(a, "p/server/r1/+");
   a.host.stop();
   publish("p/server/r1/run", "1");
@@ -161,7 +161,7 @@ TEST_P(SessionHosts, WhatWaitedIsOldWhereTheFormerProcessUsedAnotherBroker) {
   EXPECT_TRUE(next.taken.empty());
 }
 
-TEST_P(SessionHosts, SessionsComeBackWithTheBroker) {
+TEST_P(SessionHosts, ReopenAllSessionsWhenTheBrokerIsBack) {
   a.up(broker.port(), GetParam());
   for (int i = 0; i < 20; ++i) a.hear("r" + std::to_string(i));
   ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 20; }));
@@ -174,7 +174,7 @@ TEST_P(SessionHosts, SessionsComeBackWithTheBroker) {
   ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 40; }));
 }
 
-TEST_P(SessionHosts, ACommandThatOverlapsComesOnceAndOneThatNobodyAskedForIsMarked) {
+TEST_P(SessionHosts, TakeOneCopyForOverlappingFiltersAndMarkUnaskedCommands) {
   serve(a, "p/server/r1/run");
   a.subscribe("r1", "p/server/+/run");
   ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 2; }));
@@ -193,7 +193,7 @@ TEST_P(SessionHosts, ACommandThatOverlapsComesOnceAndOneThatNobodyAskedForIsMark
     EXPECT_EQ(taken, (std::vector<std::pair<std::string, bool>>{{"1", false}, {"3", false}}));
 }
 
-TEST_P(SessionHosts, RetainedMessagesComeWheneverTheRobotAsks) {
+TEST_P(SessionHosts, DeliverRetainedMessagesAtEachSubscribeOfTheRobot) {
   publish("p/server/r1/mode", "auto", /*is_retained=*/true);
   serve(a, "p/server/r1/+");
   ASSERT_TRUE(eventually(io, [&] { return a.taken.size() == 1; }));
@@ -209,7 +209,7 @@ TEST_P(SessionHosts, RetainedMessagesComeWheneverTheRobotAsks) {
   EXPECT_FALSE(b.taken[0].message.retain) << "the robot has not asked there";
 }
 
-TEST_P(SessionHosts, Rule9_TheNoteComesWithTheSession) {
+TEST_P(SessionHosts, Rule9_ReadTheNoteWithTheSession) {
   publish("p/fleet/robots/r1", "a note", /*is_retained=*/true);
   serve(a, "p/server/r1/+");
   hold(b, "another");
@@ -223,7 +223,7 @@ TEST_P(SessionHosts, Rule9_TheNoteComesWithTheSession) {
   EXPECT_TRUE(b.notes[1].note.empty());
 }
 
-TEST_P(SessionHosts, Rule4_AMessageInTheMailboxComesToTheHolder) {
+TEST_P(SessionHosts, Rule4_HolderOfTheSessionGetsMessagesOfTheMailbox) {
   serve(a, "p/server/r1/+");
   WaitingMessage waiting{{"p/server/r1/run", to_bytes("1"), Qos::at_least_once, false}};
   waiting.message.waited = Waited{3000};
@@ -233,10 +233,10 @@ TEST_P(SessionHosts, Rule4_AMessageInTheMailboxComesToTheHolder) {
   EXPECT_GE(a.taken[0].message.waited, Waited{3000});
 }
 
-TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
+TEST_P(SessionHosts, EndTheSessionOfAForgottenRobotThatIsHeldOrNot) {
   serve(a, "p/server/r1/+");
   a.host->forget(std::string("r1"));
-  // The broker may hear of it after another gateway's CONNECT, which then takes the place back.
+  // The end of the session may reach the broker after another gateway's CONNECT.
   const auto finds_none = [&](Host& gateway) {
     return eventually(io, [&] {
       gateway.hear("r1");
@@ -248,7 +248,7 @@ TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
   b.up(broker.port(), GetParam());
   ASSERT_TRUE(finds_none(b));
   b.host.stop();
-  // On MQTT 5 one that connects between the clean start and its end finds the new, empty session.
+  // On MQTT 5 a client that connects between clean start and end finds the new, empty session.
   if (is_v5()) return;
   a.host->forget(std::string("r1"));
   Host c{io};
@@ -256,7 +256,7 @@ TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
   EXPECT_TRUE(finds_none(c));
 }
 
-TEST_P(SessionHosts, SurviveOnAQuietLinkByPings) {
+TEST_P(SessionHosts, KeepQuietSessionsAliveByPings) {
   const test::TempDir directory;
   test::Mosquitto talkative("log_type all\nlog_dest file " + directory / "log" + "\n");
   BrokerSettings settings;
@@ -277,7 +277,7 @@ TEST_P(SessionHosts, SurviveOnAQuietLinkByPings) {
   EXPECT_TRUE(a.lost.empty());
 }
 
-TEST_P(SessionHosts, ABrokerThatStandsStillDoesNotHoldTheLoop) {
+TEST_P(SessionHosts, BrokerThatStandsStillDoesNotBlockTheLoop) {
   serve(a, "p/server/r1/+");
   broker.pause();
   for (int i = 0; i < 50; ++i) a.subscribe("n" + std::to_string(i), "p/server/x/+");
@@ -286,7 +286,7 @@ TEST_P(SessionHosts, ABrokerThatStandsStillDoesNotHoldTheLoop) {
   boost::asio::post(io, [&] { has_passed = true; });
   ASSERT_TRUE(eventually(io, [&] { return has_passed; }));
   a.host->on_silence(true);
-  EXPECT_EQ(a.answered.size(), 52U) << "the gateway answers in its place";
+  EXPECT_EQ(a.answered.size(), 52U) << "the gateway answers for the silent broker";
   broker.resume();
   ASSERT_TRUE(eventually(io, [&] { return a.host.sessions().held() == 51; }));
 }
@@ -296,7 +296,7 @@ INSTANTIATE_TEST_SUITE_P(Over, SessionHosts, testing::Values(MqttVersion::v5, Mq
                            return version.param == MqttVersion::v5 ? "Mqtt5" : "Mqtt311";
                          });
 
-// --- What an operator reads, and what it costs ---------------------------------------------------
+// --- Notices for operators, and cost -------------------------------------------------------------
 
 class OneSessionHost : public testing::Test {
  protected:

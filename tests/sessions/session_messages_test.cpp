@@ -7,7 +7,7 @@ namespace {
 
 // --- Rule 2: the fence ---------------------------------------------------------------------------
 
-TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheFenceHasComeBack) {
+TEST_F(RobotSessionRulesUp, Rule2_TakesACommandWhenItsFenceIsAnswered) {
   attach();
   arrives(command("1"));
   const auto fences = drain<AskFence>();
@@ -17,10 +17,10 @@ TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheFenceHasComeBack) {
   const auto taken = drain<TakeMessage>();
   ASSERT_EQ(taken.size(), 1U);
   EXPECT_EQ(as_text(taken[0].message.payload), "1");
-  EXPECT_EQ(taken[0].message.waited, Waited{3}) << "it counts of the 30 s";
+  EXPECT_EQ(taken[0].message.waited, Waited{3}) << "it counts against the 30 s";
 }
 
-TEST_F(RobotSessionRulesUp, Rule2_WithoutAnAnswerTheCommandIsNotOurs) {
+TEST_F(RobotSessionRulesUp, Rule2_TakesNoCommandWhoseFenceIsNotAnsweredOnItsConnection) {
   attach();
   arrives(command("1"));
   const auto fence = drain<AskFence>().at(0).number;
@@ -44,8 +44,8 @@ TEST_F(RobotSessionRulesUp, Rule2_CommandsAreTakenInTheirOrder) {
   EXPECT_EQ(as_text(taken[0].message.payload), "1");
 }
 
-/// The broker may not have it any more, so the gateway's next process would not get it.
-TEST_F(RobotSessionRulesUp, AtTheEndASessionIsClosedWhenItsMessagesHaveTheirFences) {
+/// The broker may have dropped the command already, so the next process would not get it.
+TEST_F(RobotSessionRulesUp, ClosesASessionAtTheStopOnlyWhenItsFencesAreAnswered) {
   attach();
   arrives(command("1"));
   const auto fence = drain<AskFence>().at(0).number;
@@ -63,9 +63,9 @@ TEST_F(RobotSessionRulesUp, MessagesWithoutAFenceAreBounded) {
   EXPECT_EQ(drain<AskFence>().size(), RobotSession::max_unfenced);
 }
 
-// --- Rule 7: what nobody held --------------------------------------------------------------------
+// --- Rule 7: commands that waited too long -------------------------------------------------------
 
-TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedWhileNobodyHeldTheSessionIsRefused) {
+TEST_F(RobotSessionRulesUp, Rule7_RefusesStaleCommandsThatWaitedWhileNoGatewayHeldTheSession) {
   sessions.keep("r1", now.mono - seconds{26}, seconds{5}, now);
   pass(seconds{5});
   ASSERT_EQ(drain<OpenSession>().size(), 1U);
@@ -89,7 +89,7 @@ TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedWhileNobodyHeldTheSessionIsRefused) 
   EXPECT_EQ(drain<TakeMessage>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_AllThatWaitedIsAnsweredHoweverMuchItIs) {
+TEST_F(RobotSessionRulesUp, Rule7_RefusesStaleCommandsBeyondTheBoundOfUnfencedMessages) {
   sessions.keep("r1", now.mono - seconds{60}, {}, now);
   pass({});
   sessions.on_attached("r1", true, now);
@@ -103,7 +103,7 @@ TEST_F(RobotSessionRulesUp, Rule7_AllThatWaitedIsAnsweredHoweverMuchItIs) {
   EXPECT_EQ(refused, 3 * RobotSession::max_unfenced);
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_AMarkerThatDoesNotComeBackIsGivenUp) {
+TEST_F(RobotSessionRulesUp, Rule7_TakesCommandsAgainWhenTheMarkerDoesNotReturn) {
   sessions.keep("r1", now.mono - seconds{60}, {}, now);
   pass({});
   sessions.on_attached("r1", true, now);
@@ -113,8 +113,8 @@ TEST_F(RobotSessionRulesUp, Rule7_AMarkerThatDoesNotComeBackIsGivenUp) {
   EXPECT_EQ(fenced().size(), 1U);
 }
 
-/// The gateway that it was meant for may have died before it took it.
-TEST_F(RobotSessionRulesUp, Rule7_WhatWasHandedOnGetsOldToo) {
+/// The gateway for which a command was put there may have died before it took it.
+TEST_F(RobotSessionRulesUp, Rule7_RefusesStaleCommandsFromTheMailbox) {
   sessions.keep("r1", now.mono - seconds{60}, {}, now);
   pass({});
   sessions.on_attached("r1", true, now);
@@ -126,7 +126,7 @@ TEST_F(RobotSessionRulesUp, Rule7_WhatWasHandedOnGetsOldToo) {
   EXPECT_EQ(as_text(stale[0].message.payload), "old");
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_ALossThatIsNoticedAfterAStandstillCountsFromItsBeginning) {
+TEST_F(RobotSessionRulesUp, Rule7_DatesALossNoticedAfterAStandstillFromItsBegin) {
   attach(true);
   sessions.on_tick(now.mono);
   forget_actions();
@@ -135,7 +135,7 @@ TEST_F(RobotSessionRulesUp, Rule7_ALossThatIsNoticedAfterAStandstillCountsFromIt
   sessions.on_tick(now.mono);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", true, now);
-  EXPECT_EQ(drain<SendMarker>().size(), 1U) << "what waited may be ten minutes old";
+  EXPECT_EQ(drain<SendMarker>().size(), 1U) << "waiting commands may be ten minutes old";
 }
 
 TEST_F(RobotSessionRulesUp, Rule7_ARetainedMessageIsNotStale) {
@@ -150,7 +150,7 @@ TEST_F(RobotSessionRulesUp, Rule7_ARetainedMessageIsNotStale) {
   EXPECT_EQ(fenced().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedForAShortTimeIsObeyed) {
+TEST_F(RobotSessionRulesUp, Rule7_TakesCommandsThatWaitedForAShortTime) {
   sessions.keep("r1", now.mono - seconds{3}, seconds{5}, now);
   pass(seconds{5});
   sessions.on_attached("r1", true, now);
@@ -160,7 +160,7 @@ TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedForAShortTimeIsObeyed) {
   EXPECT_EQ(drain<TakeMessage>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_ARobotHeardBeforeItIsAnsweredForObeysWhatJustCame) {
+TEST_F(RobotSessionRulesUp, Rule7_TakesRecentCommandsOfARobotHeardBeforeItsConnectIsDue) {
   now.mono += std::chrono::hours{5};
   sessions.keep("r1", now.mono, seconds{5}, now);
   now.mono += seconds{2};
@@ -169,14 +169,14 @@ TEST_F(RobotSessionRulesUp, Rule7_ARobotHeardBeforeItIsAnsweredForObeysWhatJustC
   EXPECT_EQ(fenced().size(), 1U) << "its gateway died two seconds ago";
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_OfARobotThatThisProcessNeverHadAllThatWaitedSinceItsStartIsOld) {
+TEST_F(RobotSessionRulesUp, Rule7_RefusesCommandsThatMayHaveWaitedSinceTheStartOfTheProcess) {
   now.mono += seconds{26};
   attach(true);
   arrives(command("1"));
   EXPECT_TRUE(fenced().empty());
 }
 
-TEST_F(RobotSessionRules, Rule7_WithoutAFormerProcessAllThatWaitedIsOld) {
+TEST_F(RobotSessionRules, Rule7_SortsTheFirstSessionWithoutAFormerProcess) {
   RobotSessions fresh{SessionNames(TopicScheme("ntnu-slam", "pi1")),
                       [](const std::string&) { return false; }};
   fresh.on_broker_up(true, false, now);
@@ -189,7 +189,7 @@ TEST_F(RobotSessionRules, Rule7_WithoutAFormerProcessAllThatWaitedIsOld) {
 }
 
 /// The broker of the list that is up first need not be the one of the former process.
-TEST_F(RobotSessionRules, Rule7_AtABrokerThatTheFormerProcessDidNotUseAllThatWaitedIsOld) {
+TEST_F(RobotSessionRules, Rule7_SortsSessionsAtABrokerThatTheFormerProcessDidNotUse) {
   resume("ntnu-slam/server/r1/run");
   sessions.on_broker_up(/*is_v5=*/true, /*is_other=*/true, now);
   for (const char* const robot : {"r1", "heard later"}) {
@@ -199,7 +199,7 @@ TEST_F(RobotSessionRules, Rule7_AtABrokerThatTheFormerProcessDidNotUseAllThatWai
   }
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_WhatALivingGatewayHeldIsNotOld) {
+TEST_F(RobotSessionRulesUp, Rule7_TakesCommandsOfASessionThatALivingGatewayHeld) {
   now.mono += std::chrono::hours{5};
   is_served_elsewhere = true;
   attach(true);
@@ -207,7 +207,7 @@ TEST_F(RobotSessionRulesUp, Rule7_WhatALivingGatewayHeldIsNotOld) {
   EXPECT_EQ(fenced().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_WhatCameAfterThisGatewayLostTheSessionIsOldAfterItsTime) {
+TEST_F(RobotSessionRulesUp, Rule7_RefusesStaleCommandsFromAfterTheLossOfTheSession) {
   now.mono += std::chrono::hours{5};
   for (const seconds away : {seconds{20}, seconds{30}}) {
     attach(true);
@@ -221,16 +221,16 @@ TEST_F(RobotSessionRulesUp, Rule7_WhatCameAfterThisGatewayLostTheSessionIsOldAft
   }
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_NobodyAnswersForARobotThatALivingGatewayShows) {
+TEST_F(RobotSessionRulesUp, Rule7_OpensNoSessionOfARobotThatALivingGatewayShows) {
   sessions.keep("r1", now.mono, seconds{5}, now);
   is_served_elsewhere = true;
   pass(seconds{5});
   EXPECT_TRUE(drain<OpenSession>().empty());
 }
 
-// --- Rule 13: what the robot has not subscribed to -----------------------------------------------
+// --- Rule 13: commands that the robot has not subscribed to --------------------------------------
 
-TEST_F(RobotSessionRulesUp, Rule13_WhatTheGatewaysFilterAloneBroughtIsUnasked) {
+TEST_F(RobotSessionRulesUp, Rule13_MarksACommandThatOnlyTheGatewaysFilterMatchedAsUnasked) {
   attach();
   subscribed_id("ntnu-slam/server/r1/cmd");
   arrives(command("1"), {RobotSession::command_id});
@@ -239,7 +239,7 @@ TEST_F(RobotSessionRulesUp, Rule13_WhatTheGatewaysFilterAloneBroughtIsUnasked) {
   EXPECT_TRUE(taken[0].is_unasked);
 }
 
-TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheRobotsOwnIsTaken) {
+TEST_F(RobotSessionRulesUp, Rule13_TakesTheCopyForTheRobotsFilterOfTwoCopies) {
   attach();
   const auto id = subscribed_id("ntnu-slam/server/r1/+/#");
   for (const bool is_own_first : {false, true}) {
@@ -251,7 +251,7 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheRobotsOwnIsTaken) {
   }
 }
 
-TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheOneWithTheHighestQosIsTaken) {
+TEST_F(RobotSessionRulesUp, Rule13_TakesTheCopyWithTheHighestQosOfTwoCopies) {
   attach();
   subscribe("ntnu-slam/server/r1/#", Qos::at_most_once);
   std::uint32_t low = 0;
@@ -270,8 +270,8 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheOneWithTheHighestQosIsTaken) {
   }
 }
 
-/// Messages that waited at the broker come before it has answered for the filters.
-TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
+/// Messages that waited at the broker arrive before its SUBACKs.
+TEST_F(RobotSessionRulesUp, Rule13_TakesOneOfTheCopiesThatWaitedAtTheBroker) {
   std::vector<std::uint32_t> ids{RobotSession::command_id};
   attach(true);
   for (const char* const filter : {"run", "+/#", "run/#"})
@@ -285,8 +285,8 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedOneIsTaken) {
   for (const auto& each : taken) EXPECT_FALSE(each.is_unasked);
 }
 
-/// A copy with QoS 2 comes one round trip later, and the broker has answered for the filters then.
-TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedALaterOneWithQos2IsNotAnotherCommand) {
+/// A copy of QoS 2 arrives one round trip later, after the SUBACKs.
+TEST_F(RobotSessionRulesUp, Rule13_TakesNoSecondCommandFromALaterCopyOfQos2) {
   attach();
   std::vector<std::string> filters;
   std::vector<std::uint32_t> ids;
@@ -323,14 +323,14 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTheCopiesThatWaitedALaterOneWithQos2IsNotAn
   }
 }
 
-/// The robot has moved here, and its note has not come yet.
-TEST_F(RobotSessionRulesUp, Rule13_OfCopiesForUnknownFiltersOneIsTaken) {
+/// The robot has moved here, and its note has not arrived yet.
+TEST_F(RobotSessionRulesUp, Rule13_TakesOneOfTheCopiesForUnknownFilters) {
   attach(true);
   for (const std::uint32_t id : {70U, 80U, 90U}) arrives(command("1"), {id});
   EXPECT_EQ(fenced().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule13_AnEqualCommandForANewFilterIsAnotherOne) {
+TEST_F(RobotSessionRulesUp, Rule13_TakesAnEqualCommandForANewFilterAsAnotherCommand) {
   attach(true);
   const auto first = subscribed_id("ntnu-slam/server/r1/+");
   arrives(command("1"), {first});
@@ -351,7 +351,7 @@ TEST_F(RobotSessionRulesUp, Rule13_AnEqualCommandForANewFilterIsAnotherOne) {
 }
 
 /// Otherwise the next gateway gets the rest of the copies, and the robot obeys twice.
-TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheBrokerHasTheAcknowledgementsOfAllCopies) {
+TEST_F(RobotSessionRulesUp, Rule2_TakesACommandWhenTheFencesOfAllItsCopiesAreAnswered) {
   attach();
   const auto wide = subscribed_id("ntnu-slam/server/r1/+");
   const auto narrow = subscribed_id("ntnu-slam/server/r1/run");
@@ -365,7 +365,7 @@ TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheBrokerHasTheAcknowledgem
   EXPECT_EQ(drain<TakeMessage>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, CommandsForARobotThatWantsQos0WaitAtTheBroker) {
+TEST_F(RobotSessionRulesUp, SubscribesCommandsAtQos1ForARobotThatAsksForQos0) {
   attach();
   subscribe("ntnu-slam/server/r1/run", Qos::at_most_once);
   subscribe("ntnu-slam/robot/+/update", Qos::at_most_once);
@@ -375,7 +375,7 @@ TEST_F(RobotSessionRulesUp, CommandsForARobotThatWantsQos0WaitAtTheBroker) {
   EXPECT_EQ(asked[1].qos, Qos::at_most_once);
 }
 
-TEST_F(RobotSessionRulesUp, Rule13_WhatWasOnItsWayWhenTheRobotBeganAnewIsRefusedOnce) {
+TEST_F(RobotSessionRulesUp, Rule13_MarksCopiesUnderWayAtACleanConnectAsOneUnaskedCommand) {
   attach();
   const auto id = subscribed_id("ntnu-slam/server/r1/run");
   sessions.begin_clean("r1", now);
@@ -389,7 +389,7 @@ TEST_F(RobotSessionRulesUp, Rule13_WhatWasOnItsWayWhenTheRobotBeganAnewIsRefused
   }
 }
 
-TEST_F(RobotSessionRulesUp, Rule13_OneMessageForBothFiltersIsTaken) {
+TEST_F(RobotSessionRulesUp, Rule13_TakesOneMessageThatCarriesBothFilterIds) {
   attach();
   const auto id = subscribed_id("ntnu-slam/server/r1/run");
   arrives(command("1"), {RobotSession::command_id, id});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One gateway's sessions, step by step: the test plays the broker.
+// One gateway's sessions, step by step. The test plays the broker.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ inline const std::string all_commands = "ntnu-slam/server/r1/+";
 
 class RobotSessionRules : public testing::Test {
  protected:
-  /// Removes all actions; returns those of one kind.
+  /// Removes all actions and returns those of one kind.
   template <class Action>
   std::vector<Action> drain() {
     std::vector<Action> wanted;
@@ -58,7 +58,7 @@ class RobotSessionRules : public testing::Test {
   void grants(const std::string& filter, bool is_granted = true) {
     sessions.on_subscribed("r1", filter, is_granted, now);
   }
-  /// The identifier that the session gives to a filter of the robot.
+  /// Returns the identifier that the session gives to a filter of the robot.
   std::uint32_t subscribed_id(const std::string& filter) {
     subscribe(filter);
     std::uint32_t id = 0;
@@ -68,7 +68,7 @@ class RobotSessionRules : public testing::Test {
     forget_actions();
     return id;
   }
-  /// The broker answers all fences so far: what may be taken.
+  /// Answers all fences so far and returns the messages that are taken.
   std::vector<TakeMessage> fenced() {
     std::vector<TakeMessage> taken;
     for (std::uint64_t last = 1; last > 0;) {

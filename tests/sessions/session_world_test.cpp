@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Three gateways and ten robots in random worlds: robots roam, gateways are killed, stopped, cut
-// off, and once all are down. Whatever happens, a command is obeyed at most once and has at most
-// one outcome, and each subscriber gets its answer.
+// off, and once all are down. In each world a command is obeyed at most once and has at most one
+// outcome, and each subscriber gets its answer.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -22,7 +22,7 @@ constexpr std::int64_t start_ms = 3'600'000;
 constexpr std::int64_t command_time_ms = 30'000;  ///< in which a command has its outcome
 const std::string equal_payload = "equal";
 
-/// What became of the commands. Equal ones have no identity, so they are counted by robot.
+/// The outcomes of the commands. Equal commands have no identity, so they are counted by robot.
 struct Ledger {
   struct Fate {
     int published = 0;
@@ -42,7 +42,7 @@ struct Ledger {
   }
 };
 
-/// The presence that gateways show: by robot, the number of the living gateway.
+/// The presence that gateways publish: by robot, the number of the living gateway.
 using RobotPresence = std::map<std::string, std::size_t>;
 
 std::string filter_of(const std::string& robot) {
@@ -59,7 +59,7 @@ class WorldGateway {
     begin();
   }
 
-  /// The robot talks here. It comes from elsewhere with CleanSession 0, so its note is read first.
+  /// Takes a robot that talks here. It connects with CleanSession 0, so its note is read first.
   void hear(const std::string& robot) {
     if (!is_running()) return;
     if (served_.insert(robot).second)
@@ -101,7 +101,8 @@ class WorldGateway {
   void cut() {
     for (const auto& [robot, link] : links_) broker_.cut(link);
   }
-  /// What was open ends as `timeout` when the process is back. The MQTT-SN sessions are on disk.
+  /// Kills the process. Open commands end as `timeout` when it is back; MQTT-SN sessions are on
+  /// disk.
   void kill() {
     cut();
     last_alive_ = now().mono;
@@ -150,7 +151,8 @@ class WorldGateway {
   std::int64_t age_ms(const Open& open) const {
     return broker_.time_ms() - open.came_ms + open.message.waited.count();
   }
-  /// What the mesh has not delivered goes to the gateway that serves the robot now.
+  /// Forwards the commands that the mesh has not delivered to the gateway that serves the robot
+  /// now.
   bool give_up(const std::string& robot) {
     const auto shown = shown_.find(robot);
     if (shown == shown_.end() || shown->second == number_) return false;
@@ -257,7 +259,7 @@ class WorldGateway {
   std::unique_ptr<RobotSessions> sessions_;
   std::map<std::string, BrokerModel::Connection> links_;
   std::set<std::string> served_;  ///< by the mesh; on disk
-  std::set<std::string> lost_;    ///< to whom is not known yet
+  std::set<std::string> lost_;    ///< the other gateway is not known yet
   std::vector<Open> open_;
   std::map<std::pair<std::string, std::string>, std::int64_t> unanswered_;
 };
@@ -277,7 +279,8 @@ struct World {
   void play() {
     for (std::int64_t time = 0; time < end_ms; time += 50) {
       broker.run_until(time);
-      // A gateway that takes a session over while another one sorts does not know what is old.
+      // A gateway that takes a session while another one sorts it cannot tell which commands are
+      // stale.
       const bool is_sorting = time >= all_up_ms && time < all_up_ms + 3000;
       const bool is_quiet = time < 2000 || time > end_ms - 40'000 || is_sorting;
       move_robots(is_quiet);
@@ -315,7 +318,7 @@ struct World {
       stopped_until[g] = time + 3000 + pick(10'000);
     }
   }
-  /// The others see its last will, and answer for its robots.
+  /// Kills the gateway. The others see its last will, and answer for its robots.
   void kill(std::size_t g) {
     gateways[g].kill();
     for (auto shown = shown_by.begin(); shown != shown_by.end();) {
@@ -361,7 +364,7 @@ struct World {
   std::set<std::string> unasked;  ///< that no robot has subscribed to
 };
 
-TEST(SessionWorld, NoCommandIsObeyedTwiceAndEachHasOneOutcomeWhateverFails) {
+TEST(SessionWorld, ObeysNoCommandTwiceAndReportsOneOutcomeEachDespiteFailures) {
   constexpr std::array kinds{BrokerModel::Kind::v5_one, BrokerModel::Kind::v5_copies,
                              BrokerModel::Kind::v3_1_1};
   int published = 0;
