@@ -19,7 +19,7 @@ TEST(Backoff, DoublesUpToItsLimitAndStartsAgain) {
   EXPECT_LE(backoff.next_wait(0.999, {}), 500ms);
 }
 
-TEST(Backoff, WaitsBrieflyInTheFirstMinutesOfAnOutage) {
+TEST(Backoff, KeepsWaitsShortInTheFirstMinutesOfAnOutage) {
   TimePoint now{std::chrono::hours(1)};
   Backoff backoff(500ms, 30s, Backoff::Eager{3s, 5min});
   const TimePoint began = now;
@@ -28,7 +28,7 @@ TEST(Backoff, WaitsBrieflyInTheFirstMinutesOfAnOutage) {
     EXPECT_LE(wait, 3s);
     now += wait;
   }
-  EXPECT_EQ(backoff.next_wait(0.0, now), 15s) << "then as long as ever";
+  EXPECT_EQ(backoff.next_wait(0.0, now), 15s) << "then the usual limit applies";
   backoff.reset();
   now += 1h;
   EXPECT_LE(backoff.next_wait(0.999, now), 500ms);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Real brokers that close the connection in place of refusing a message (Mosquitto, NATS), and one
+// Real brokers that close the connection instead of refusing a message (Mosquitto, NATS), and one
 // that stands still with the connection open.
 #include <gtest/gtest.h>
 
@@ -26,7 +26,7 @@ std::size_t distinct(std::vector<std::string> lines) {
   return static_cast<std::size_t>(std::unique(lines.begin(), lines.end()) - lines.begin());
 }
 
-/// Speaks for a second robot until `condition` holds; true when it does.
+/// Publishes for a second robot until `condition` holds. Returns whether it holds.
 bool talk_until(DeliveryRig& gateway, std::uint64_t& number,
                 const std::function<bool()>& condition) {
   constexpr std::chrono::minutes limit{5};  // the pauses between trials grow
@@ -38,8 +38,8 @@ bool talk_until(DeliveryRig& gateway, std::uint64_t& number,
       limit);
 }
 
-/// U+0085 is refused at every door of the gateway; here it is let through.
-TEST_P(BrokerClosing, AMessageForWhichMosquittoClosesBecomesADeadLetterAndTheOthersFlow) {
+/// The gateway's adapters refuse U+0085; this test passes it on.
+TEST_P(BrokerClosing, MakesADeadLetterOfAMessageForWhichMosquittoCloses) {
   BrokerOfVersion broker(version());
   const test::Subscriber subscriber(broker, "r/2/#", "%t %p");
   test::TempDir store;
@@ -57,7 +57,7 @@ TEST_P(BrokerClosing, AMessageForWhichMosquittoClosesBecomesADeadLetterAndTheOth
     EXPECT_TRUE(gateway.ups == 1 ||
                 gateway.logs("is a dead letter now: the connection was lost each time"));
     EXPECT_LE(gateway.ups, 12u)
-        << "lost four times, and once more whenever nothing else was answered";
+        << "four losses, and one more whenever no other message was acknowledged";
     EXPECT_EQ(gateway.fired.at(1), ReceiptOutcome::safe);
   }
   DeliveryRig again(settings_for(broker.link_port()), store.path());
@@ -69,8 +69,8 @@ TEST_P(BrokerClosing, AMessageForWhichMosquittoClosesBecomesADeadLetterAndTheOth
       << distinct(subscriber.lines()) << " of " << number - 1;
 }
 
-/// MQTT 3.1.1 has no way to tell the limit.
-TEST(BrokerClosing311, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow) {
+/// MQTT 3.1.1 cannot announce the limit.
+TEST(BrokerClosing311, MakesADeadLetterOfATooLargeMessageAndDeliversOthers) {
   test::Mosquitto broker("max_packet_size 500");
   test::Mqtt311Proxy proxy(broker.port());
   const test::Subscriber subscriber(broker, "r/#", "%t %l");
@@ -83,12 +83,13 @@ TEST(BrokerClosing311, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow)
   EXPECT_TRUE(gateway.sees([&] { return gateway.depth() == 0; }));
   EXPECT_EQ(gateway.fired.at(1), ReceiptOutcome::safe);
   gateway.submit_bytes("r/1/map", Bytes(60, 'x'), ++number);
-  EXPECT_TRUE(gateway.sees([&] { return gateway.depth() == 0; })) << "its topic goes on";
+  EXPECT_TRUE(gateway.sees([&] { return gateway.depth() == 0; }))
+      << "later messages of its topic are published";
   EXPECT_EQ(gateway.fired.size(), number);
 }
 
-/// NATS makes `.` of `/` inside, and closes the connection on a `.` or a space in a topic.
-TEST(BrokerClosingNats, ARobotWithADotInItsNameDoesNotDisconnectTheOthers) {
+/// NATS maps `/` to `.`, and closes the connection on a `.` or a space in a topic.
+TEST(BrokerClosingNats, RobotWithADotInItsNameDoesNotDisconnectOthers) {
   if (!test::NatsServer::is_installed()) GTEST_SKIP() << "nats-server is not installed";
   test::NatsServer broker;
   DeliveryRig gateway(settings_for(broker.mqtt_port()));
@@ -107,7 +108,7 @@ TEST(BrokerClosingNats, ARobotWithADotInItsNameDoesNotDisconnectTheOthers) {
   const std::size_t published = gateway.outbox.statistics().published;
   ASSERT_TRUE(talk_until(gateway, number,
                          [&] { return gateway.outbox.statistics().published >= published + 200; }));
-  EXPECT_LE(gateway.ups, ups + 1) << "the others go on";
+  EXPECT_LE(gateway.ups, ups + 1) << "the connection stays for other robots";
 }
 
 std::uint64_t unix_ms() {
@@ -116,9 +117,9 @@ std::uint64_t unix_ms() {
                                         .count());
 }
 
-/// The broker stands still for 25 s. What it had taken into its own socket cannot be called back:
-/// that is what was sent until the gateway noticed.
-TEST_P(BrokerClosing, UnacknowledgedMessagesDoNotComeOutLateAfterAStall) {
+/// The broker stands still for 25 s. Messages sent before the gateway noticed are in the broker's
+/// socket and cannot be withdrawn.
+TEST_P(BrokerClosing, DropsMessagesOfQos0DuringAStallInsteadOfSendingThemLate) {
   BrokerOfVersion broker(version());
   const test::Subscriber subscriber(broker, "r/#", "%U %p");
   DeliveryRig gateway(settings_for(broker.link_port()));

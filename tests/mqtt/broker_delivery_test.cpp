@@ -21,7 +21,7 @@ std::vector<std::string> numbers(std::uint64_t first, std::uint64_t count) {
   return out;
 }
 
-/// As they came first: what was in flight when a connection broke comes again.
+/// Returns the lines in the order of their first arrival. Messages in flight at a break repeat.
 std::vector<std::string> without_repeats(const std::vector<std::string>& lines) {
   std::vector<std::string> once;
   for (const std::string& line : lines) {
@@ -46,7 +46,7 @@ TEST_P(BrokerDelivery, LosesNothingThatWasInFlightWhenTheBrokerIsKilled) {
   std::uint64_t number = 0;
   for (int round = 0; round < 3; ++round) {
     const Subscriber subscriber(broker, "t", "%p");
-    broker.pause();  // what is published now is in flight when it dies
+    broker.pause();  // messages published from here on are in flight when it is killed
     for (int i = 0; i < 100; ++i) gateway.submit("t", ++number);
     broker.kill();
     ASSERT_TRUE(gateway.sees([&] { return !gateway.is_up; })) << round;
@@ -92,7 +92,7 @@ TEST_P(BrokerDelivery, LosesNothingWhenItMovesToTheNextBroker) {
   EXPECT_EQ(gateway.outbox.statistics().refused, 0u);
 }
 
-TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
+TEST_P(BrokerRefusal, RefusedMessagesWaitUntilTheAccessListIsCorrected) {
   test::TempDir directory;
   const std::string access = directory / "access";
   test::write_file(access, "topic readwrite r/1/#\ntopic read r/2/#\ntopic readwrite gw/#\n");
@@ -126,7 +126,7 @@ TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   EXPECT_TRUE(gateway.logs("accepts messages on r/2/update again"));
 }
 
-TEST_P(BrokerLimit, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow) {
+TEST_P(BrokerLimit, MakesADeadLetterOfATooLargeMessageAndDeliversOthers) {
   Mosquitto broker("max_packet_size 500");
   const Subscriber subscriber(broker, "r/#", "%t");
   DeliveryRig gateway(settings_for(broker.port()));

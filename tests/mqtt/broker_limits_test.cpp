@@ -10,7 +10,7 @@ BrokerMessage message_of(std::size_t payload_bytes, Qos qos) {
   return {"t/1", Bytes(payload_bytes, 'x'), qos, false, std::nullopt};
 }
 
-TEST(BrokerLimits, SayWhatAnOperatorShouldKnow) {
+TEST(BrokerLimits, DescribeTheirRestrictionsForOperators) {
   EXPECT_EQ(to_words({}), "");
   EXPECT_EQ(to_words({20, 500, Qos::at_least_once, false}),
             "packets up to 500 octets, QoS up to 1, no retained messages");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An Upstream with a loop of its own and a listener that remembers.
+// An Upstream with a loop of its own and a listener that records its reports.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@
 
 namespace slamgw {
 
-/// Remembers what the link said.
+/// Records the reports of the link.
 struct RecordingListener final : UpstreamListener {
   void on_link_up(const BrokerLimits& said) override {
     ++ups;

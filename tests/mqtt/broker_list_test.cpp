@@ -32,8 +32,8 @@ struct TwoBrokers {
     settings.returns_to_first = returns_to_first;
     return settings;
   }
-  /// Kills the first broker once the link is up there; whether the link then comes up at the
-  /// second.
+  /// Kills the first broker once the link is up there. Returns true if the link then comes up at
+  /// the second.
   bool moves_on() {
     if (!link.comes_up()) return false;
     first.kill();
@@ -48,7 +48,7 @@ struct TwoBrokers {
 
 INSTANTIATE_TEST_SUITE_P(Over, BrokerList, each_client, BrokerList::name);
 
-TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
+TEST_P(BrokerList, MovesToTheNextBrokerAtOnceWhenTheConnectionBreaks) {
   Mosquitto first;
   Mosquitto second;
   Link link(list_of({first.port(), second.port()}));
@@ -63,7 +63,7 @@ TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
   EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 1; }));
 }
 
-TEST_P(BrokerList, TheNodesOfAClusterCountAsOneBroker) {
+TEST_P(BrokerList, CountsTheNodesOfAClusterAsOneBroker) {
   for (const bool is_cluster : {true, false}) {
     TwoBrokers brokers;
     BrokerSettings settings = brokers.settings(/*returns_to_first=*/false);
@@ -75,7 +75,7 @@ TEST_P(BrokerList, TheNodesOfAClusterCountAsOneBroker) {
   }
 }
 
-TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
+TEST_P(BrokerList, StaysWithTheNextBrokerWhenTheFirstIsBack) {
   TwoBrokers brokers;
   auto& first = brokers.first;
   auto& second = brokers.second;
@@ -87,7 +87,7 @@ TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
   EXPECT_EQ(link.upstream->broker().port, first.port()) << "round the list again";
 }
 
-TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
+TEST_P(BrokerList, ReturnsToTheFirstBrokerWhenSoConfigured) {
   TwoBrokers brokers(true);
   auto& first = brokers.first;
   auto& link = brokers.link;
@@ -100,7 +100,7 @@ TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
   EXPECT_EQ(link.listener.reasons.size(), failures) << "an intended change is no failure";
 }
 
-TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
+TEST_P(BrokerList, PublishesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
   TwoBrokers brokers(true);
   auto& first = brokers.first;
   auto& second = brokers.second;
@@ -117,7 +117,7 @@ TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
   EXPECT_EQ(link.listener.published, std::set<std::uint64_t>{1});
 }
 
-TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatANewConfigurationLeaves) {
+TEST_P(BrokerList, PublishesItsLastWillAtTheBrokerThatANewConfigurationLeaves) {
   TwoBrokers brokers;
   ASSERT_TRUE(brokers.moves_on());
   brokers.first.start();
@@ -128,19 +128,20 @@ TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatANewConfigurationLeaves) {
   EXPECT_TRUE(brokers.link.sees([&] { return !will.lines().empty(); }));
 }
 
-TEST_P(BrokerList, TriesAllInOrder) {
+TEST_P(BrokerList, TriesAllBrokersInOrder) {
   Mosquitto last;
-  const std::uint16_t nobody = test::free_tcp_port();
-  const std::uint16_t nobody_either = test::free_tcp_port();
-  Link link(list_of({nobody, nobody_either, last.port()}));
+  const std::uint16_t closed_port = test::free_tcp_port();
+  const std::uint16_t other_closed_port = test::free_tcp_port();
+  Link link(list_of({closed_port, other_closed_port, last.port()}));
   ASSERT_TRUE(link.comes_up());
   ASSERT_EQ(link.listener.reasons.size(), 2u);
-  EXPECT_NE(link.listener.reasons[0].find("port " + std::to_string(nobody)), std::string::npos);
-  EXPECT_NE(link.listener.reasons[1].find("port " + std::to_string(nobody_either)),
+  EXPECT_NE(link.listener.reasons[0].find("port " + std::to_string(closed_port)),
+            std::string::npos);
+  EXPECT_NE(link.listener.reasons[1].find("port " + std::to_string(other_closed_port)),
             std::string::npos);
 }
 
-TEST_P(BrokerList, ChecksEachBrokersOwnName) {
+TEST_P(BrokerList, ChecksTheCertificateForEachBrokersOwnName) {
   const test::Certificates right("localhost");
   const std::uint16_t tls_port = test::free_tcp_port();
   Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +

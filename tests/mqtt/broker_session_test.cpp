@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What lives longer than one connection to a real Mosquitto: the credentials, the configuration,
-// and a rival with our client id.
+// State that outlives one connection to a real Mosquitto: the credentials, the configuration, and a
+// rival with our client id.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -38,7 +38,7 @@ TEST_P(BrokerSession, LeavesNothingAtTheBrokerForTheNextConnection) {
     ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
     link.upstream->stop();
   }
-  send_command(broker, "nobody is there");
+  send_command(broker, "sent while disconnected");
   Link link(settings_for(broker.port()));
   ASSERT_TRUE(link.comes_up());
   send_command(broker, "not subscribed");
@@ -49,8 +49,8 @@ TEST_P(BrokerSession, LeavesNothingAtTheBrokerForTheNextConnection) {
   EXPECT_EQ(link.listener.messages[0].payload, to_bytes("last"));
 }
 
-/// As retained messages they would come again at each connection.
-TEST_P(BrokerSession, BringsNoMessageThatIsTooLargeForADaemon) {
+/// Too large retained messages would arrive at each connection.
+TEST_P(BrokerSession, ReceivesNoMessageAboveTheInboundBound) {
   Mosquitto broker;
   const test::TempDir directory;
   test::write_file(directory / "large", std::string(max_inbound_packet_octets + 1, 'x'));
@@ -70,7 +70,7 @@ TEST_P(BrokerSession, BringsNoMessageThatIsTooLargeForADaemon) {
   EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
-TEST_P(BrokerSession, TellsWhereARobotsMessageCameFrom) {
+TEST_P(BrokerSession, PublishesMeshGatewayAndTimeOfARobotsMessage) {
   Mosquitto broker;
   Subscriber subscriber(broker, "t", "%P %p", "mqttv5");
   BrokerSettings settings = settings_for(broker.port());
@@ -95,8 +95,8 @@ boost::asio::ip::tcp::socket rival_of(Link& link, std::uint16_t port) {
   return socket;
 }
 
-TEST_P(BrokerSession, SuspectsAnotherClientWithItsId) {
-  Mosquitto broker;  // Debian 12's does not say why it ends a connection
+TEST_P(BrokerSession, ReportsAnotherClientWithItsClientId) {
+  Mosquitto broker;  // Debian 12's sends no reason when it ends a connection
   const std::string suspicion = "another client connects as 'slam-gateway-test'";
   Link link(settings_for(broker.port()));
   for (std::size_t times = 1; times <= 2; ++times) {
@@ -135,7 +135,7 @@ struct CurtBroker {
   tcp::socket connection{io};
 };
 
-TEST_P(BrokerSession, SaysThatTheConnectionIsLostWhileAMessageIsUnderWay) {
+TEST_P(BrokerSession, ReportsALostConnectionWhileAMessageIsUnderWay) {
   CurtBroker broker;
   Link link(settings_for(broker.port()));
   ASSERT_NO_FATAL_FAILURE(broker.connect(link));
@@ -146,8 +146,8 @@ TEST_P(BrokerSession, SaysThatTheConnectionIsLostWhileAMessageIsUnderWay) {
   EXPECT_TRUE(link.listener.reasons[0].starts_with("connection lost")) << link.listener.reasons[0];
 }
 
-/// By a DISCONNECT with a reason (MQTT 5 section 3.14).
-TEST_P(BrokerSession, SaysWhyTheBrokerEndedIt) {
+/// The broker sends a DISCONNECT with a reason (MQTT 5 section 3.14).
+TEST_P(BrokerSession, ReportsTheReasonOfTheBrokersDisconnect) {
   CurtBroker broker;
   Link link(settings_for(broker.port()));
   ASSERT_NO_FATAL_FAILURE(broker.connect(link));
@@ -168,7 +168,7 @@ TEST_P(BrokerSession, ReadsItsCredentialsAgainForEachAttempt) {
   EXPECT_TRUE(link.comes_up());
 }
 
-TEST_P(BrokerSession, MovesToAnotherBrokerWhenToldTo) {
+TEST_P(BrokerSession, MovesToAnotherBrokerWhenReconfigured) {
   Mosquitto first;
   Mosquitto second;
   Link link(settings_for(first.port()));
@@ -193,7 +193,7 @@ TEST_P(BrokerSession, TriesEachAddressOfAName) {
   EXPECT_TRUE(link.comes_up());
 }
 
-TEST(ConnectionProbe, SaysThatANameIsNotKnown) {
+TEST(ConnectionProbe, ReportsAHostNameThatCannotBeResolved) {
   BrokerSettings settings = settings_for(1883);
   settings.host = "no-such-host.invalid";
   const Reachability found = probe_broker(settings);
@@ -201,7 +201,7 @@ TEST(ConnectionProbe, SaysThatANameIsNotKnown) {
       << found.text;
 }
 
-TEST(ConnectionProbe, SaysThatAPortIsNoTlsPort) {
+TEST(ConnectionProbe, ReportsAPortWithoutTls) {
   Mosquitto broker;
   BrokerSettings settings = settings_for(broker.port());
   settings.tls = true;

@@ -6,7 +6,7 @@
 namespace slamgw {
 namespace {
 
-TEST(ConnectFailure, HasWordsForEveryAnswer) {
+TEST(ConnectFailure, ExplainsEachConnackCode) {
   EXPECT_EQ(explain_connect_failure(0x87), "the broker does not authorise this user");
   EXPECT_EQ(explain_connect_failure(5), "the broker does not authorise this user");
   EXPECT_EQ(explain_connect_failure(4), "the broker refuses user name or password");
@@ -15,7 +15,7 @@ TEST(ConnectFailure, HasWordsForEveryAnswer) {
   EXPECT_EQ(explain_connect_failure(0), "the broker refuses with code 0x00");
 }
 
-TEST(ConnectFailure, HasWordsForEveryRefusedMessage) {
+TEST(ConnectFailure, ExplainsEachRefusalOfAMessage) {
   EXPECT_EQ(explain_publish_refusal(0x87), "not authorised");
   EXPECT_EQ(explain_publish_refusal(0x90), "topic name invalid");
   EXPECT_EQ(explain_publish_refusal(0x97), "quota exceeded");
@@ -23,7 +23,7 @@ TEST(ConnectFailure, HasWordsForEveryRefusedMessage) {
   EXPECT_EQ(explain_publish_refusal(0), "no reason given");
 }
 
-TEST(ConnectFailure, TellsWhatToDoDifferentlyNextTime) {
+TEST(ConnectFailure, ClassifiesTheAnswerForTheNextAttempt) {
   EXPECT_TRUE(is_version_refusal(1));
   EXPECT_TRUE(is_version_refusal(0x84));
   EXPECT_FALSE(is_version_refusal(5));

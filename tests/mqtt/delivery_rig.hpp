@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots' messages on their way through the outbox to a broker, with a store on disk, as
-// the daemon wires them; for tests with real brokers and with such as misbehave.
+// Robots' messages on their way through the outbox to a broker, with a store on disk, wired as in
+// the daemon; for tests with real and with misbehaving brokers.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ class DeliveryRig : private UpstreamListener {
  public:
   static constexpr std::size_t window = 16;
 
-  /// `store`: a directory that outlives it, for a daemon that is started again; empty: its own.
+  /// `store`: a directory that outlives the rig, for a restart of the daemon; empty: its own.
   explicit DeliveryRig(BrokerSettings settings, std::string store = {})
       : store_directory_(store.empty() ? directory.path() : std::move(store)),
         outbox(window, store_settings().max_bytes),
@@ -45,7 +45,7 @@ class DeliveryRig : private UpstreamListener {
     store_.stop();
   }
 
-  /// The payload is a number, which is also that of its receipt.
+  /// Submits a message whose payload is the number of its receipt.
   void submit(const std::string& topic, std::uint64_t number, Qos qos = Qos::at_least_once) {
     submit_bytes(topic, to_bytes(std::to_string(number)), number, qos);
   }
@@ -55,7 +55,7 @@ class DeliveryRig : private UpstreamListener {
                     {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, read_clocks());
   }
   void subscribe(const std::string& filter) { upstream_.subscribe(filter); }
-  /// What the broker does not have: the status shows it as the depths of queue and store.
+  /// Returns how many messages the broker does not have: the depths of queue and store.
   std::size_t depth() const { return outbox.unsaved() + outbox.backlog().rows(); }
   bool sees(const std::function<bool()>& condition,
             std::chrono::milliseconds limit = test::patience) {

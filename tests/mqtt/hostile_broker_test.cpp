@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that lies, or talks nonsense: nothing crashes, grows or loses a message that was
-// acknowledged to a robot, and when it comes to its senses everything arrives.
+// A broker that violates the protocol: the daemon does not crash, its memory stays bounded, it
+// loses no message that was acknowledged to a robot, and delivers all once the broker behaves.
 #include <gtest/gtest.h>
 #include <malloc.h>
 
@@ -28,7 +28,7 @@ struct Vice {
   FakeBroker::Misbehaviour misbehaviour;
 };
 
-/// What comes in a CONNACK after the session flag and the reason, in the version's form.
+/// Answers with a CONNACK with these properties, in the form of the version.
 FakeBroker::Misbehaviour connack_with(Octets properties, bool is_session_present = false) {
   return [properties, is_session_present](Connection& connection, const Packet& packet) {
     if (packet.type() != FakeBroker::connect) return false;
@@ -42,7 +42,7 @@ FakeBroker::Misbehaviour connack_with(Octets properties, bool is_session_present
   };
 }
 
-/// In front of each answer.
+/// Sends these packets in front of each answer.
 FakeBroker::Misbehaviour before_each(std::vector<std::pair<std::uint8_t, Octets>> packets) {
   return [packets](Connection& connection, const Packet& packet) {
     if (packet.type() == FakeBroker::connect) return false;
@@ -51,8 +51,8 @@ FakeBroker::Misbehaviour before_each(std::vector<std::pair<std::uint8_t, Octets>
   };
 }
 
-/// These octets after the CONNACK.
-FakeBroker::Misbehaviour says(Octets octets, bool closes = false) {
+/// Sends these octets after the CONNACK.
+FakeBroker::Misbehaviour sends(Octets octets, bool closes = false) {
   return [octets, closes](Connection& connection, const Packet& packet) {
     if (packet.type() != FakeBroker::connect) return false;
     connection.send(0x20, connection.is_v5() ? Octets{0, 0, 0} : Octets{0, 0});
@@ -70,7 +70,7 @@ FakeBroker::Misbehaviour closes_at(std::initializer_list<FakeBroker::Type> types
   };
 }
 
-/// A PUBLISH at QoS 0 with this topic, and whatever follows it.
+/// Returns a PUBLISH at QoS 0 with this topic, followed by `rest`.
 Octets publish_of(const Octets& topic, const Octets& rest, std::uint8_t flags = 0) {
   Octets octets{static_cast<std::uint8_t>(0x30 | flags),
                 static_cast<std::uint8_t>(2 + topic.size() + rest.size()), 0,
@@ -143,35 +143,35 @@ const std::vector<Vice>& vices() {
       {"TopicAliases", connack_with({0x22, 0xff, 0xff})},
       {"TwiceTheSameProperty", connack_with({0x21, 0, 5, 0x21, 0, 6})},
       {"AnUnknownProperty", connack_with({0x7e, 1, 2, 3})},
-      {"ASessionThatNobodyHad", connack_with({}, true)},
+      {"SessionThatNeverExisted", connack_with({}, true)},
       {"KeepAliveOfASecond", connack_with({0x13, 0, 1})},
       {"TornConnack", torn_connack()},
-      {"TwoConnacks", says({0x20, 3, 0, 0, 0, 0x20, 3, 0, 0, 0})},
-      {"AnswersToNobody",
+      {"TwoConnacks", sends({0x20, 3, 0, 0, 0, 0x20, 3, 0, 0, 0})},
+      {"AcknowledgementsForUnknownIds",
        before_each({{0x40, {0x7a, 1}}, {0x50, {0x7a, 2}}, {0x62, {0x7a, 3}}, {0x70, {0x7a, 4}}})},
-      {"SubacksForNobody", before_each({{0x90, {0x7a, 1, 0, 0}}, {0xb0, {0x7a, 2, 0, 0}}})},
+      {"SubacksForUnknownIds", before_each({{0x90, {0x7a, 1, 0, 0}}, {0xb0, {0x7a, 2, 0, 0}}})},
       {"IdZero", before_each({{0x40, {0, 0}}, {0x50, {0, 0}}, {0x70, {0, 0}}})},
       {"EmptyAnswers", before_each({{0x40, {}}})},
       {"EmptySuback", before_each({{0x90, {}}})},
-      {"PubrecStorm", says(many({0x50, 2, 0, 1}, 10000))},
-      {"PubrelStorm", says(many({0x62, 2, 0, 1}, 10000))},
-      {"PingrespStorm", says(many({0xd0, 0}, 10000))},
+      {"PubrecStorm", sends(many({0x50, 2, 0, 1}, 10000))},
+      {"PubrelStorm", sends(many({0x62, 2, 0, 1}, 10000))},
+      {"PingrespStorm", sends(many({0xd0, 0}, 10000))},
       {"OddReasons", odd_reasons()},
-      {"NoTopic", says(no_topic)},
-      {"UnknownAlias", says(unknown_alias)},
-      {"TopicThatIsNoUtf8", says(publish_of({0xff, 0xfe, 'a'}, {0}))},
-      {"TopicWithNul", says(publish_of({'a', 0, 'b'}, {0}))},
-      {"TopicWithWildcards", says(publish_of({'#'}, {0}))},
-      {"QosThree", says(publish_of({'t'}, {0, 1, 0}, 6))},
-      {"HugeProperties", says(huge_properties())},
-      {"PropertiesBeyondTheEnd", says(properties_beyond_the_end)},
-      {"HalfAPacket", says({0x30, 50, 0, 1, 't', 0, 'x'}, true)},
-      {"PromisesMoreThanItSends", says(promises_256_mib, true)},
-      {"BrokenLength", says(broken_length)},
-      {"ReservedType", says({0x00, 0})},
-      {"RequestsOfAClient", says({0x10, 0, 0x82, 0, 0xc0, 0})},
-      {"AuthUnasked", says({0xf0, 2, 0x18, 0})},
-      {"DisconnectAtOnce", says({0xe0, 0}, true)},
+      {"NoTopic", sends(no_topic)},
+      {"UnknownAlias", sends(unknown_alias)},
+      {"TopicThatIsNotUtf8", sends(publish_of({0xff, 0xfe, 'a'}, {0}))},
+      {"TopicWithNul", sends(publish_of({'a', 0, 'b'}, {0}))},
+      {"TopicWithWildcards", sends(publish_of({'#'}, {0}))},
+      {"QosThree", sends(publish_of({'t'}, {0, 1, 0}, 6))},
+      {"HugeProperties", sends(huge_properties())},
+      {"PropertiesBeyondTheEnd", sends(properties_beyond_the_end)},
+      {"HalfAPacket", sends({0x30, 50, 0, 1, 't', 0, 'x'}, true)},
+      {"PromisesMoreThanItSends", sends(promises_256_mib, true)},
+      {"BrokenLength", sends(broken_length)},
+      {"ReservedType", sends({0x00, 0})},
+      {"RequestsOfAClient", sends({0x10, 0, 0x82, 0, 0xc0, 0})},
+      {"UnrequestedAuth", sends({0xf0, 2, 0x18, 0})},
+      {"DisconnectAtOnce", sends({0xe0, 0}, true)},
       {"RetainedFlood", retained_flood()},
       {"ClosesAtConnect", closes_at({FakeBroker::connect})},
       {"ClosesAtPublish", closes_at({FakeBroker::publish})},
@@ -197,7 +197,7 @@ class HostileBroker
     settings.client = std::get<0>(GetParam());
     return settings;
   }
-  /// `vice` in the version of this test; the other one is refused.
+  /// Behaves like `vice` in the version of this test and refuses the other version.
   void take_up(const FakeBroker::Misbehaviour& vice) {
     broker.misbehave([this, vice](Connection& connection, const Packet& packet) {
       if (packet.type() == FakeBroker::connect) {
@@ -244,7 +244,7 @@ TEST_P(HostileBroker, LosesNothingAndRecovers) {
       gateway.sees([&] { return gateway.is_up && gateway.depth() == 0; }, std::chrono::minutes{2}))
       << gateway.depth() << testing::PrintToString(gateway.reasons)
       << testing::PrintToString(gateway.notices);
-  // What is larger than the broker's limit is a dead letter.
+  // Messages above the broker's limit are dead letters.
   const auto missing = [&] {
     const std::vector<std::string> arrived = broker.arrived();
     return static_cast<std::size_t>(std::ranges::count_if(gateway.fired, [&](const auto& fired) {
@@ -257,19 +257,19 @@ TEST_P(HostileBroker, LosesNothingAndRecovers) {
   EXPECT_TRUE(gateway.sees([&] {
     return missing() <= gateway.outbox.backlog().dead_letters().count;
   })) << missing()
-      << " acknowledged, and neither with the broker nor dead letters; of those: "
+      << " acknowledged messages did not arrive; dead letters: "
       << gateway.outbox.backlog().dead_letters().count;
   EXPECT_LT(mallinfo2().uordblks, memory + (32U << 20U));
 }
 
-/// libmosquitto reads on the loop's thread, where nothing piles up.
-TEST(RetainedFlood, WhatTheLoopDoesNotTakeInTimeIsCounted) {
+/// Needs Paho: libmosquitto reads on the loop's thread, where nothing piles up.
+TEST(RetainedFlood, CountsMessagesThatTheLoopDoesNotTakeInTime) {
   FakeBroker broker;
   broker.misbehave(retained_flood());
   Link link(settings_for(broker.port()));
   ASSERT_TRUE(link.comes_up());
   link.upstream->subscribe("s/#");
-  // The loop stands still meanwhile.
+  // The loop does not run here.
   ASSERT_TRUE(test::eventually([&] { return link.upstream->inbound_dropped() > 0; }));
   EXPECT_TRUE(link.sees(
       [&] { return link.listener.messages.size() + link.upstream->inbound_dropped() == 20000; }));

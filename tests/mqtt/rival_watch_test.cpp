@@ -8,14 +8,14 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST(RivalWatch, BelievesTheBrokerAtOnce) {
+TEST(RivalWatch, ReportsARivalAtOnceWhenTheBrokerNamesIt) {
   RivalWatch watch;
   watch.on_up(TimePoint{0s});
   EXPECT_TRUE(watch.on_lost(true, false, TimePoint{1h}));
   EXPECT_EQ(watch.pause(), RivalWatch::first_pause);
 }
 
-TEST(RivalWatch, SuspectsARivalWhenConnectionsEndSoonAgainAndAgain) {
+TEST(RivalWatch, ReportsARivalWhenConnectionsEndSoonRepeatedly) {
   RivalWatch watch;
   watch.on_up(TimePoint{0s});
   EXPECT_FALSE(watch.on_lost(false, false, TimePoint{1s})) << "a broker that restarts";
@@ -24,9 +24,9 @@ TEST(RivalWatch, SuspectsARivalWhenConnectionsEndSoonAgainAndAgain) {
   EXPECT_TRUE(watch.on_lost(false, false, TimePoint{3s}));
 }
 
-/// A message for which the broker closes the connection is found out by sending it again; pauses
-/// would keep everybody else waiting meanwhile.
-TEST(RivalWatch, TakesALossWithMessagesUnderWayForNoRival) {
+/// The outbox finds a message for which the broker closes the connection by sending it again;
+/// pauses would delay all other messages.
+TEST(RivalWatch, ReportsNoRivalForALossWithMessagesUnderWay) {
   RivalWatch watch;
   for (int second = 0; second < 8; second += 2) {
     watch.on_up(TimePoint{std::chrono::seconds(second)});
@@ -35,8 +35,8 @@ TEST(RivalWatch, TakesALossWithMessagesUnderWayForNoRival) {
   }
 }
 
-/// Two gateways that both watch: each takes over after its own pause.
-TEST(RivalWatch, TwoThatTakeOverFromEachOtherDoSoMoreAndMoreSeldom) {
+/// Both gateways watch, and each takes over after its own pause.
+TEST(RivalWatch, TwoGatewaysTakeOverFromEachOtherAfterGrowingPauses) {
   RivalWatch watch;
   TimePoint now{0s};
   std::size_t takeovers = 0;
@@ -54,7 +54,7 @@ TEST(RivalWatch, TwoThatTakeOverFromEachOtherDoSoMoreAndMoreSeldom) {
   EXPECT_LE(takeovers, 20u) << "an hour";
 }
 
-TEST(RivalWatch, ForgetsItWhenAConnectionLasts) {
+TEST(RivalWatch, ForgetsTheRivalWhenAConnectionLasts) {
   RivalWatch watch;
   watch.on_up(TimePoint{0s});
   watch.on_lost(true, false, TimePoint{1s});

@@ -25,7 +25,7 @@ TEST_F(StallWatchTest, AsksOnceAKeepAliveWhileNothingIsSent) {
   EXPECT_EQ(watch.deadline(), now + keep_alive);
 }
 
-TEST_F(StallWatchTest, ASilentBrokerIsLeftWithinTwoKeepAlives) {
+TEST_F(StallWatchTest, ReportsAnIdleSilentBrokerAsStalledWithinTwoKeepAlives) {
   for (const auto short_or_long : {1s, 2s, 5s, 30s, 600s}) {
     StallWatch idle;
     idle.on_link_up(short_or_long, now);
@@ -35,7 +35,7 @@ TEST_F(StallWatchTest, ASilentBrokerIsLeftWithinTwoKeepAlives) {
   }
 }
 
-TEST_F(StallWatchTest, WhatIsSentBringsTheQuestionForward) {
+TEST_F(StallWatchTest, SendingAMessageBringsTheCheckForward) {
   EXPECT_TRUE(watch.on_sent());
   EXPECT_FALSE(watch.on_sent()) << "no later than before";
   EXPECT_EQ(watch.deadline(), now + StallWatch::interval);
@@ -58,7 +58,7 @@ TEST_F(StallWatchTest, AsksOnceASecondWhileSomethingIsSent) {
   EXPECT_EQ(watch.deadline(), now + keep_alive) << "the last answer came after all that was sent";
 }
 
-TEST_F(StallWatchTest, WhatWasSentAfterTheQuestionIsAskedForToo) {
+TEST_F(StallWatchTest, ChecksAgainForMessagesSentAfterTheQuestion) {
   watch.on_sent();
   ASSERT_EQ(pass(1s), Step::ask);
   watch.on_sent();
@@ -66,13 +66,13 @@ TEST_F(StallWatchTest, WhatWasSentAfterTheQuestionIsAskedForToo) {
   EXPECT_EQ(watch.deadline(), now + StallWatch::interval);
 }
 
-TEST_F(StallWatchTest, CallsABrokerSilentAndThenStalledBeforeAnythingIsTenSecondsOld) {
+TEST_F(StallWatchTest, ReportsABrokerAsSilentThenStalledWithinTenSeconds) {
   watch.on_sent();
   const TimePoint sent = now;
   ASSERT_EQ(pass(1s), Step::ask);
   EXPECT_EQ(pass(1s), Step::none);
   EXPECT_EQ(pass(1s), Step::silent);
-  EXPECT_EQ(pass(1s), Step::none) << "said once";
+  EXPECT_EQ(pass(1s), Step::none) << "reported once";
   EXPECT_EQ(pass(5s), Step::stalled);
   EXPECT_LT(now - sent, 10s);
 }

@@ -32,14 +32,14 @@ INSTANTIATE_TEST_SUITE_P(Over, UpstreamOf, testing::Combine(each_client, either_
 using Upstreams = WithEachClient;
 INSTANTIATE_TEST_SUITE_P(Over, Upstreams, each_client, Upstreams::name);
 
-TEST_P(UpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
+TEST_P(UpstreamOf, PublishesAtEachQosAndReportsEachAcknowledgement) {
   BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "t/#", "%t %q %r %p");
   Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
   EXPECT_EQ(link.upstream->version(), version());
   EXPECT_EQ(link.listener.limits.receive_maximum, version() == MqttVersion::v5 ? 20 : 65535)
-      << "Mosquitto's default, and none";
+      << "Mosquitto's default; MQTT 3.1.1 has none";
   for (std::uint64_t qos = 0; qos <= 2; ++qos) {
     link.upstream->publish(
         qos + 1, {"t/" + std::to_string(qos), to_bytes("hello"), static_cast<Qos>(qos), false});
@@ -48,7 +48,7 @@ TEST_P(UpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
   EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 3; }));
 }
 
-TEST_P(UpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
+TEST_P(UpstreamOf, ReportsEachOfManyMessagesAsPublishedAndKeepsTheirOrder) {
   BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "t", "%p");
   Link link(settings_for(broker.link_port()));
@@ -57,7 +57,8 @@ TEST_P(UpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
   std::vector<std::string> expected;
   for (std::uint64_t i = 0; i < count; ++i) {
     expected.push_back(std::to_string(i));
-    // Not more than the broker sends to a subscriber at once: others would overtake them there.
+    // No more of QoS 1 than the broker sends to a subscriber at once, or others would overtake
+    // them.
     const Qos qos = i % 20 == 19 ? Qos::at_least_once : Qos::at_most_once;
     link.upstream->publish(i, {"t", to_bytes(expected.back()), qos, false});
   }
@@ -66,7 +67,7 @@ TEST_P(UpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
   EXPECT_EQ(subscriber.lines(), expected);
 }
 
-TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
+TEST_P(UpstreamOf, ReceivesOnlyMessagesOfItsSubscriptions) {
   BrokerOfVersion broker(version());
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
   Link link(settings_for(broker.link_port()));
@@ -94,7 +95,7 @@ TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
   EXPECT_EQ(link.listener.messages[3].topic, "other");
 }
 
-TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
+TEST_P(UpstreamOf, ReconnectsAfterTheBrokerWasKilled) {
   BrokerOfVersion broker(version());
   Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
@@ -107,8 +108,8 @@ TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(9); }));
 }
 
-/// A broker that has kept something all the same says so in its CONNACK.
-TEST_P(UpstreamOf, BeginsAnewWithEachConnection) {
+/// Connects with a clean start even when the broker's CONNACK announces a present session.
+TEST_P(UpstreamOf, StartsACleanSessionWithEachConnection) {
   FakeBroker broker;
   std::mutex mutex;
   std::vector<bool> clean;  // of each connection that was taken
@@ -140,7 +141,7 @@ TEST_P(UpstreamOf, BeginsAnewWithEachConnection) {
   EXPECT_EQ(clean, (std::vector<bool>{true, true}));
 }
 
-TEST_P(UpstreamOf, SubscribesAtQos0AndTellsOfARefusal) {
+TEST_P(UpstreamOf, SubscribesAtQos0AndReportsARefusal) {
   FakeBroker broker;
   std::mutex mutex;
   std::vector<int> asked;  // QoS, of each SUBSCRIBE for "f"
@@ -171,7 +172,7 @@ TEST_P(UpstreamOf, SubscribesAtQos0AndTellsOfARefusal) {
   EXPECT_EQ(asked, std::vector<int>{0});
 }
 
-TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
+TEST_P(UpstreamOf, DoesNotReportALostConnectionAsARefusal) {
   BrokerOfVersion broker(version());
   Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
@@ -184,13 +185,13 @@ TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
   EXPECT_TRUE(link.listener.refused.empty()) << link.listener.refused.begin()->second.why;
   EXPECT_TRUE(link.listener.published.empty());
-  EXPECT_TRUE(link.listener.subscribed.empty()) << "nobody has refused the subscription";
+  EXPECT_TRUE(link.listener.subscribed.empty()) << "the subscription was not refused";
   for (const std::string& reason : link.listener.reasons) {
     EXPECT_EQ(reason.find("0xff"), std::string::npos) << reason;
   }
 }
 
-TEST_P(Upstreams, TakesABrokerThatClosesAfterARefusalForNoRival) {
+TEST_P(Upstreams, ReportsNoRivalClientWhenTheBrokerClosesAfterARefusal) {
   FakeBroker broker;
   broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
     if (packet.type() != FakeBroker::publish) return false;
@@ -213,7 +214,7 @@ TEST_P(Upstreams, TakesABrokerThatClosesAfterARefusalForNoRival) {
 }
 
 /// Some brokers close the connection at a SUBSCRIBE for which the gateway lacks the right.
-TEST_P(Upstreams, AsksForASignOfLifeWithoutAnyRight) {
+TEST_P(Upstreams, ChecksThatTheBrokerAnswersWithoutAnyAccessRight) {
   FakeBroker broker;
   std::atomic<int> questions{0};
   broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
@@ -231,15 +232,15 @@ TEST_P(Upstreams, AsksForASignOfLifeWithoutAnyRight) {
   EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
-/// The broker answers everything but one message; with others after it, and without.
-TEST_P(Upstreams, DoesNotWaitForEverForTheAnswerToOneMessage) {
+/// The broker acknowledges all messages but one, with others after it and without.
+TEST_P(Upstreams, EndsTheConnectionWhenTheBrokerSkipsOneMessage) {
   for (const bool is_alone : {false, true}) {
     FakeBroker broker;
     broker.misbehave([](FakeBroker::Connection&, const FakeBroker::Packet& packet) {
       return packet.type() == FakeBroker::publish && packet.contains("lost");
     });
     BrokerSettings settings = settings_for(broker.port());
-    settings.keep_alive = 5s;  // it is asked for a sign of life so often
+    settings.keep_alive = 5s;  // the interval of checks that it answers
     Link link(settings, {}, 2s);
     ASSERT_TRUE(link.comes_up());
     std::uint64_t number = 1;
@@ -270,7 +271,7 @@ TEST_P(Upstreams, WaitsForABrokerThatAnswersSlowlyButInOrder) {
   EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
-TEST_P(Upstreams, WaitsForABrokerThatIsNotThereYet) {
+TEST_P(Upstreams, RetriesUntilTheBrokerListens) {
   const std::uint16_t port = test::free_tcp_port();
   Link link(settings_for(port));
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; })) << "keeps trying";
@@ -278,7 +279,7 @@ TEST_P(Upstreams, WaitsForABrokerThatIsNotThereYet) {
       << link.listener.reasons[0];
 }
 
-TEST_P(Upstreams, SaysThatNobodyListensAndNotThatTlsFails) {
+TEST_P(Upstreams, ReportsARefusedConnectionAndNoTlsError) {
   BrokerSettings settings = settings_for(test::free_tcp_port());
   settings.tls = true;
   Link link(settings);
@@ -287,7 +288,7 @@ TEST_P(Upstreams, SaysThatNobodyListensAndNotThatTlsFails) {
       << link.listener.reasons[0];
 }
 
-TEST_P(Upstreams, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
+TEST_P(Upstreams, ReportsAWrongPasswordWithoutShowingIt) {
   Mosquitto broker({}, "gw", "right");
   Link link(settings_for(broker.port(), Credentials{"gw", "s3cret-but-wrong"}));
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
@@ -307,7 +308,7 @@ TEST_P(Upstreams, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
   ASSERT_TRUE(link.comes_up());
   EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
   EXPECT_EQ(old.turned_away(), 1u);
-  EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
+  EXPECT_TRUE(link.listener.reasons.empty()) << "the fallback is not reported";
 }
 
 TEST_P(Upstreams, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
@@ -320,7 +321,7 @@ TEST_P(Upstreams, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
 }
 
-/// A message whose PUBLISH has so many octets.
+/// Returns a message whose PUBLISH has `packet_bytes` octets.
 BrokerMessage message_of(std::size_t packet_bytes, Qos qos, std::size_t property_bytes) {
   BrokerMessage message{"t", {}, qos, false, Provenance{Mesh::thread, WallTime{}}};
   while (publish_packet_bytes(message, property_bytes) < packet_bytes)
@@ -328,7 +329,7 @@ BrokerMessage message_of(std::size_t packet_bytes, Qos qos, std::size_t property
   return message;
 }
 
-TEST_P(Upstreams, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
+TEST_P(Upstreams, PublishesUpToTheBrokersMaximumPacketSizeToTheOctet) {
   // With MQTT 5, Mosquitto closes the connection on a larger one.
   for (const std::uint32_t limit : {120u, 500u, 20000u}) {
     Mosquitto broker("max_packet_size " + std::to_string(limit));
@@ -355,7 +356,7 @@ TEST_P(Upstreams, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
   }
 }
 
-TEST_P(Upstreams, PublishesAtTheHighestQosThatTheBrokerTakes) {
+TEST_P(Upstreams, PublishesAtTheHighestQosThatTheBrokerSupports) {
   for (const int highest : {0, 1}) {
     Mosquitto broker("max_qos " + std::to_string(highest));
     Subscriber subscriber(broker, "t", "%q %p");
@@ -371,7 +372,7 @@ TEST_P(Upstreams, PublishesAtTheHighestQosThatTheBrokerTakes) {
   }
 }
 
-TEST_P(Upstreams, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
+TEST_P(Upstreams, PublishesWithoutRetainWhereTheBrokerKeepsNoRetainedMessages) {
   Mosquitto broker("retain_available false");
   Subscriber subscriber(broker, "t", "%p");
   Link link(settings_for(broker.port()));
@@ -405,18 +406,18 @@ TEST_P(Upstreams, ChecksTheBrokersCertificateAndItsName) {
       {&wrong_name, "is not for '127.0.0.1'"},
       {&wrong_authority, "is not trusted (unable to get local issuer certificate)"}};
   for (const auto& [link, reason] : bad) {
-    // Not always the first one: "localhost" may be ::1 first, where nobody listens.
-    const auto is_told = [reason = reason](const std::string& why) {
+    // Not always the first one: "localhost" may be ::1 first, where no broker listens.
+    const auto is_reported = [reason = reason](const std::string& why) {
       return why.find(reason) != std::string::npos;
     };
     EXPECT_TRUE(link->sees([&, link = link] {
-      return std::ranges::any_of(link->listener.reasons, is_told);
+      return std::ranges::any_of(link->listener.reasons, is_reported);
     })) << reason;
     EXPECT_EQ(link->listener.ups, 0);
   }
 }
 
-TEST_P(Upstreams, SaysThatTheBrokerWantsAClientCertificate) {
+TEST_P(Upstreams, ReportsThatTheBrokerRequiresAClientCertificate) {
   const test::Certificates right("localhost");
   const std::uint16_t tls_port = test::free_tcp_port();
   Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
@@ -438,7 +439,7 @@ TEST_P(Upstreams, SaysThatTheBrokerWantsAClientCertificate) {
   EXPECT_TRUE(with.comes_up());
 }
 
-TEST_P(UpstreamOf, LeavesTheBrokerItsLastWill) {
+TEST_P(UpstreamOf, BrokerPublishesTheLastWillOfAKilledGateway) {
   BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "gw/state", "%r %p");
   const pid_t child = fork();

@@ -6,35 +6,35 @@
 namespace slamgw {
 namespace {
 
-TEST(VersionChoice, TakesTheOldVersionWhenTheBrokerAsksForIt) {
+TEST(VersionChoice, FallsBackAtOnceWhenTheBrokerRefusesTheVersion) {
   VersionChoice choice;
   EXPECT_EQ(choice.version(), MqttVersion::v5);
   EXPECT_TRUE(choice.on_failed(ConnectAnswer::version_refused)) << "at once";
   EXPECT_EQ(choice.version(), MqttVersion::v3_1_1);
   EXPECT_FALSE(choice.on_failed(ConnectAnswer::other));
   choice.on_lost();
-  EXPECT_EQ(choice.version(), MqttVersion::v3_1_1) << "it has said so";
+  EXPECT_EQ(choice.version(), MqttVersion::v3_1_1) << "the broker has refused MQTT 5";
 }
 
-TEST(VersionChoice, ComesBackToTheNewVersionWhenTheBrokerWasReplaced) {
+TEST(VersionChoice, ReturnsToTheNewVersionWhenTheBrokerRefusesTheOldOne) {
   VersionChoice choice;
   choice.on_failed(ConnectAnswer::version_refused);
   EXPECT_FALSE(choice.on_failed(ConnectAnswer::version_refused)) << "no race between the two";
   EXPECT_EQ(choice.version(), MqttVersion::v5);
 }
 
-TEST(VersionChoice, TakesASecondSilentClosingForAnOldBroker) {
+TEST(VersionChoice, FallsBackAfterASecondSilentClosing) {
   VersionChoice choice;
   EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed));
   EXPECT_EQ(choice.version(), MqttVersion::v5) << "a broker that was killed closes too";
   EXPECT_TRUE(choice.on_failed(ConnectAnswer::closed));
   EXPECT_EQ(choice.version(), MqttVersion::v3_1_1);
   EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed));
-  EXPECT_EQ(choice.version(), MqttVersion::v5) << "it was not the version";
-  EXPECT_TRUE(choice.on_failed(ConnectAnswer::closed)) << "in turns, as long as it lasts";
+  EXPECT_EQ(choice.version(), MqttVersion::v5) << "the version was not the cause";
+  EXPECT_TRUE(choice.on_failed(ConnectAnswer::closed)) << "it alternates while connects fail";
 }
 
-TEST(VersionChoice, CountsClosingsInARowOnly) {
+TEST(VersionChoice, CountsOnlyConsecutiveClosings) {
   VersionChoice choice;
   choice.on_failed(ConnectAnswer::closed);
   choice.on_failed(ConnectAnswer::other);
@@ -46,7 +46,7 @@ TEST(VersionChoice, CountsNoClosingFromBeforeAConnection) {
   choice.on_failed(ConnectAnswer::closed);
   choice.on_connected();
   choice.on_lost();
-  EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed)) << "the broker has shown that it knows 5";
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed)) << "the broker has accepted MQTT 5";
   EXPECT_EQ(choice.version(), MqttVersion::v5);
 }
 

@@ -44,9 +44,9 @@ TEST_F(BrokerSocketTest, SendsWithoutDelayToTheBrokersPortOnly) {
   EXPECT_FALSE(has(TCP_NODELAY, to_other));
 }
 
-TEST_F(BrokerSocketTest, GathersUntilItReleases) {
+TEST_F(BrokerSocketTest, CorksUntilItReleases) {
   socket.gather();
-  EXPECT_FALSE(has(TCP_CORK, to_broker)) << "it has none yet";
+  EXPECT_FALSE(has(TCP_CORK, to_broker)) << "it has no socket yet";
   socket.adopt(broker.local_endpoint().port());
   socket.gather();
   EXPECT_TRUE(has(TCP_CORK, to_broker));
@@ -55,13 +55,13 @@ TEST_F(BrokerSocketTest, GathersUntilItReleases) {
   EXPECT_FALSE(has(TCP_CORK, to_broker));
 }
 
-TEST_F(BrokerSocketTest, TouchesNobodyElseWhenItsOwnIsClosed) {
+TEST_F(BrokerSocketTest, LeavesAnotherSocketAloneAfterItsOwnIsClosed) {
   socket.adopt(broker.local_endpoint().port());
   const int former = to_broker.native_handle();
   to_broker.close();
   tcp::socket next(io);
   next.connect(other.local_endpoint());
-  ASSERT_EQ(next.native_handle(), former) << "the number has a new owner";
+  ASSERT_EQ(next.native_handle(), former) << "another socket has the descriptor now";
   socket.gather();
   EXPECT_FALSE(has(TCP_CORK, next));
   socket.forget();

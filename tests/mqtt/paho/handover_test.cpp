@@ -9,7 +9,7 @@
 namespace slamgw {
 namespace {
 
-TEST(Handover, WakesTheTakerOnceForAllThatComeBeforeItLooks) {
+TEST(Handover, WakesTheConsumerOnceForItemsThatCameBeforeItTakesThem) {
   Handover<int> handover;
   EXPECT_EQ(handover.give(1), 1u);
   EXPECT_EQ(handover.give(2), 2u);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Paho is given.
+// The messages that are passed to Paho.
 #include "daemon/mqtt/paho/paho_message.hpp"
 
 #include <gtest/gtest.h>
@@ -36,7 +36,7 @@ class PublishFormTest : public testing::Test {
   mqtt::async_client client_{"tcp://127.0.0.1:1", "test"};
 };
 
-TEST_F(PublishFormTest, SaysOfEachMessageWhereAndWhenItCame) {
+TEST_F(PublishFormTest, AddsMeshGatewayAndTimeToEachMessage) {
   PublishForm form(MqttVersion::v5, "pi");
   const WallTime time{1'700'000'000'123ms};
   const auto first = form.fill(message_of(Mesh::ble, time));
@@ -54,7 +54,7 @@ TEST_F(PublishFormTest, SaysOfEachMessageWhereAndWhenItCame) {
           {"mesh", "thread"}, {"gateway", "pi"}, {"received_at", "2023-11-14T22:13:21.124Z"}}));
 }
 
-TEST_F(PublishFormTest, SaysNothingOfWhatNoRobotSaid) {
+TEST_F(PublishFormTest, AddsNoPropertiesToTheGatewaysOwnMessages) {
   PublishForm form(MqttVersion::v5, "pi");
   form.fill(message_of(Mesh::ble, WallTime{}));
   const auto own = form.fill({"own", {}, Qos::at_most_once, false, std::nullopt});

@@ -8,7 +8,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-TEST(SendNudge, IsDueOnceNothingMovesWithSomethingInFlight) {
+TEST(SendNudge, IsDueWhenNothingIsAcknowledgedWithMessagesInFlight) {
   SendNudge nudge;
   TimePoint now{std::chrono::hours(1)};
   EXPECT_FALSE(nudge.deadline());
@@ -19,7 +19,7 @@ TEST(SendNudge, IsDueOnceNothingMovesWithSomethingInFlight) {
   EXPECT_TRUE(nudge.take(now + milliseconds(25)));
 }
 
-TEST(SendNudge, LeavesASlowBrokerAlone) {
+TEST(SendNudge, NudgesSeldomForASlowBroker) {
   SendNudge nudge;
   TimePoint now{std::chrono::hours(1)};
   nudge.on_publish(now);
@@ -34,7 +34,7 @@ TEST(SendNudge, LeavesASlowBrokerAlone) {
   EXPECT_TRUE(nudge.take(now + milliseconds(25))) << "soon again after progress";
 }
 
-TEST(SendNudge, WaitsShorterForABrokerThatIsQuickAsARule) {
+TEST(SendNudge, WaitsShorterForABrokerThatUsuallyAnswersQuickly) {
   SendNudge nudge;
   TimePoint now{std::chrono::hours(1)};
   for (int i = 0; i < 100; ++i) {
@@ -48,7 +48,7 @@ TEST(SendNudge, WaitsShorterForABrokerThatIsQuickAsARule) {
   EXPECT_GE(*nudge.deadline(), now + SendNudge::shortest_wait);
 }
 
-TEST(SendNudge, AsksABrokerThatIsFarAwayForNothing) {
+TEST(SendNudge, IsNotDueForABrokerThatIsFarAway) {
   SendNudge nudge;
   TimePoint now{std::chrono::hours(1)};
   for (int i = 0; i < 100; ++i) {

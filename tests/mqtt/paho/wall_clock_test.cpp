@@ -36,7 +36,7 @@ std::int64_t in_ns(const timespec& time) {
 
 }  // namespace
 
-/// In place of glibc's, for every library of this program: looks at the clock again and again.
+/// Replaces glibc's function for every library of this program; polls the clock.
 extern "C" int pthread_cond_timedwait(pthread_cond_t* condition, pthread_mutex_t* mutex,
                                       const timespec* until) {
   constexpr std::int64_t slice_ns = 5'000'000;
@@ -63,7 +63,7 @@ using test::FakeBroker;
 
 constexpr std::int64_t hour_s = 3600;
 
-TEST(WallClockSetBack, DoesNotKeepTheLinkFromTheNextBroker) {
+TEST(WallClockSetBack, DoesNotDelayTheMoveToTheNextBroker) {
   FakeBroker silent;
   silent.misbehave([](FakeBroker::Connection&, const FakeBroker::Packet& packet) {
     return packet.type() == FakeBroker::connect;
@@ -72,16 +72,16 @@ TEST(WallClockSetBack, DoesNotKeepTheLinkFromTheNextBroker) {
   BrokerSettings settings = settings_for(silent.port());
   settings.others = {{"127.0.0.1", well.port(), false}};
   Link link(settings);
-  // Again and again, for on a busy machine a wait may begin late.
+  // Repeats, because on a busy machine a wait may begin late.
   std::jthread clock([](const std::stop_token& stop) {
     for (; stretched == 0 && !stop.stop_requested(); std::this_thread::sleep_for(100ms))
       set_back_s += hour_s;
   });
   EXPECT_TRUE(link.comes_up());
-  EXPECT_GT(stretched, 0) << "nothing waited by the wall clock: this proves nothing";
+  EXPECT_GT(stretched, 0) << "no wait used the wall clock, so the test shows nothing";
 }
 
-TEST(WallClockSetBack, DoesNotHoldUpMessages) {
+TEST(WallClockSetBack, DoesNotDelayMessages) {
   FakeBroker broker;
   DeliveryRig gateway(settings_for(broker.port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
