@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shell's half of a protocol machine: who is drained when, and that deadlines fire.
+// The shell's half of a protocol machine: the order of draining, and deadlines.
 #include "daemon/runtime/machine_driver.hpp"
 
 #include <gtest/gtest.h>
@@ -14,30 +14,30 @@ namespace {
 
 using namespace std::chrono_literals;
 
-struct Say {
+struct Emit {
   int number = 0;
 };
 
-/// Says each number that it is given, and "0" at its deadline.
+/// Emits each number that it gets, and "0" at its deadline.
 class Echo {
  public:
-  void on_number(int number) { actions_.push(Say{number}); }
+  void on_number(int number) { actions_.push(Emit{number}); }
   void on_deadline(const Now& now) {
     if (now.mono < *at) return;
     at.reset();
     on_number(0);
   }
-  std::optional<std::variant<Say>> next_action() { return actions_.pop(); }
+  std::optional<std::variant<Emit>> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const { return at; }
   std::optional<TimePoint> at;
 
  private:
-  ActionQueue<std::variant<Say>> actions_;
+  ActionQueue<std::variant<Emit>> actions_;
 };
 
 class MachineDriverTest : public testing::Test {
  protected:
-  void tell(MachineDriver<Echo>& whom, int number) { whom->on_number(number); }
+  void send(MachineDriver<Echo>& driver, int number) { driver->on_number(number); }
   void note(const std::string& text) { lines.push_back(text); }
 
   boost::asio::io_context io;
@@ -51,18 +51,18 @@ TEST_F(MachineDriverTest, DrainsMachinesOneAfterTheOtherNotInsideEachOther) {
   MachineDriver<Echo> a(
       io, first,
       [&](auto& action) {
-        const int number = std::get<Say>(action).number;
+        const int number = std::get<Emit>(action).number;
         EXPECT_EQ(++depth, 1);
         note("a" + std::to_string(number));
-        tell(*to_second, number);
+        send(*to_second, number);
         --depth;
       },
       [&] { note("a is empty"); });
   MachineDriver<Echo> b(io, second, [&](auto& action) {
-    const int number = std::get<Say>(action).number;
+    const int number = std::get<Emit>(action).number;
     EXPECT_EQ(++depth, 1);
     note("b" + std::to_string(number));
-    if (number < 2) tell(a, number + 1);  // back to where it came from
+    if (number < 2) send(a, number + 1);  // back to its sender
     --depth;
   });
   to_second = &b;
@@ -75,20 +75,20 @@ TEST_F(MachineDriverTest, DrainsMachinesOneAfterTheOtherNotInsideEachOther) {
                                              "a is empty", "b2"}));
 }
 
-/// As the core asks the fleet about a message while it takes it.
-TEST_F(MachineDriverTest, DrainsAMachineThatIsAskedInsideAChangeAfterThatChange) {
+/// The core does this: it queries the fleet while it takes a message.
+TEST_F(MachineDriverTest, DrainsAMachineThatGetsInputDuringAChangeAfterThatChange) {
   Echo first, second;
   MachineDriver<Echo>* to_first = nullptr;
   MachineDriver<Echo> b(io, second, [&](auto& action) {
-    note("b" + std::to_string(std::get<Say>(action).number));
-    tell(*to_first, 3);
+    note("b" + std::to_string(std::get<Emit>(action).number));
+    send(*to_first, 3);
   });
   MachineDriver<Echo> a(
-      io, first, [&](auto& action) { note("a" + std::to_string(std::get<Say>(action).number)); });
+      io, first, [&](auto& action) { note("a" + std::to_string(std::get<Emit>(action).number)); });
   to_first = &a;
   {
     MachineDriver<Echo>::Input echo(a);
-    tell(b, 1);
+    send(b, 1);
     note("changes");
     echo->on_number(2);
   }
@@ -107,19 +107,19 @@ TEST_F(MachineDriverTest, FiresDeadlinesUntilItIsStopped) {
   arm(1ms);
   driver.stop();
   io.restart();
-  io.run();  // nothing is left to wait for
+  io.run();  // returns when nothing is pending
   EXPECT_EQ(lines.size(), 2u);
 }
 
-TEST_F(MachineDriverTest, MayEndWhileItWaitsForItsTurn) {
+TEST_F(MachineDriverTest, MayBeDestroyedWhileItWaitsForItsTurn) {
   Echo first, second;
   auto b = std::make_unique<MachineDriver<Echo>>(io, second, [&](auto&) { note("b"); });
   MachineDriver<Echo> a(io, first, [&](auto&) {
     note("a");
-    tell(*b, 1);
+    send(*b, 1);
     b.reset();
   });
-  tell(a, 1);
+  send(a, 1);
   EXPECT_EQ(lines, std::vector<std::string>{"a"});
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Timer: when it calls, and that no call comes late.
+// Timer: when it calls, and that no cancelled call comes.
 #include "daemon/runtime/timer.hpp"
 
 #include <gtest/gtest.h>
@@ -16,65 +16,65 @@ using namespace std::chrono_literals;
 
 class TimerTest : public testing::Test {
  protected:
-  auto say(char what) {
-    return [this, what] { said += what; };
+  auto record(char what) {
+    return [this, what] { calls += what; };
   }
   boost::asio::io_context io;
-  std::string said;
+  std::string calls;
 };
 
 TEST_F(TimerTest, CallsInOrderOfTime) {
   Timer first(io), second(io);
-  second.after(2ms, say('b'));
-  first.at(std::chrono::steady_clock::now(), say('a'));
+  second.after(2ms, record('b'));
+  first.at(std::chrono::steady_clock::now(), record('a'));
   io.run();
-  EXPECT_EQ(said, "ab");
+  EXPECT_EQ(calls, "ab");
 }
 
-TEST_F(TimerTest, AnotherCallTakesThePlaceOfTheFirst) {
+TEST_F(TimerTest, NewCallReplacesTheFirst) {
   Timer timer(io);
-  timer.after(0ms, say('a'));
-  timer.after(1ms, say('b'));
+  timer.after(0ms, record('a'));
+  timer.after(1ms, record('b'));
   io.run();
-  EXPECT_EQ(said, "b");
+  EXPECT_EQ(calls, "b");
 }
 
 /// Both handlers are queued when the first one runs, so Asio can no longer cancel the second.
-TEST_F(TimerTest, ACancelledCallThatIsQueuedAlreadyDoesNotCome) {
+TEST_F(TimerTest, DropsACancelledCallThatIsAlreadyQueued) {
   const auto due = std::chrono::steady_clock::now();
   Timer first(io), second(io);
   std::optional<Timer> third;
   third.emplace(io);
   first.at(due, [&] {
-    said += 'a';
+    calls += 'a';
     second.cancel();
     third.reset();
   });
-  second.at(due, say('b'));
-  third->at(due, say('c'));
+  second.at(due, record('b'));
+  third->at(due, record('c'));
   io.run();
-  EXPECT_EQ(said, "a");
+  EXPECT_EQ(calls, "a");
 }
 
 TEST_F(TimerTest, RepeatsUntilItsFunctionCancelsIt) {
   Timer timer(io);
   timer.every(0ms, [&] {
-    said += 'a';
-    if (said.size() == 3) timer.cancel();
+    calls += 'a';
+    if (calls.size() == 3) timer.cancel();
   });
   io.run();
-  EXPECT_EQ(said, "aaa");
+  EXPECT_EQ(calls, "aaa");
 }
 
-TEST_F(TimerTest, MayEndInItsOwnCall) {
+TEST_F(TimerTest, MayBeDestroyedInItsOwnCall) {
   std::optional<Timer> timer;
   timer.emplace(io);
-  timer->every(0ms, [&, word = std::string("a word that needs memory of its own")] {
+  timer->every(0ms, [&, text = std::string("a text that needs memory of its own")] {
     timer.reset();
-    said += word.front();
+    calls += text.front();
   });
   io.run();
-  EXPECT_EQ(said, "a");
+  EXPECT_EQ(calls, "a");
 }
 
 }  // namespace
