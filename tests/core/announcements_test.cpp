@@ -8,7 +8,7 @@
 namespace slamgw {
 namespace {
 
-TEST(Announcements, AnOutcomeIsJsonWhateverTheTypeIsCalled) {
+TEST(Announcements, OutcomeIsValidJsonForAnyCommandType) {
   for (const std::string type : {"target", R"(a"b\c)", "\xc3\xa6", "tab\there"}) {
     const CommandOutcome outcome{Mesh::thread,
                                  CommandId{1},
@@ -24,7 +24,7 @@ TEST(Announcements, AnOutcomeIsJsonWhateverTheTypeIsCalled) {
   }
 }
 
-TEST(Announcements, TextThatIsNotUtf8BecomesJsonAllTheSame) {
+TEST(Announcements, TextThatIsNotUtf8BecomesValidJson) {
   EXPECT_EQ(json_string("a\xff\xfe z"), "\"a\xef\xbf\xbd\xef\xbf\xbd z\"");
 }
 

@@ -23,7 +23,7 @@ TEST(Bans, CoverAddressesAndNetworks) {
   for (const char* const outside : {"fd00::2", "fd01:0:0:1::", "::ffff:10.1.2.4", "::10.1.2.3",
                                     "::ffff:192.168.16.0", "::ffff:192.168.7.255"})
     EXPECT_FALSE(bans.covers(address(outside))) << outside;
-  EXPECT_FALSE(bans.has("fd00::1")) << "that is no robot's name";
+  EXPECT_FALSE(bans.has("fd00::1")) << "an address is not a robot's name";
   EXPECT_FALSE(Bans().covers(address("::")));
   EXPECT_TRUE(Bans({"::/0"}).covers(address("fd00::1")));
 }
@@ -53,7 +53,7 @@ TEST(Bans, ARobotIsRefusedUnderEachOfItsNames) {
       << "it still has its name on the other mesh";
 }
 
-TEST(RobotNames, ANameWithAnAddressComesFromNowhereElse) {
+TEST(RobotNames, NameWithAnAddressIsAcceptedOnlyFromThatAddress) {
   const RobotNames names({{"lego", 0x0100, "thread-1", {}, "fd00::/64"},
                           {"tank", {}, {}, {}, "192.0.2.7"},
                           {"free", {}, "thread-3"}});

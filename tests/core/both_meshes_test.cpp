@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot with an address on both meshes: what it says over both goes up once, and commands go over
-// the better one.
+// A robot with an address on both meshes: a message that comes over both is published once, and
+// commands go over the better mesh.
 #include "tests/core/gateway_rig.hpp"
 
 namespace slamgw {
@@ -18,7 +18,7 @@ class BothMeshes : public test::GatewayRig {
     gateway.set_names(RobotNames({robot}));
     reach[{Mesh::ble, "r1"}] = reach[{Mesh::thread, "r1"}] = Presence::online;
   }
-  /// How many messages go up for this one.
+  /// Returns how many messages are published for this one.
   std::size_t says(Mesh mesh, const char* payload_hex, std::uint64_t receipt) {
     Report report = update_from("r1", *from_hex(payload_hex));
     report.mesh = mesh;
@@ -53,7 +53,7 @@ class BothMeshes : public test::GatewayRig {
   std::vector<FireReceipt> fired;
 };
 
-TEST_F(BothMeshes, PassACopyOverTheOtherMeshOnce) {
+TEST_F(BothMeshes, DropTheCopyOverTheOtherMeshUntilTheFirstIsSafe) {
   EXPECT_EQ(says(Mesh::ble, "01000200", 1), 1U);
   wait(200ms);
   EXPECT_EQ(says(Mesh::thread, "01000200", 1), 0U);
@@ -72,7 +72,7 @@ TEST_F(BothMeshes, AcknowledgeACopyAtOnceWhenTheFirstIsSafe) {
   EXPECT_EQ(fired[0].receipt, (Receipt{Mesh::ble, 9}));
 }
 
-TEST_F(BothMeshes, RefuseTheCopyOfWhatIsRefusedAndTakeItAgain) {
+TEST_F(BothMeshes, RefuseTheCopyOfARefusedMessageAndAcceptItsRepeat) {
   says(Mesh::ble, "01000200", 1);
   says(Mesh::thread, "01000200", 2);
   const auto copies = receipt_fires(Mesh::ble, 1, ReceiptOutcome::refused);
@@ -90,17 +90,17 @@ TEST_F(BothMeshes, PassEqualMessagesOfARobotThatStandsStill) {
   }
 }
 
-TEST_F(BothMeshes, PassWhatDiffersOrComesLateOrOverTheSameMesh) {
+TEST_F(BothMeshes, PassMessagesThatDifferComeLateOrComeOverTheSameMesh) {
   says(Mesh::ble, "01000200", 1);
   EXPECT_EQ(says(Mesh::thread, "01000300", 2), 1U) << "another position";
-  EXPECT_EQ(says(Mesh::ble, "01000200", 3), 1U) << "the mesh knows its own repeats";
+  EXPECT_EQ(says(Mesh::ble, "01000200", 3), 1U) << "each mesh filters its own repeats";
   receipt_fires(Mesh::ble, 1, ReceiptOutcome::safe);
   receipt_fires(Mesh::ble, 3, ReceiptOutcome::safe);
   wait(CopyFilter::window + 1ms);
   EXPECT_EQ(says(Mesh::thread, "01000200", 4), 1U);
 }
 
-TEST_F(BothMeshes, NeverAcknowledgeByAMessageThatNobodyKeeps) {
+TEST_F(BothMeshes, NeverAcknowledgeACopyOfAMessageWithoutAReceipt) {
   says(Mesh::ble, "01000200", 0);
   EXPECT_EQ(says(Mesh::thread, "01000200", 2), 1U);
 }
@@ -119,7 +119,7 @@ TEST_F(BothMeshes, KeepABoundedNumberOfMessages) {
   EXPECT_EQ(says(Mesh::thread, "01007f00", 2), 1U) << "there was no room for the first one";
 }
 
-TEST_F(BothMeshes, AreCommandedOverThePreferredOne) {
+TEST_F(BothMeshes, SendCommandsOverThePreferredMesh) {
   name(Mesh::thread);
   EXPECT_EQ(carrier(), Mesh::thread);
   reach[{Mesh::thread, "r1"}] = Presence::offline;
@@ -128,7 +128,7 @@ TEST_F(BothMeshes, AreCommandedOverThePreferredOne) {
   EXPECT_EQ(carrier(), Mesh::ble);
 }
 
-TEST_F(BothMeshes, AreNotCommandedWhereTheyHaveFallenSilent) {
+TEST_F(BothMeshes, SendNoCommandsOverAMeshWhereTheRobotIsSilent) {
   name(Mesh::thread);
   says(Mesh::thread, "01000200", 1);
   says(Mesh::ble, "01000300", 2);
@@ -140,7 +140,7 @@ TEST_F(BothMeshes, AreNotCommandedWhereTheyHaveFallenSilent) {
   EXPECT_EQ(carrier(), Mesh::thread) << "it is silent on both";
 }
 
-TEST_F(BothMeshes, AreCommandedOverTheOneThatAnswersFaster) {
+TEST_F(BothMeshes, SendCommandsOverTheMeshThatAnswersFaster) {
   EXPECT_EQ(carrier(), Mesh::ble) << "nothing is known yet";
   ends(Mesh::ble, CommandResult::delivered, 300ms);
   EXPECT_EQ(carrier(), Mesh::thread) << "the other one is tried";

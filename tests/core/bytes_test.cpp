@@ -19,17 +19,17 @@ TEST(ByteReader, ReadsBothByteOrders) {
   EXPECT_TRUE(reader.at_end());
 }
 
-TEST(ByteReader, FailsForGoodAtTheFirstShortRead) {
+TEST(ByteReader, FailsPermanentlyAtTheFirstShortRead) {
   const Bytes bytes{0x01, 0x02, 0x03};
   ByteReader reader(bytes);
   EXPECT_EQ(reader.read_u32_le(), 0u);
   EXPECT_FALSE(reader.ok());
-  EXPECT_EQ(reader.read_u8(), 0) << "nothing is read after a failure";
+  EXPECT_EQ(reader.read_u8(), 0) << "reads 0 after a failure";
   EXPECT_TRUE(reader.read_rest().empty());
   EXPECT_FALSE(reader.at_end());
 }
 
-TEST(ByteReader, ReadsNothingFromNothing) {
+TEST(ByteReader, ReadsNothingFromAnEmptyView) {
   ByteReader reader({});
   EXPECT_TRUE(reader.read(0).empty());
   EXPECT_TRUE(reader.read_rest().empty());
@@ -59,7 +59,7 @@ TEST(Utf8, RefusesWhatRfc3629Forbids) {
   EXPECT_FALSE(is_utf8("\xf4\x90\x80\x80")) << "above U+10FFFF";
 }
 
-TEST(MqttText, IsWhatNoBrokerClosesTheConnectionFor) {
+TEST(MqttText, AllowsTextThatEachBrokerAccepts) {
   EXPECT_TRUE(is_mqtt_text(""));
   EXPECT_TRUE(is_mqtt_text("r\xc3\xb8ver"));
   EXPECT_TRUE(is_mqtt_text("\xc2\xa0")) << "U+00A0";
@@ -69,7 +69,7 @@ TEST(MqttText, IsWhatNoBrokerClosesTheConnectionFor) {
   EXPECT_TRUE(is_mqtt_text(std::string(65535, 'x')));
 }
 
-TEST(MqttText, LacksWhatSomeBrokerClosesTheConnectionFor) {
+TEST(MqttText, ForbidsCharactersForWhichSomeBrokerClosesTheConnection) {
   EXPECT_FALSE(is_mqtt_text(std::string_view("a\0b", 3)));
   EXPECT_FALSE(is_mqtt_text("\x01"));
   EXPECT_FALSE(is_mqtt_text("\x1f"));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is forgotten here leaves the broker too; and the gateway's own rights there.
+// A forgotten robot leaves the broker, too. Also the gateway's own rights there.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -28,7 +28,7 @@ class GatewayForget : public testing::Test {
     gateway.on_deadline(now);
     drain();
   }
-  /// Plays the broker: keeps what is retained, and brings messages back as far as it may be read.
+  /// Plays the broker: keeps retained messages, and returns messages that the gateway may read.
   void drain() {
     while (auto action = gateway.next_action()) {
       if (const auto* upload = std::get_if<Upload>(&*action)) receive(upload->message);
@@ -58,12 +58,12 @@ class GatewayForget : public testing::Test {
   bool may_read_commands = true;
   std::map<std::string, std::string> retained;
   std::vector<std::string> notices;
-  std::set<std::string> forgotten;  ///< as the fleet is told
+  std::set<std::string> forgotten;  ///< reported to the fleet
 };
 
-TEST_F(GatewayForget, TakesARobotFromTheBroker) {
+TEST_F(GatewayForget, RemovesARobotFromTheBroker) {
   presence("r", Presence::online);
-  EXPECT_NE(gateway.forget("r"), "") << "it is there";
+  EXPECT_NE(gateway.forget("r"), "") << "it is online";
   presence("r", Presence::offline);
   EXPECT_TRUE(is_retained("r"));
   EXPECT_EQ(gateway.forget("r"), "");
@@ -73,14 +73,14 @@ TEST_F(GatewayForget, TakesARobotFromTheBroker) {
   EXPECT_NE(gateway.forget("a/b"), "");
 }
 
-TEST_F(GatewayForget, TakesARobotOfAnEarlierLifeFromTheBroker) {
+TEST_F(GatewayForget, RemovesARobotOfAnEarlierRunFromTheBroker) {
   retained["p/gateway/g/robots/old"] = "{}";
   EXPECT_EQ(gateway.forget("old"), "");
   drain();
   EXPECT_FALSE(is_retained("old"));
 }
 
-TEST_F(GatewayForget, DoesNotShowAForgottenRobotOfAnEarlierLifeAgain) {
+TEST_F(GatewayForget, DoesNotShowAForgottenRobotOfAnEarlierRunAgain) {
   broker_is(true);
   retained["p/gateway/g/robots/old"] = R"({"state":"online"})";
   gateway.on_broker_message({"p/gateway/g/robots/old", to_bytes(R"({"state":"online"})"),
@@ -91,8 +91,8 @@ TEST_F(GatewayForget, DoesNotShowAForgottenRobotOfAnEarlierLifeAgain) {
   EXPECT_FALSE(is_retained("old"));
 }
 
-/// The broker sends what it retains before the messages that clear it.
-TEST_F(GatewayForget, DoesNotShowARobotOfAnEarlierLifeThatWasForgottenBeforeTheBrokerCame) {
+/// The broker sends retained messages before the ones that clear them.
+TEST_F(GatewayForget, DoesNotShowARobotThatWasForgottenBeforeTheBrokerWasUp) {
   broker_is(false);
   EXPECT_EQ(gateway.forget("old"), "");
   broker_is(true);
@@ -103,7 +103,7 @@ TEST_F(GatewayForget, DoesNotShowARobotOfAnEarlierLifeThatWasForgottenBeforeTheB
   EXPECT_FALSE(is_retained("old"));
 }
 
-TEST_F(GatewayForget, ClearsWhatIsRetainedWhenTheBrokerIsBack) {
+TEST_F(GatewayForget, ClearsRetainedPresenceWhenTheBrokerIsBack) {
   presence("r", Presence::offline);
   presence("back", Presence::offline);
   broker_is(false);
@@ -117,7 +117,7 @@ TEST_F(GatewayForget, ClearsWhatIsRetainedWhenTheBrokerIsBack) {
   EXPECT_TRUE(is_retained("back"));
 }
 
-TEST_F(GatewayForget, WithdrawsWhatLeavesTheConfiguration) {
+TEST_F(GatewayForget, WithdrawsAbsentRobotsThatLeaveTheConfiguration) {
   gateway.on_configured({"gone", "here", "kept"});
   presence("gone", Presence::offline);
   presence("here", Presence::online);
@@ -125,11 +125,11 @@ TEST_F(GatewayForget, WithdrawsWhatLeavesTheConfiguration) {
   gateway.on_configured({"kept"});
   drain();
   EXPECT_FALSE(is_retained("gone"));
-  EXPECT_TRUE(is_retained("here")) << "it goes under another name of its own, or is a stranger now";
+  EXPECT_TRUE(is_retained("here")) << "it is online under another name, or as a stranger";
   EXPECT_TRUE(is_retained("kept"));
 }
 
-TEST_F(GatewayForget, TellsTheFleetWhatAnOperatorForgets) {
+TEST_F(GatewayForget, ReportsRobotsThatAnOperatorForgetsToTheFleet) {
   presence("r", Presence::online);
   EXPECT_NE(gateway.forget("r"), "");
   drain();
@@ -140,32 +140,32 @@ TEST_F(GatewayForget, TellsTheFleetWhatAnOperatorForgets) {
   EXPECT_EQ(forgotten, std::set<std::string>{"r"});
 }
 
-TEST_F(GatewayForget, TellsTheFleetWhoHadToMakeRoom) {
+TEST_F(GatewayForget, ReportsEvictedRobotsToTheFleet) {
   for (std::size_t i = 0; i <= RobotRegistry::max_robots; ++i)
     presence("r" + std::to_string(i), Presence::online);
   EXPECT_EQ(forgotten.size(), RobotRegistry::evicted_at_once);
   for (const std::string& robot : forgotten) EXPECT_FALSE(gateway.registry().find(robot));
 }
 
-/// The other gateway has it by then.
-TEST_F(GatewayForget, TellsTheFleetNothingOfARobotThatItHasGivenUp) {
+/// The other gateway serves it then.
+TEST_F(GatewayForget, ReportsNoRobotToTheFleetThatItHasGivenUp) {
   presence("r", Presence::online);
   gateway.presence().on_given_up("r");
   drain();
   EXPECT_TRUE(forgotten.empty());
 }
 
-TEST_F(GatewayForget, KnowsThatItMayDoAllAtTheBroker) {
+TEST_F(GatewayForget, ReportsNoMissingRightWhereItHasAll) {
   broker_is(true);
   pass(11s);
   EXPECT_TRUE(gateway.missing_rights().empty());
   EXPECT_TRUE(notices.empty());
 }
 
-TEST_F(GatewayForget, SaysWhichRightIsMissingAndWhenItIsThere) {
+TEST_F(GatewayForget, ReportsAMissingRightAndWhenItIsGranted) {
   may_read_commands = false;
   broker_is(true);
-  EXPECT_TRUE(gateway.missing_rights().empty()) << "it may be on its way";
+  EXPECT_TRUE(gateway.missing_rights().empty()) << "the probe may be on its way";
   ASSERT_TRUE(gateway.deadline());
   pass(11s);
   ASSERT_EQ(gateway.missing_rights().size(), 1u);
@@ -177,7 +177,7 @@ TEST_F(GatewayForget, SaysWhichRightIsMissingAndWhenItIsThere) {
   EXPECT_EQ(notices.size(), 2u);
 }
 
-TEST_F(GatewayForget, KeepsNothingOfARobotThatItsMeshEvicted) {
+TEST_F(GatewayForget, ForgetsAnAbsentRobotThatItsMeshEvicted) {
   broker_is(true);
   const auto evict = [&] {
     gateway.on_mesh_event(SessionEvicted{Mesh::thread, "r"}, now);
@@ -185,7 +185,7 @@ TEST_F(GatewayForget, KeepsNothingOfARobotThatItsMeshEvicted) {
   };
   presence("r", Presence::online);
   evict();
-  EXPECT_TRUE(is_retained("r")) << "it is there, over another mesh";
+  EXPECT_TRUE(is_retained("r")) << "it is online over another mesh";
   presence("r", Presence::offline);
   evict();
   EXPECT_FALSE(is_retained("r"));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much each thing that happens matters to operators: `journalctl -p warning` shows what
-// somebody should look at and nothing else.
+// The severity of each event for operators: `journalctl -p warning` shows only lines that need
+// attention.
 #include <gtest/gtest.h>
 
 #include "daemon/core/gateway.hpp"
@@ -33,7 +33,7 @@ std::ostream& operator<<(std::ostream& out, const Case& each) { return out << ea
 
 class Notices : public testing::TestWithParam<Case> {};
 
-TEST_P(Notices, HaveTheSeverityOfWhatHappened) {
+TEST_P(Notices, HaveTheSeverityAndOccasionOfTheirEvent) {
   const BrokerLink broker;
   Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}}, broker,
                   [](Mesh, const std::string&) { return std::nullopt; });
@@ -70,11 +70,11 @@ INSTANTIATE_TEST_SUITE_P(
              Occasion::command_outcome},
         Case{"UnreadableUpdate", unreadable_update(), Severity::warning,
              Occasion::rejected_payload},
-        Case{"WhatAMeshSays", Notice{Severity::error, "text", {}}, Severity::error,
+        Case{"NoticeOfAMesh", Notice{Severity::error, "text", {}}, Severity::error,
              Occasion::other}),
     [](const auto& each) { return each.param.name; });
 
-TEST(Notice, WarnOfASubscriptionThatTheBrokerRefuses) {
+TEST(Notice, WarnsOfASubscriptionThatTheBrokerRefuses) {
   const BrokerLink broker;
   Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}}, broker,
                   [](Mesh, const std::string&) { return std::nullopt; });

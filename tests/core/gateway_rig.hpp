@@ -57,7 +57,7 @@ class GatewayRig : public testing::Test {
 
   Now now{TimePoint{std::chrono::hours{1}}, WallTime{std::chrono::seconds{1'700'000'000}}};
   static constexpr std::size_t max_open_commands = 20;
-  /// What the meshes answer when they are asked for a robot.
+  /// The presence that the meshes return for a robot.
   std::map<std::pair<Mesh, std::string>, Presence> reach;
   BrokerLink broker;
   Gateway gateway{TopicScheme("ntnu-slam", "pi1"),
@@ -95,7 +95,7 @@ class SharedGatewayRig : public GatewayRig {
     now.mono += time;
     gateway.on_deadline(now);
   }
-  /// And what the other gateways retain.
+  /// Connects the broker and waits for the retained messages of other gateways.
   void broker_comes() {
     GatewayRig::broker_comes();
     pass(PresencePublisher::settling);
@@ -105,9 +105,9 @@ class SharedGatewayRig : public GatewayRig {
 
   std::set<std::string> held;       ///< robots whose sessions this gateway holds
   std::set<std::string> elsewhere;  ///< robots that another living gateway shows
-  std::set<std::string> left;       ///< robots that a gateway shows that is gone
-  std::set<std::string> refused;    ///< robots whose sessions the broker does not give
-  /// Robots that are known to have no subscription.
+  std::set<std::string> left;       ///< robots that a dead gateway shows
+  std::set<std::string> refused;    ///< robots whose sessions the broker refuses
+  /// Robots that have no subscription.
   std::set<std::string> unsubscribed;
   bool is_alone = false;
 };

@@ -33,7 +33,7 @@ TEST_F(GatewayTest, ShowsTrafficDecoded) {
   EXPECT_EQ(passed[0].event.update->robot.y_cm, -20);
 }
 
-TEST_F(GatewayTest, PutsUnreadableUpdatesUnderRejectedAndSaysSoOncePerBurst) {
+TEST_F(GatewayTest, PublishesUnreadableUpdatesUnderRejectedAndReportsABurstOnce) {
   int notices = 0;
   for (int i = 0; i < 5; ++i) {
     say(update_from("NRF_5", {1, 2, 3}));
@@ -42,13 +42,13 @@ TEST_F(GatewayTest, PutsUnreadableUpdatesUnderRejectedAndSaysSoOncePerBurst) {
       if (const auto* upload = std::get_if<Upload>(&*action)) {
         EXPECT_EQ(upload->message.topic, "ntnu-slam/gateway/pi1/rejected/NRF_5/update");
         EXPECT_EQ(upload->message.payload, (Bytes{1, 2, 3}));
-        EXPECT_TRUE(upload->receipt.is_owed()) << "the robot must not repeat it for ever";
+        EXPECT_TRUE(upload->receipt.is_owed()) << "or the robot would repeat it for ever";
       }
     }
   }
   EXPECT_EQ(notices, 1);
   EXPECT_EQ(gateway.traffic().rejected, 5u);
-  EXPECT_EQ(gateway.traffic().up, 5u) << "as many as the robot's own number says";
+  EXPECT_EQ(gateway.traffic().up, 5u) << "equal to the robot's own count";
 }
 
 /// A robot cannot clear a message under `rejected`.
@@ -63,7 +63,7 @@ TEST_F(GatewayTest, RetainsNoUnreadableUpdate) {
   EXPECT_EQ(gateway.traffic().not_retained, 0u);
 }
 
-TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
+TEST_F(GatewayTest, RetainsABoundedNumberOfTopicsForEachRobotAndInTotal) {
   const auto is_retained = [&](int robot, int type, const char* text) {
     const std::string name = "r" + std::to_string(robot);
     say(Report{.mesh = Mesh::thread,
@@ -79,9 +79,9 @@ TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
   constexpr int most = RetainedTopics::max_per_robot;
   for (int type = 0; type < most; ++type) EXPECT_TRUE(is_retained(0, type, "x"));
   EXPECT_FALSE(is_retained(0, most, "x"));
-  EXPECT_TRUE(is_retained(0, 3, "y")) << "a new value of one that it has";
+  EXPECT_TRUE(is_retained(0, 3, "y")) << "a new value of a retained topic";
   EXPECT_TRUE(is_retained(0, 3, "")) << "cleared";
-  EXPECT_TRUE(is_retained(0, most, "x")) << "in its place";
+  EXPECT_TRUE(is_retained(0, most, "x")) << "a new topic after a cleared one";
   EXPECT_TRUE(is_retained(0, most + 1, "")) << "clearing costs nothing";
   int retained = 0;
   for (int robot = 1; robot < 500; ++robot)
@@ -90,7 +90,7 @@ TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
   EXPECT_GT(gateway.traffic().not_retained, 3000u);
 }
 
-TEST_F(GatewayTest, ClearsARetainedUpdateWhereItStands) {
+TEST_F(GatewayTest, ClearsARetainedUpdateAtItsTopic) {
   const auto retain = [this](Bytes payload) {
     Report report = update_from("NRF_5", std::move(payload));
     report.retain = true;
@@ -138,7 +138,7 @@ TEST_F(GatewayTest, RetainsOnlyTypesThatTheConfigurationNames) {
   EXPECT_EQ(type, "map");
 }
 
-TEST_F(GatewayTest, SaysOnceInABurstThatARobotRetainsTooMuch) {
+TEST_F(GatewayTest, ReportsARobotThatRetainsTooManyTopicsOncePerBurst) {
   std::size_t notices = 0;
   for (int type = 0; type < 200; ++type) {
     gateway.on_mesh_event(Report{.mesh = Mesh::thread,
@@ -173,7 +173,7 @@ TEST_F(GatewayTest, PublishesPresenceRetained) {
   EXPECT_EQ(state["since"], "2023-11-14T22:13:20Z");
 }
 
-TEST_F(GatewayTest, SaysInThePresenceThatARobotIsDeafWhileItIs) {
+TEST_F(GatewayTest, ShowsInThePresenceWhileARobotIsDeaf) {
   broker_comes();
   const auto presence = [&](bool is_deaf, std::chrono::seconds later) {
     gateway.on_mesh_event(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100", is_deaf},
@@ -185,7 +185,7 @@ TEST_F(GatewayTest, SaysInThePresenceThatARobotIsDeafWhileItIs) {
   const json deaf = presence(true, 5s);
   EXPECT_EQ(deaf["deaf"], true);
   EXPECT_EQ(deaf["state"], "online");
-  EXPECT_EQ(deaf["since"], before["since"]) << "the state is as old as before";
+  EXPECT_EQ(deaf["since"], before["since"]) << "the state has not changed";
   EXPECT_EQ(gateway.registry().deaf(), 1u);
   EXPECT_FALSE(presence(false, 9s).contains("deaf"));
 }
@@ -201,7 +201,7 @@ TEST_F(GatewayTest, KeepsTheTimeOfTheStateWhenOnlyTheAddressChanges) {
   EXPECT_EQ(since("[fd00::2]:1", 60s), first);
 }
 
-TEST_F(GatewayTest, TellsNoSignalOfAMeshThatTheRobotHasLeft) {
+TEST_F(GatewayTest, PublishesNoSignalOfAMeshThatTheRobotHasLeft) {
   broker_comes();
   Report report = update_from("a", {0x0a, 0x00, 0xec, 0xff});
   report.mesh = Mesh::ble;
@@ -218,7 +218,7 @@ TEST_F(GatewayTest, TellsNoSignalOfAMeshThatTheRobotHasLeft) {
   EXPECT_FALSE(state.contains("rssi_dbm"));
 }
 
-TEST_F(GatewayTest, AddsWhatTheRadioSaysToPresenceOnce) {
+TEST_F(GatewayTest, AddsTheSignalOfTheRadioToPresenceOnce) {
   broker_comes();
   say(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"});
   drain<Upload>();
@@ -232,10 +232,10 @@ TEST_F(GatewayTest, AddsWhatTheRadioSaysToPresenceOnce) {
   const std::string text(uploads[0].message.payload.begin(), uploads[0].message.payload.end());
   EXPECT_NE(text.find(R"("rssi_dbm":-61,"ttl":3,"hops":2)"), std::string::npos) << text;
   say(report);
-  EXPECT_EQ(drain<Upload>().size(), 1u) << "a changing radio is no news";
+  EXPECT_EQ(drain<Upload>().size(), 1u) << "a new signal alone publishes no presence";
 }
 
-TEST_F(GatewayTest, SaysEverythingAgainWhenTheBrokerComesBack) {
+TEST_F(GatewayTest, PublishesStateAndPresenceAgainAtEachConnection) {
   say(PresenceChange{Mesh::thread, "a", Presence::online, "[::1]:1"});
   EXPECT_TRUE(drain<Upload>().empty()) << "nothing is queued for an absent broker";
   for (int connection = 1; connection <= 2; ++connection) {
@@ -267,7 +267,7 @@ TEST_F(GatewayTest, RenewsItsOwnSubscriptionsAtEachConnection) {
   broker_is(true);
   EXPECT_EQ(filters().size(), 1u);
   gateway.subscribe_own("ntnu-slam/gateway/+/state");
-  EXPECT_TRUE(filters().empty()) << "the broker has it";
+  EXPECT_TRUE(filters().empty()) << "already subscribed";
   gateway.subscribe_own("ntnu-slam/fleet/all/+");
   EXPECT_EQ(filters(), std::vector<std::string>{"ntnu-slam/fleet/all/+"});
   gateway.unsubscribe_own("ntnu-slam/gateway/+/state");
@@ -291,7 +291,7 @@ TEST_F(GatewayTest, LeavesRobotsSubscriptionsToTheirSessions) {
   EXPECT_FALSE(gateway.registry().find("a"));
 }
 
-TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
+TEST_F(GatewayTest, MarksLeftoverRobotsOfAnEarlierRunOfflineUnlessHeard) {
   broker_comes();
   const auto kept = [&](const std::string& id, const std::string& state) {
     gateway.on_broker_message(
@@ -302,7 +302,7 @@ TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
   };
   for (const char* id : {"gone", "heard", "broken\x01"}) kept(id, "online");
   kept("was", "offline");
-  EXPECT_TRUE(drain<DeliverToMesh>().empty()) << "nobody else's business";
+  EXPECT_TRUE(drain<DeliverToMesh>().empty()) << "own presence is not delivered to meshes";
   say(PresenceChange{Mesh::ble, "heard", Presence::online, "0x0100"});
   drain<Upload>();
   gateway.on_deadline(now);
@@ -329,7 +329,7 @@ class CommandsTest : public GatewayTest {
  protected:
   static constexpr const char* topic = "ntnu-slam/server/a/cmd";
 
-  /// As the robot's session brings it.
+  /// Receives a command over the robot's session.
   std::optional<DeliverToMesh> server_sends(bool retain = false,
                                             std::chrono::milliseconds waited = 0ms) {
     gateway.commands().on_robot_message(
@@ -361,7 +361,7 @@ class CommandsTest : public GatewayTest {
   std::vector<CommandOutcome> outcomes;
 };
 
-TEST_F(CommandsTest, GoOverTheFirstMeshWhereTheRobotCanBeReached) {
+TEST_F(CommandsTest, GoOverTheFirstMeshThatReachesTheRobot) {
   using enum Presence;
   const auto carrier = [&](std::optional<Presence> ble, std::optional<Presence> thread) {
     reach.clear();
@@ -380,7 +380,7 @@ TEST_F(CommandsTest, GoOverTheFirstMeshWhereTheRobotCanBeReached) {
   EXPECT_EQ(carrier(std::nullopt, offline), Mesh::thread);
 }
 
-TEST_F(CommandsTest, GoToTheirCarrierAloneWhileOtherMessagesGoToEachMesh) {
+TEST_F(CommandsTest, GoToOneMeshWhileOtherMessagesGoToEachMesh) {
   reach[{Mesh::thread, "a"}] = Presence::online;
   const auto command = server_sends();
   ASSERT_TRUE(command);
@@ -404,7 +404,7 @@ TEST_F(CommandsTest, GoToTheirCarrierAloneWhileOtherMessagesGoToEachMesh) {
   EXPECT_EQ(gateway.commands().counts().down_on[Mesh::thread], 1u) << "the command";
 }
 
-TEST_F(CommandsTest, SayToTheMeshThatTheRobotHasNotAskedForThem) {
+TEST_F(CommandsTest, AreMarkedForTheMeshWhenTheRobotHasNotSubscribedToThem) {
   reach[{Mesh::thread, "a"}] = Presence::online;
   gateway.commands().on_robot_message(
       {"a", {topic, {}, Qos::at_least_once}, CommandId::none, /*is_unasked=*/true}, now);
@@ -414,7 +414,7 @@ TEST_F(CommandsTest, SayToTheMeshThatTheRobotHasNotAskedForThem) {
   EXPECT_NE(delivered[0].message.command, CommandId::none) << "the mesh owes its outcome";
 }
 
-TEST_F(CommandsTest, AreNotWhatGatewaysTryTheirRightsWith) {
+TEST_F(CommandsTest, AreNotMadeOfRightsProbes) {
   reach[{Mesh::thread, "a"}] = Presence::online;
   const std::string topic = "ntnu-slam/server/a/probe";
   gateway.commands().on_robot_message({"a", {topic, to_bytes("17-1"), Qos::at_most_once}}, now);
@@ -424,8 +424,8 @@ TEST_F(CommandsTest, AreNotWhatGatewaysTryTheirRightsWith) {
   EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "commands whose type is probe";
 }
 
-/// A robot may be subscribed to topics of others, whose payloads can be anything.
-TEST_F(CommandsTest, NoMessageOnATopicOfOthersIsTakenForATestOfRights) {
+/// A robot may subscribe to topics of others, whose payloads are arbitrary.
+TEST_F(CommandsTest, MessagesOnTopicsOfOthersAreNeverRightsProbes) {
   reach[{Mesh::thread, "a"}] = Presence::online;
   for (const char* topic :
        {"ntnu-slam/robot/b/probe", "lab/pool/probe", "ntnu-slam/server/a/b/probe"})
@@ -433,7 +433,7 @@ TEST_F(CommandsTest, NoMessageOnATopicOfOthersIsTakenForATestOfRights) {
   EXPECT_EQ(drain<DeliverToMesh>().size(), 3u);
 }
 
-TEST_F(CommandsTest, ToARobotThatNoMeshKnowsAreRefusedAtOnce) {
+TEST_F(CommandsTest, ToAnUnknownOrAbsentRobotAreRefusedAtOnce) {
   EXPECT_FALSE(server_sends());
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].result, CommandResult::refused);
@@ -525,7 +525,7 @@ TEST_F(CommandsTest, OfAnOperatorAreInTheAuditTrailBesideAFlood) {
   EXPECT_GE(others, 1U);
 }
 
-TEST(SenderAtBroker, IsMarkedAsItsOwnWordAndBounded) {
+TEST(SenderAtBroker, IsMarkedAsUnverifiedAndBounded) {
   EXPECT_EQ(who_of(sender_at_broker("planner")), "broker: planner");
   EXPECT_EQ(who_of(sender_at_broker("")), "broker");
   EXPECT_EQ(who_of(sender_at_broker(std::string(65, 'x'))), "broker");
@@ -533,33 +533,33 @@ TEST(SenderAtBroker, IsMarkedAsItsOwnWordAndBounded) {
   EXPECT_TRUE(is_operator("uid 0 (root)"));
 }
 
-TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
+TEST_F(CommandsTest, ThatWaitedTooLongAtTheBrokerAreRefused) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const auto grows_stale = [&](const char* of) {
     gateway.commands().on_stale_command("a", {of, {}, Qos::at_least_once, false, {}, Waited{40s}},
                                         /*has_begun_anew=*/false);
   };
   grows_stale(topic);
-  std::vector<CommandOutcome> told;
+  std::vector<CommandOutcome> reported;
   std::vector<std::string> published;
   while (auto action = gateway.next_action()) {
     EXPECT_FALSE(std::holds_alternative<DeliverToMesh>(*action));
-    if (auto* it = std::get_if<CommandOutcome>(&*action)) told.push_back(std::move(*it));
+    if (auto* it = std::get_if<CommandOutcome>(&*action)) reported.push_back(std::move(*it));
     if (auto* it = std::get_if<Upload>(&*action)) published.push_back(it->message.topic);
   }
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::refused);
-  EXPECT_EQ(told[0].robot, "a");
-  EXPECT_EQ(told[0].type, "cmd");
-  EXPECT_EQ(told[0].after, 40s);
-  EXPECT_EQ(told[0].why, "waited too long at the broker while no gateway served the robot");
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::refused);
+  EXPECT_EQ(reported[0].robot, "a");
+  EXPECT_EQ(reported[0].type, "cmd");
+  EXPECT_EQ(reported[0].after, 40s);
+  EXPECT_EQ(reported[0].why, "waited too long at the broker while no gateway served the robot");
   EXPECT_EQ(published, std::vector<std::string>{"ntnu-slam/gateway/pi1/commands/a"});
   grows_stale("ntnu-slam/robot/b/update");
   grows_stale("ntnu-slam/server/b/cmd");
   EXPECT_FALSE(gateway.next_action()) << "only commands for this robot have an outcome";
 }
 
-TEST_F(CommandsTest, ThatGoOnToAnotherGatewayEndHereWithoutAnOutcome) {
+TEST_F(CommandsTest, ForwardedToAnotherGatewayEndHereWithoutAnOutcome) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const CommandId handed_on = command_sent();
   gateway.commands().on_handed_on(handed_on);
@@ -569,7 +569,7 @@ TEST_F(CommandsTest, ThatGoOnToAnotherGatewayEndHereWithoutAnOutcome) {
   EXPECT_TRUE(outcomes.empty());
 }
 
-TEST_F(CommandsTest, HaveExactlyOneOutcomeEachWhateverTheMeshSays) {
+TEST_F(CommandsTest, HaveExactlyOneOutcomeEachDespiteRepeatedOrMissingOnes) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const CommandId ended_twice = command_sent();
   const CommandId never_ended = command_sent();
@@ -588,7 +588,7 @@ TEST_F(CommandsTest, HaveExactlyOneOutcomeEachWhateverTheMeshSays) {
   EXPECT_EQ(outcomes.size(), 2u) << "too late";
 }
 
-TEST_F(CommandsTest, EndInTimeAlsoWhenTheyHaveWaitedInAnotherGateway) {
+TEST_F(CommandsTest, EndInTimeAfterTheyWaitedInAnotherGateway) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const CommandId fresh = command_sent();
   const auto delivered = server_sends(false, 5s);
@@ -605,15 +605,15 @@ TEST_F(CommandsTest, EndInTimeAlsoWhenTheyHaveWaitedInAnotherGateway) {
   EXPECT_EQ(outcomes[1].id, fresh);
 }
 
-TEST_F(CommandsTest, FromBeforeARestartHaveNoIdAndAreTold) {
+TEST_F(CommandsTest, WithoutAnIdFromBeforeARestartHaveTheirOutcomesReported) {
   mesh_ends(CommandId::none);
   mesh_ends(CommandId::none);
   EXPECT_EQ(outcomes.size(), 2u);
 }
 
-TEST_F(CommandsTest, ThatAreRetainedMayBePassedOver) {
+TEST_F(CommandsTest, ThatAreRetainedHaveNoOutcomeUnlessTheMeshReportsOne) {
   server_sends(true);
-  EXPECT_TRUE(outcomes.empty()) << "it waits at the broker until somebody knows the robot";
+  EXPECT_TRUE(outcomes.empty()) << "it waits at the broker until a gateway knows the robot";
   reach[{Mesh::ble, "a"}] = Presence::online;
   server_sends(true);
   const CommandId taken = command_sent(true);
@@ -645,7 +645,7 @@ TEST_F(GatewayTest, ReportsHowACommandEnded) {
             R"({"type":"cmd","outcome":"timeout","after_ms":30000,"why":"no STATUS"})");
 }
 
-TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
+TEST_F(GatewayTest, DoesNotDependOnTheWallClock) {
   const BrokerLink link{true, {}, {}};
   const auto life = [&](const std::vector<WallTime>& clock) {
     Gateway it(TopicScheme("ntnu-slam", "pi1"), {"1", UpdateMode::positions, clock[0]}, link,
@@ -666,37 +666,37 @@ TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
     }
     return done + std::to_string(it.registry().find("a")->numbers.rate_hz(mono));
   };
-  const WallTime boot{10s};  // a board without a clock, before it hears of the time
+  const WallTime boot{10s};  // a computer without a clock, before it gets the time
   const WallTime present{1'800'000'000s};
   const std::string steady = life({present, present + 15s, present + 30s, present + 45s});
   EXPECT_EQ(life({boot, present, present + 15s, present + 30s}), steady);
   EXPECT_EQ(life({present, boot, WallTime{-10s}, present}), steady);
 }
 
-TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
+TEST_F(GatewayTest, ShowsInItsStateWhileTheStoreIsFull) {
   const auto states = [this] {
-    std::vector<std::string> said;
+    std::vector<std::string> published;
     for (const Upload& upload : drain<Upload>()) {
       EXPECT_EQ(upload.message.topic, "ntnu-slam/gateway/pi1/state");
       EXPECT_TRUE(upload.message.retain);
-      said.emplace_back(as_text(upload.message.payload));
+      published.emplace_back(as_text(upload.message.payload));
     }
-    return said;
+    return published;
   };
   gateway.presence().on_store(true);
-  EXPECT_TRUE(states().empty()) << "nobody to tell yet";
+  EXPECT_TRUE(states().empty()) << "the broker is away";
   const std::string online =
       R"({"state":"online","version":"0.1.0","since":"2023-11-14T22:13:20Z",)"
       R"("connected":"2023-11-14T22:13:20Z")";
   broker_is(true);
   EXPECT_EQ(states(), std::vector{online + R"(,"store":"full"})"});
   gateway.presence().on_store(true);
-  EXPECT_TRUE(states().empty()) << "no news";
+  EXPECT_TRUE(states().empty()) << "unchanged";
   gateway.presence().on_store(false);
   EXPECT_EQ(states(), std::vector{online + "}"});
 }
 
-TEST_F(GatewayTest, SaysOfflineWhenItStops) {
+TEST_F(GatewayTest, PublishesOfflineWhenItStops) {
   broker_comes();
   gateway.on_stop(now);
   const auto uploads = drain<Upload>();
@@ -705,22 +705,22 @@ TEST_F(GatewayTest, SaysOfflineWhenItStops) {
   EXPECT_TRUE(uploads[0].message.retain);
 }
 
-TEST_F(GatewayTest, SaysOnlineAgainWhenALastWillComesLate) {
+TEST_F(GatewayTest, PublishesOnlineAgainAfterALateLastWill) {
   const auto state = [&](const char* text) {
     gateway.on_broker_message(
         {"ntnu-slam/gateway/pi1/state", to_bytes(text), Qos::at_least_once, false}, now);
     return drain<Upload>().size();
   };
   broker_comes();
-  EXPECT_EQ(state(R"({"state":"offline"})"), 0u) << "of the connection before";
+  EXPECT_EQ(state(R"({"state":"offline"})"), 0u) << "the last will of the former connection";
   EXPECT_EQ(state(R"({"state":"online"})"), 0u);
   EXPECT_EQ(state(R"({"state":"offline"})"), 1u);
 }
 
-TEST_F(GatewayTest, NeverSaysOnlineAgainAfterItHasStopped) {
+TEST_F(GatewayTest, NeverPublishesOnlineAfterItsStop) {
   gateway.on_stop(now);
-  EXPECT_TRUE(drain<Upload>().empty()) << "its last will has said it";
-  broker_is(true);  // while it waits for messages to be taken
+  EXPECT_TRUE(drain<Upload>().empty()) << "the broker is away; its last will is published";
+  broker_is(true);  // while it waits for acknowledgements
   gateway.presence().on_store(true);
   const auto uploads = drain<Upload>();
   ASSERT_EQ(uploads.size(), 2u);

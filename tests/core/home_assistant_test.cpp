@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Documents for Home Assistant: their ids, and when they come and go. What Home Assistant makes of
-// them: tests/e2e/home_assistant_test.cpp.
+// Documents for Home Assistant: their ids, and when they are written and removed. With a real Home
+// Assistant: tests/e2e/home_assistant_test.cpp.
 #include "daemon/core/home_assistant.hpp"
 
 #include <gtest/gtest.h>
@@ -100,8 +100,8 @@ class HomeAssistantDocuments : public test::SharedGatewayRig {
     held.insert(robot);
     is(robot, Presence::online);
   }
-  /// What was written since the last call: "a" for a document without a signal, "a+" for one with,
-  /// "-a" for one that was taken away.
+  /// Returns the documents written since the last call: "a" without a signal, "a+" with one, "-a"
+  /// for a removed one.
   std::vector<std::string> written() {
     std::vector<std::string> all;
     for (const Upload& upload : drain<Upload>()) {
@@ -118,17 +118,17 @@ class HomeAssistantDocuments : public test::SharedGatewayRig {
   using Written = std::vector<std::string>;
 };
 
-TEST_F(HomeAssistantDocuments, ComeOnceForEachRobot) {
+TEST_F(HomeAssistantDocuments, AreWrittenOnceForEachRobotAndConnection) {
   comes("a");
   comes("b");
   EXPECT_EQ(written(), (Written{"a", "b"}));
   is("a", Presence::offline);
   comes("a");
-  EXPECT_EQ(written(), Written{}) << "the broker has it";
+  EXPECT_EQ(written(), Written{}) << "already written";
   broker_is(false);
   broker_is(true);
   gateway.presence().announce_all(now);
-  EXPECT_EQ(written(), (Written{"a", "b"})) << "the broker may have forgotten them";
+  EXPECT_EQ(written(), (Written{"a", "b"})) << "a broker may have lost them";
 }
 
 TEST_F(HomeAssistantDocuments, HaveTheSignalAsSoonAsItIsKnown) {
@@ -142,10 +142,10 @@ TEST_F(HomeAssistantDocuments, HaveTheSignalAsSoonAsItIsKnown) {
   say(report);
   now.mono += 1h;
   say(report);
-  EXPECT_EQ(written(), Written{}) << "a message without one says nothing";
+  EXPECT_EQ(written(), Written{}) << "a message without a signal changes nothing";
 }
 
-TEST_F(HomeAssistantDocuments, GoWithARobotThatIsForgotten) {
+TEST_F(HomeAssistantDocuments, AreRemovedWithAForgottenRobot) {
   comes("a");
   is("a", Presence::offline);
   written();
@@ -161,7 +161,7 @@ TEST_F(HomeAssistantDocuments, GoWithARobotThatIsForgotten) {
   EXPECT_EQ(written(), Written{"-c"});
 }
 
-TEST_F(HomeAssistantDocuments, FollowARobotThatMoves) {
+TEST_F(HomeAssistantDocuments, AreWrittenByTheGatewayThatARobotMovesTo) {
   comes("a");
   written();
   gateway.presence().on_given_up("a");
@@ -185,7 +185,7 @@ TEST_F(HomeAssistantDocuments, AreSwitchedWhileTheDaemonRuns) {
   EXPECT_EQ(written(), Written{"a"});
 }
 
-TEST_F(HomeAssistantDocuments, WaitForTheBrokerToGo) {
+TEST_F(HomeAssistantDocuments, AreRemovedOnceTheBrokerIsBack) {
   comes("a");
   comes("b");
   broker_is(false);

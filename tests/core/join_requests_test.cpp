@@ -13,7 +13,7 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-/// Stands in for the application: answers as the mesh would, and keeps what is published.
+/// Replaces the application: answers like the mesh, and records published responses.
 struct JoinRig {
   JoinRequests requests;
   Now now{TimePoint(1h), {}};
@@ -96,7 +96,7 @@ TEST(JoinRequests, EachResponseHasAllEventsSinceThePermit) {
   EXPECT_EQ(rig.published.back()["events"].back()["number"], rig.last);
 }
 
-TEST(JoinRequests, TheResponseComesAgainUntilJoiningIsOver) {
+TEST(JoinRequests, ResponseIsPublishedAgainUntilJoiningIsOver) {
   JoinRig rig;
   rig.ask(R"({"seconds": 60})");
   rig.pass(25s);
@@ -111,7 +111,7 @@ TEST(JoinRequests, TheResponseComesAgainUntilJoiningIsOver) {
   EXPECT_FALSE(rig.requests.deadline());
 }
 
-TEST(JoinRequests, ZeroSecondsEndIt) {
+TEST(JoinRequests, ZeroSecondsEndJoining) {
   JoinRig rig;
   rig.ask(R"({"seconds": 60})");
   rig.last = 8;
@@ -122,7 +122,7 @@ TEST(JoinRequests, ZeroSecondsEndIt) {
   EXPECT_FALSE(rig.requests.deadline());
 }
 
-TEST(JoinRequests, WhatTheMeshRefusesIsAnsweredInItsWords) {
+TEST(JoinRequests, RefusalOfTheMeshIsAnsweredWithItsReason) {
   JoinRig rig;
   rig.refusal = "the BLE link is down: no board";
   rig.ask(R"({"seconds": 60})");
@@ -131,7 +131,7 @@ TEST(JoinRequests, WhatTheMeshRefusesIsAnsweredInItsWords) {
   EXPECT_TRUE(rig.warnings.empty());  // the audit trail has it
 }
 
-TEST(JoinRequests, MalformedOnesAreAnsweredAndCounted) {
+TEST(JoinRequests, AreAnsweredWithAnErrorAndCountedWhenMalformed) {
   JoinRig rig;
   for (const std::string& payload :
        {std::string(), std::string("60"), std::string("{"), std::string(R"({"time": 60})"),
@@ -153,7 +153,7 @@ TEST(JoinRequests, MalformedOnesAreAnsweredAndCounted) {
   EXPECT_EQ(rig.warnings.size(), 2U);  // in 12 s
 }
 
-TEST(JoinRequests, ARetainedOneIsRefused) {
+TEST(JoinRequests, AreRefusedWhenRetained) {
   JoinRig rig;
   rig.ask(R"({"seconds": 60})", true);
   EXPECT_TRUE(rig.ordered.empty());
@@ -161,11 +161,11 @@ TEST(JoinRequests, ARetainedOneIsRefused) {
   EXPECT_NE(rig.published.at(0)["error"].get<std::string>().find("retained"), std::string::npos);
 }
 
-TEST(JoinRequests, AFloodCostsOneOrderASecondAndOneAnswer) {
+TEST(JoinRequests, FloodMakesOneOrderASecondAndOneRefusal) {
   JoinRig rig;
   for (int i = 0; i < 1000; ++i) rig.ask(R"({"seconds": 60})");
   EXPECT_EQ(rig.ordered.size(), 1U);
-  EXPECT_EQ(rig.published.size(), 2U);  // of the first, and of the first that was too fast
+  EXPECT_EQ(rig.published.size(), 2U);  // to the first, and to the first that came too soon
   EXPECT_EQ(rig.warnings.size(), 1U);
   EXPECT_EQ(rig.count(1), 999U);
   rig.now.mono += JoinRequests::shortest_pause;

@@ -8,7 +8,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST(LogThrottle, SaysTheFirstAtOnceAndThenSumsUp) {
+TEST(LogThrottle, ReportsTheFirstEventAtOnceAndThenTheirNumber) {
   LogThrottle throttle(10s);
   const TimePoint start{};
   EXPECT_EQ(throttle.on_event(start), 1u);

@@ -28,7 +28,7 @@ TEST(Normalizer, LeavesUpdatesAloneInRawMode) {
   EXPECT_FALSE(odd.is_rejected);
 }
 
-TEST(Normalizer, RejectsUnreadableUpdatesAsTheyCame) {
+TEST(Normalizer, RejectsUnreadableUpdatesUnchanged) {
   for (const UpdateMode mode : {UpdateMode::positions, UpdateMode::json}) {
     const Normalized out = normalize("update", {1, 2, 3}, mode);
     EXPECT_TRUE(out.is_rejected);

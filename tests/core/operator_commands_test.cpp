@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whoever sends a command gets the outcome of that command, whatever else is on its way to the same
-// robot.
+// An operator gets the outcome of their own command, also beside other commands to the same robot.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -22,7 +21,7 @@ class OperatorCommandsTest : public testing::Test {
     drain();
   }
   void operator_sends(const std::string& robot, const std::string& type) {
-    const auto done = [this](const CommandOutcome& outcome) { told.push_back(outcome); };
+    const auto done = [this](const CommandOutcome& outcome) { reported.push_back(outcome); };
     gateway.commands().on_operator_command({"uid 0", done}, robot, type, {5, 6, 7, 8}, now);
     drain();
   }
@@ -48,35 +47,35 @@ class OperatorCommandsTest : public testing::Test {
                   broker,
                   [this](Mesh, const std::string&) { return presence; }};
   std::vector<CommandId> delivered;
-  std::vector<CommandOutcome> told;
+  std::vector<CommandOutcome> reported;
 };
 
-TEST_F(OperatorCommandsTest, TellTheOutcomeOfTheirOwnCommandBesideOthersOfTheSameRobotAndType) {
+TEST_F(OperatorCommandsTest, ReportTheirOwnOutcomeBesideEqualCommandsToTheSameRobot) {
   constexpr CommandResult fates[] = {CommandResult::refused, CommandResult::delivered,
                                      CommandResult::superseded};
   std::vector<int> order{0, 1, 2};
-  do {  // in whatever order they end
+  do {  // in each order of their ends
     delivered.clear();
-    told.clear();
+    reported.clear();
     server_sends("p/server/r/cmd");
     operator_sends("r", "cmd");
     server_sends("p/server/r/cmd");
     ASSERT_EQ(delivered.size(), 3u);
     for (const int which : order)
       mesh_ends(delivered[static_cast<std::size_t>(which)], fates[which]);
-    ASSERT_EQ(told.size(), 1u);
-    EXPECT_EQ(told[0].result, CommandResult::delivered);
+    ASSERT_EQ(reported.size(), 1u);
+    EXPECT_EQ(reported[0].result, CommandResult::delivered);
   } while (std::next_permutation(order.begin(), order.end()));
 }
 
-TEST_F(OperatorCommandsTest, AreToldOnceAndNotAboutStrangers) {
+TEST_F(OperatorCommandsTest, ReportOneOutcomeAndIgnoreThoseOfOtherCommands) {
   operator_sends("r", "cmd");
   mesh_ends(CommandId::none, CommandResult::delivered);  // from before a restart
-  EXPECT_TRUE(told.empty());
+  EXPECT_TRUE(reported.empty());
   mesh_ends(delivered[0], CommandResult::timeout);
   mesh_ends(delivered[0], CommandResult::delivered);
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::timeout);
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::timeout);
 }
 
 TEST_F(OperatorCommandsTest, EndWithinHalfAMinuteEvenWhenTheMeshIsSilent) {
@@ -84,16 +83,16 @@ TEST_F(OperatorCommandsTest, EndWithinHalfAMinuteEvenWhenTheMeshIsSilent) {
   now.mono += 30s;
   gateway.on_deadline(now);
   drain();
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::timeout);
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::timeout);
 }
 
 TEST_F(OperatorCommandsTest, ThatCannotBeSentEndAtOnce) {
   presence = std::nullopt;
   operator_sends("stranger", "cmd");
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::refused);
-  EXPECT_EQ(told[0].why, "no robot of this name is known here");
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::refused);
+  EXPECT_EQ(reported[0].why, "no robot of this name is known here");
 }
 
 TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
@@ -103,36 +102,36 @@ TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
   places.is_elsewhere = [](const std::string&) { return true; };
   gateway.set_places(places);
   operator_sends("r", "cmd");
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::refused);
-  EXPECT_EQ(told[0].why, "another gateway serves this robot");
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::refused);
+  EXPECT_EQ(reported[0].why, "another gateway serves this robot");
   EXPECT_TRUE(delivered.empty());
   is_held = true;
   operator_sends("r", "cmd");
   EXPECT_EQ(delivered.size(), 1u);
 }
 
-TEST_F(OperatorCommandsTest, ThatGoOnToAnotherGatewayEndForTheirSender) {
+TEST_F(OperatorCommandsTest, ForwardedToAnotherGatewayEndForTheirSender) {
   operator_sends("r", "cmd");
   gateway.commands().on_handed_on(delivered[0]);
   drain();
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::timeout);
-  EXPECT_EQ(told[0].why, "the robot moved to another gateway, which has the command now");
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::timeout);
+  EXPECT_EQ(reported[0].why, "the robot moved to another gateway, which has the command now");
   gateway.commands().on_handed_on(delivered[0]);
   mesh_ends(delivered[0], CommandResult::delivered);
-  EXPECT_EQ(told.size(), 1u);
+  EXPECT_EQ(reported.size(), 1u);
 }
 
 TEST_F(OperatorCommandsTest, AreBounded) {
   for (std::size_t i = 0; i < max_open; ++i) operator_sends("r", "cmd");
-  EXPECT_TRUE(told.empty());
+  EXPECT_TRUE(reported.empty());
   operator_sends("r", "cmd");
-  ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(told[0].result, CommandResult::refused);
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::refused);
   mesh_ends(delivered[0], CommandResult::delivered);
   operator_sends("r", "cmd");
-  EXPECT_EQ(told.size(), 2u) << "there is room again";
+  EXPECT_EQ(reported.size(), 2u) << "there is room again";
 }
 
 }  // namespace

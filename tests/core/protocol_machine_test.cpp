@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compiler takes what keeps the contract of a protocol machine, and nothing else.
+// The compiler accepts only classes that keep the contract of a protocol machine.
 #include "daemon/core/protocol_machine.hpp"
 
 #include <gtest/gtest.h>
@@ -57,7 +57,7 @@ struct CountedAction {
   int* moves;
 };
 
-TEST(ActionQueue, KeepsTheMemoryOfAFewActionsAndGivesBackThatOfABurst) {
+TEST(ActionQueue, KeepsTheMemoryOfAFewActionsAndFreesThatOfABurst) {
   int moves = 0;
   const auto moves_after = [&](int burst) {
     ActionQueue<CountedAction> queue;

@@ -8,7 +8,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// The test is the broker. It grants subscriptions and does not bring back what was published.
+/// The test plays the broker: it grants subscriptions and does not return published messages.
 class RightsProbeTest : public testing::Test {
  protected:
   Now after(Duration time) const { return {TimePoint{} + 1h + time, WallTime{} + 1h}; }
@@ -29,7 +29,7 @@ class RightsProbeTest : public testing::Test {
       if (const auto* what = std::get_if<Notice>(&*action)) notices_.push_back(what->severity);
     }
   }
-  /// The broker brings back what was sent.
+  /// Returns a published message to the gateway.
   void take(const BrokerMessage& message) {
     EXPECT_TRUE(probe_.take(message));
     drain(0s);
@@ -57,11 +57,11 @@ TEST_F(RightsProbeTest, FindsNothingMissingWhereBothMessagesComeBack) {
   EXPECT_TRUE(notices_.empty());
 }
 
-TEST_F(RightsProbeTest, NamesTheLineThatGrantsWhatIsMissing) {
+TEST_F(RightsProbeTest, NamesTheAccessListLineThatGrantsTheMissingRight) {
   link_is(true);
   take(sent_[0]);
   pass(9s);
-  EXPECT_TRUE(probe_.missing().empty()) << "not before its time";
+  EXPECT_TRUE(probe_.missing().empty()) << "not before its deadline";
   pass(10s);
   ASSERT_EQ(probe_.missing().size(), 1U);
   EXPECT_NE(probe_.missing()[0].grant.find("topic read lab/server/#"), std::string::npos);
@@ -70,20 +70,20 @@ TEST_F(RightsProbeTest, NamesTheLineThatGrantsWhatIsMissing) {
   EXPECT_EQ(notices_.size(), 1U) << "once";
 }
 
-TEST_F(RightsProbeTest, SeesWhenTheListWasCorrected) {
+TEST_F(RightsProbeTest, ReportsWhenTheAccessListWasCorrected) {
   link_is(true);
   take(sent_[0]);
   pass(10s);
   pass(60s);
   ASSERT_EQ(sent_.size(), 3U);
   EXPECT_EQ(sent_[2].topic, "lab/server/gw1/probe");
-  EXPECT_EQ(probe_.missing().size(), 1U) << "until it is heard";
+  EXPECT_EQ(probe_.missing().size(), 1U) << "until the probe returns";
   take(sent_[2]);
   EXPECT_TRUE(probe_.missing().empty());
   EXPECT_EQ(notices_, (Severities{Severity::warning, Severity::notice}));
 }
 
-TEST_F(RightsProbeTest, TakesARefusedSubscriptionAtItsWord) {
+TEST_F(RightsProbeTest, ReportsMissingRightsAtOnceWhenTheBrokerRefusesASubscription) {
   grants_ = false;
   link_is(true);
   EXPECT_EQ(probe_.missing().size(), 2U);
@@ -103,7 +103,7 @@ TEST_F(RightsProbeTest, SubscribesAgainWhereTheBrokerRefusedIt) {
   EXPECT_TRUE(probe_.missing().empty());
 }
 
-TEST_F(RightsProbeTest, KnowsItsOwnMessagesOnly) {
+TEST_F(RightsProbeTest, AcceptsOnlyItsOwnProbeMessages) {
   link_is(true);
   BrokerMessage old = sent_[1];
   old.payload.push_back('x');
@@ -113,7 +113,7 @@ TEST_F(RightsProbeTest, KnowsItsOwnMessagesOnly) {
   EXPECT_FALSE(probe_.take({"lab/server/gw1/cmd", {}, Qos::at_most_once, false}));
 }
 
-TEST_F(RightsProbeTest, WaitsForNothingWhileTheBrokerIsAway) {
+TEST_F(RightsProbeTest, ReportsNothingMissingWhileTheBrokerIsAway) {
   link_is(true);
   link_is(false);
   EXPECT_FALSE(probe_.deadline());

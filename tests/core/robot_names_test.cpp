@@ -25,7 +25,7 @@ TEST(RobotNames, ComparesClientIdsWhole) {
   EXPECT_EQ(names.of_client("nrf-five0"), "nrf-five0");
 }
 
-TEST(RobotNames, GivesNobodyTheNameOfAnotherClient) {
+TEST(RobotNames, GivesNoClientTheNameOfAnotherClient) {
   EXPECT_EQ(names.of_client("NRF_5"), std::nullopt);
 }
 
@@ -36,18 +36,18 @@ TEST(RobotNames, GivesNoClientTheNameOfABleRobot) {
   EXPECT_EQ(names.of_client("ble-robot"), "ble-robot");
 }
 
-TEST(RobotNames, AnEntryThatOnlyTellsAnOriginTakesNoName) {
+TEST(RobotNames, EntryWithOnlyAnAddressReservesNoName) {
   const RobotNames placed({{"robot1", std::nullopt, std::nullopt, RobotOrigin{1, 2, 3}},
                            {"ble-0042", std::nullopt, std::nullopt, RobotOrigin{}}});
   EXPECT_EQ(placed.of_client("robot1"), "robot1");
   EXPECT_EQ(placed.ble_address_of("ble-0042"), 0x0042);
 }
 
-TEST(RobotNames, FindsNoAddressForWhatIsNoBleRobot) {
+TEST(RobotNames, FindsNoBleAddressForOtherRobots) {
   EXPECT_EQ(names.ble_address_of("robot1"), std::nullopt);
   EXPECT_EQ(names.ble_address_of("ble-zzzz"), std::nullopt);
   EXPECT_EQ(names.ble_address_of("ble-01a"), std::nullopt);
-  EXPECT_EQ(names.ble_address_of("ble-0100"), std::nullopt) << "0x0100 goes by NRF_5";
+  EXPECT_EQ(names.ble_address_of("ble-0100"), std::nullopt) << "0x0100 is named NRF_5";
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ TEST(RateMeter, MeasuresASteadyRateAndForgetsIt) {
   EXPECT_EQ(meter.per_second(now + 20s), 0.0);
 }
 
-TEST(LatencyWindow, TellsPercentilesOfTheLastMinute) {
+TEST(LatencyWindow, ReturnsPercentilesOfTheLastMinute) {
   LatencyWindow window;
   TimePoint now{1h};
   EXPECT_FALSE(window.percentiles(now));
@@ -33,7 +33,7 @@ TEST(LatencyWindow, TellsPercentilesOfTheLastMinute) {
   EXPECT_FALSE(window.percentiles(now + 60s));
 }
 
-TEST(LatencyWindow, KeepsTheNewestOfTooMany) {
+TEST(LatencyWindow, KeepsTheNewestLatenciesAboveItsBound) {
   LatencyWindow window;
   const TimePoint now{1h};
   for (std::size_t i = 0; i < LatencyWindow::max_samples; ++i) window.add(9s, now);
@@ -41,7 +41,7 @@ TEST(LatencyWindow, KeepsTheNewestOfTooMany) {
   EXPECT_EQ(window.percentiles(now + 1s)->p99, 2ms);
 }
 
-TEST(LatencyWindow, GoesOnWhenItsStampsComeRound) {
+TEST(LatencyWindow, WorksWhenItsTimeStampsWrapAround) {
   LatencyWindow window;
   const TimePoint now = TimePoint{} + std::chrono::milliseconds((std::int64_t{1} << 32) - 5);
   window.add(1ms, now);
@@ -49,11 +49,11 @@ TEST(LatencyWindow, GoesOnWhenItsStampsComeRound) {
   EXPECT_FALSE(window.percentiles(now + 61s));
 }
 
-TEST(RobotNumbers, CallsAnUnusualPauseAGap) {
+TEST(RobotNumbers, CountsAnUnusualPauseAsAGap) {
   RobotNumbers numbers;
   TimePoint now{1h};
   for (int i = 0; i < 20; ++i) numbers.on_up(9, now += i % 2 == 0 ? 180ms : 220ms);
-  EXPECT_EQ(numbers.gaps(), 0u) << "jitter is none";
+  EXPECT_EQ(numbers.gaps(), 0u) << "jitter is not a gap";
   numbers.on_up(9, now += 2s);
   EXPECT_EQ(numbers.gaps(), 1u);
   for (int i = 0; i < 20; ++i) numbers.on_up(9, now += 200ms);
@@ -99,7 +99,7 @@ class GatewayNumbers : public testing::Test {
                   [](Mesh, const std::string&) { return Presence::online; }};
 };
 
-TEST_F(GatewayNumbers, CountWhatARobotSaysAndIsTold) {
+TEST_F(GatewayNumbers, CountMessagesFromAndToARobot) {
   say(report(1));
   now.mono += 3ms;
   gateway.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now);
@@ -126,7 +126,7 @@ TEST_F(GatewayNumbers, CountWhatARobotSaysAndIsTold) {
   EXPECT_EQ(gateway.latencies(Mesh::ble).count(), 0u);
 }
 
-TEST(LatencyHistogram, CountsWhatIsAtMostEachBound) {
+TEST(LatencyHistogram, CountsLatenciesUpToEachBound) {
   LatencyHistogram latencies;
   for (const auto latency : {500us, 501us, 1000us, 11'000'000us}) latencies.add(latency);
   EXPECT_EQ(latencies.at_most()[0], 1u) << "500 us";
@@ -136,7 +136,7 @@ TEST(LatencyHistogram, CountsWhatIsAtMostEachBound) {
   EXPECT_EQ(latencies.sum(), 11'002'001us);
 }
 
-TEST_F(GatewayNumbers, LastSeenOfThePresenceFollowsARobotThatIsHeard) {
+TEST_F(GatewayNumbers, LastSeenOfThePresenceIsRenewedForAHeardRobot) {
   say(PresenceChange{Mesh::thread, "r", Presence::online, "a"});
   EXPECT_EQ(presences().size(), 1u);
   const auto pass = [&](std::chrono::seconds time) {
@@ -148,9 +148,10 @@ TEST_F(GatewayNumbers, LastSeenOfThePresenceFollowsARobotThatIsHeard) {
   EXPECT_TRUE(presences().empty());
   pass(1s);
   say(SignOfLife{Mesh::thread, "r"});
-  const auto said = presences();
-  ASSERT_EQ(said.size(), 1u);
-  EXPECT_NE(said[0].find(R"("last_seen":"2023-11-14T22:18:20Z")"), std::string::npos) << said[0];
+  const auto published = presences();
+  ASSERT_EQ(published.size(), 1u);
+  EXPECT_NE(published[0].find(R"("last_seen":"2023-11-14T22:18:20Z")"), std::string::npos)
+      << published[0];
   pass(1s);
   say(report(0));
   EXPECT_TRUE(presences().empty());

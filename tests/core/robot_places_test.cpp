@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the core shows of robots that several gateways could serve, and which commands it takes.
+// Robots that several gateways could serve: which ones the core shows, and which commands it takes.
 #include "daemon/core/robot_registry.hpp"
 
 #include <gtest/gtest.h>
@@ -44,7 +44,7 @@ TEST_F(RobotPlacesTest, ARobotIsShownWhileNoOtherGatewayShowsIt) {
   EXPECT_EQ(announced(), Shown{}) << "another gateway's";
   held.insert("b");
   comes("b");
-  EXPECT_EQ(announced(), Shown{"pi1/b"}) << "whoever holds the session is right";
+  EXPECT_EQ(announced(), Shown{"pi1/b"}) << "the holder of the session shows it";
   left.insert("c");
   comes("c");
   EXPECT_EQ(announced(), Shown{"pi1/c"}) << "the other gateway is gone";
@@ -55,9 +55,9 @@ TEST_F(RobotPlacesTest, OnlyRobotsOfThisGatewayAreShownAgainAtANewConnection) {
   elsewhere = {"held", "lost"};
   held = {"held"};
   broker_is(true);
-  EXPECT_EQ(announced(), Shown{}) << "the others are not known yet";
+  EXPECT_EQ(announced(), Shown{}) << "the robots of other gateways are not known yet";
   pass(PresencePublisher::settling);
-  EXPECT_EQ(announced(), Shown{"pi1/new"}) << "the other one at on_session_held()";
+  EXPECT_EQ(announced(), Shown{"pi1/new"}) << "the held one follows at on_session_held()";
   gateway.presence().announce_all(now);
   EXPECT_EQ(announced(), (Shown{"pi1/held", "pi1/new"}));
 }
@@ -73,7 +73,7 @@ TEST_F(RobotPlacesTest, ARobotIsShownAsSoonAsItsSessionIsHeld) {
   EXPECT_EQ(announced(), Shown{});
 }
 
-TEST_F(RobotPlacesTest, ARobotThatWasNotShownIsShownAtItsNextWordOnceItIsHere) {
+TEST_F(RobotPlacesTest, ShowsAHeldRobotAtItsNextMessage) {
   broker_comes();
   elsewhere.insert("a");
   comes("a");
@@ -86,7 +86,7 @@ TEST_F(RobotPlacesTest, ARobotThatWasNotShownIsShownAtItsNextWordOnceItIsHere) {
   EXPECT_EQ(announced(), Shown{}) << "once";
 }
 
-TEST_F(RobotPlacesTest, TheEntryOfAGatewayThatIsGoneIsWithdrawn) {
+TEST_F(RobotPlacesTest, WithdrawsTheEntryOfADeadGateway) {
   broker_comes();
   left = {"a", "b"};
   comes("a");
@@ -94,7 +94,7 @@ TEST_F(RobotPlacesTest, TheEntryOfAGatewayThatIsGoneIsWithdrawn) {
   session_comes("a", true, "pi9");
   EXPECT_EQ(announced(), (Shown{"-pi9/a", "pi1/a"}));
   session_comes("b", true, "pi9");
-  EXPECT_EQ(announced(), Shown{"-pi9/b"}) << "also of a robot that is not here";
+  EXPECT_EQ(announced(), Shown{"-pi9/b"}) << "also for a robot that is not here";
 }
 
 TEST_F(RobotPlacesTest, ARobotThatIsGivenUpIsWithdrawnAndForgotten) {
@@ -114,7 +114,7 @@ TEST_F(RobotPlacesTest, ARobotThatIsGivenUpWhileTheBrokerIsAwayIsWithdrawnLater)
   EXPECT_EQ(announced(), Shown{"-pi1/a"});
 }
 
-TEST_F(RobotPlacesTest, ALeftoverThatAnotherGatewayShowsIsWithdrawn) {
+TEST_F(RobotPlacesTest, WithdrawsALeftoverRobotThatAnotherGatewayShows) {
   broker_comes();
   for (const char* robot : {"gone", "moved"})
     gateway.on_broker_message(
@@ -134,8 +134,8 @@ TEST_F(RobotPlacesTest, ARobotWithoutASessionIsNotShown) {
   EXPECT_EQ(announced(), Shown{}) << "it has neither state nor address";
 }
 
-/// A failover may lead to a broker that sends no retained messages to wildcards.
-TEST_F(RobotPlacesTest, EachConnectionShowsAnewWhetherItsBrokerSendsRetainedMessages) {
+/// After a failover, the broker may send no retained messages to wildcards.
+TEST_F(RobotPlacesTest, ChecksAtEachConnectionWhetherTheBrokerSendsRetainedMessages) {
   is_alone = true;
   const auto hear_own_state = [&](bool retain) {
     gateway.on_broker_message({"ntnu-slam/gateway/pi1/state", to_bytes(R"({"state":"online"})"),
@@ -158,48 +158,48 @@ TEST_F(RobotPlacesTest, EachConnectionShowsAnewWhetherItsBrokerSendsRetainedMess
 
 class ContestedTest : public RobotPlacesTest {
  protected:
-  /// Whether the presence that is published now says so.
-  std::vector<bool> said() {
+  /// Returns `contested` of each presence that is published now.
+  std::vector<bool> shown() {
     std::vector<bool> all;
     for (const Upload& upload : drain<Upload>())
       all.push_back(json::parse(as_text(upload.message.payload)).value("contested", false));
     return all;
   }
-  using Said = std::vector<bool>;
+  using States = std::vector<bool>;
 };
 
-TEST_F(ContestedTest, IsSaidWhileAnotherClientTakesTheRobotsSession) {
+TEST_F(ContestedTest, IsShownWhileAnotherClientTakesTheRobotsSession) {
   broker_comes();
   held.insert("a");
   comes("a");
-  EXPECT_EQ(said(), Said{false});
+  EXPECT_EQ(shown(), States{false});
   EXPECT_EQ(gateway.registry().contested(), 0u);
   gateway.presence().on_contested("a", true, now);
-  EXPECT_EQ(said(), Said{true});
+  EXPECT_EQ(shown(), States{true});
   EXPECT_EQ(gateway.registry().contested(), 1u);
   gateway.presence().on_contested("a", true, now);
-  EXPECT_EQ(said(), Said{}) << "no news";
+  EXPECT_EQ(shown(), States{}) << "unchanged";
   gateway.presence().on_contested("a", false, now);
-  EXPECT_EQ(said(), Said{false});
+  EXPECT_EQ(shown(), States{false});
   EXPECT_EQ(gateway.registry().contested(), 0u);
-  gateway.presence().on_contested("nobody", true, now);
-  EXPECT_EQ(said(), Said{});
+  gateway.presence().on_contested("unknown", true, now);
+  EXPECT_EQ(shown(), States{});
 }
 
-TEST_F(ContestedTest, IsSaidWhileTheMeshSaysSo) {
+TEST_F(ContestedTest, IsShownWhileTheMeshReportsIt) {
   broker_comes();
   PresenceChange change{Mesh::thread, "a", Presence::online, "x"};
   say(change);
   change.is_contested = true;
   say(change);
-  EXPECT_EQ(said(), (Said{false, true}));
+  EXPECT_EQ(shown(), (States{false, true}));
   EXPECT_EQ(gateway.registry().contested(), 1u);
   change.is_contested = false;
   say(change);
-  EXPECT_EQ(said(), Said{false});
+  EXPECT_EQ(shown(), States{false});
 }
 
-TEST_F(ContestedTest, KeepsTheTimeSinceWhenTheRobotIsInItsState) {
+TEST_F(ContestedTest, KeepsTheTimeOfTheRobotsState) {
   broker_comes();
   comes("a");
   const auto since = [&](bool is_contested) {
@@ -241,18 +241,18 @@ TEST_F(OperatorCommandTest, IsRefusedWhenAnotherGatewayServesTheRobot) {
   elsewhere.insert("a");
   EXPECT_EQ(refusal_of("a"), "another gateway serves this robot");
   held.insert("a");
-  EXPECT_EQ(refusal_of("a"), "") << "whoever holds the session is right";
+  EXPECT_EQ(refusal_of("a"), "") << "the holder of the session sends commands";
 }
 
-TEST_F(OperatorCommandTest, ToARobotThatNoMeshKnowsSaysWhetherItIsKnownAtAll) {
-  EXPECT_EQ(refusal_of("nobody"), "no robot of this name is known here");
+TEST_F(OperatorCommandTest, IsRefusedAsUnknownOrAsNotConnected) {
+  EXPECT_EQ(refusal_of("unknown"), "no robot of this name is known here");
   held.insert("adopted");
   EXPECT_EQ(refusal_of("adopted"), "the robot is not connected");
   left.insert("orphan");
   EXPECT_EQ(refusal_of("orphan"), "the robot is not connected");
 }
 
-TEST_F(RobotPlacesTest, ACommandForARobotThatIsShownOrHeldButAbsentIsRefusedAsNotConnected) {
+TEST_F(RobotPlacesTest, RefusesACommandForAnAbsentRobotOfAnyGatewayAsNotConnected) {
   for (auto* place : {&held, &left}) {
     held.clear();
     place->insert("a");

@@ -12,7 +12,7 @@ Report report_of(const std::string& robot, Mesh mesh) {
   return {.mesh = mesh, .robot = robot, .topic = {}, .payload = {}, .receipt = no_receipt};
 }
 
-TEST(RobotRegistry, SpeaksForTheMeshWhereARobotIsOnline) {
+TEST(RobotRegistry, ShowsTheMeshWhereARobotIsOnline) {
   RobotRegistry registry;
   registry.on_presence({Mesh::ble, "a", Presence::online, "0x0100"}, {});
   registry.on_presence({Mesh::thread, "a", Presence::online, "[::1]:5"}, {});
@@ -51,7 +51,7 @@ TEST(RobotRegistry, CountsRobotsByTheirPresenceOnAllMeshes) {
   EXPECT_EQ(registry.count(Presence::offline), 2u);
 }
 
-TEST(RobotRegistry, AWillIsNoSignOfLife) {
+TEST(RobotRegistry, LastWillDoesNotCountAsASignOfLife) {
   RobotRegistry registry;
   const Now early{TimePoint{1s}, WallTime{100s}};
   const Now late{TimePoint{61s}, WallTime{160s}};
@@ -68,13 +68,13 @@ TEST(RobotRegistry, AWillIsNoSignOfLife) {
   EXPECT_EQ(registry.find("a")->numbers.up(), 1u);
 }
 
-/// Heard at each of these seconds.
+/// Reports a message each 10 s between these seconds.
 void hear(RobotRegistry& registry, const std::string& robot, int from_s, int to_s) {
   for (int second = from_s; second <= to_s; second += 10)
     registry.on_report(report_of(robot, Mesh::thread), {TimePoint{1h} + 1s * second, {}});
 }
 
-TEST(RobotRegistry, ACrowdOfStrangersPushesOutItself) {
+TEST(RobotRegistry, EvictsOnlyStrangersForACrowdOfStrangers) {
   RobotRegistry registry(100);
   registry.set_configured({"configured"});
   registry.on_presence({Mesh::thread, "configured", Presence::offline, ""}, {TimePoint{1h}, {}});
@@ -92,7 +92,7 @@ TEST(RobotRegistry, ACrowdOfStrangersPushesOutItself) {
             registry.robots().size());
 }
 
-TEST(RobotRegistry, DoesNotTrackMoreThanAConfigurationLeavesRoomFor) {
+TEST(RobotRegistry, TracksNoStrangersWhenConfiguredRobotsFillIt) {
   RobotRegistry registry(3);
   registry.set_configured({"a", "b", "c"});
   for (const char* robot : {"a", "b", "c"}) hear(registry, robot, 0, 0);

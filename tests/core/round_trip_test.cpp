@@ -18,7 +18,7 @@ TEST(RoundTrip, FollowsRfc6298) {
   EXPECT_EQ(trip.timeout(), milliseconds(340));
 }
 
-TEST(RoundTrip, CountsDifferencesBelowItsGranularityAsNoNews) {
+TEST(RoundTrip, IgnoresDifferencesBelowItsGranularity) {
   RoundTrip trip(milliseconds(100));
   for (int i = 0; i < 200; ++i) trip.on_answer(milliseconds(20));
   EXPECT_EQ(trip.timeout(), milliseconds(120));

@@ -12,13 +12,13 @@ namespace {
 
 using Spare = SpareBuffers<std::string>;
 
-/// What earlier tests of this thread have left.
+/// Removes the buffers that earlier tests of this thread have left.
 void take_all() {
   while (Spare::take().capacity() > std::string().capacity()) {
   }
 }
 
-TEST(SpareBuffers, GivesTheMemoryOnAndNothingOfTheContent) {
+TEST(SpareBuffers, ReusesTheMemoryWithoutTheContent) {
   take_all();
   std::string text(100, 'x');
   const char* const memory = text.data();
@@ -29,7 +29,7 @@ TEST(SpareBuffers, GivesTheMemoryOnAndNothingOfTheContent) {
   EXPECT_GE(next.capacity(), 100u);
 }
 
-TEST(SpareBuffers, CopiesWhateverMemoryThereIs) {
+TEST(SpareBuffers, CopiesWithAndWithoutASpareBuffer) {
   take_all();
   EXPECT_EQ(Spare::copy(std::string("without a spare one, on the heap")),
             "without a spare one, on the heap");
@@ -38,7 +38,7 @@ TEST(SpareBuffers, CopiesWhateverMemoryThereIs) {
   EXPECT_EQ(SpareBuffers<Bytes>::copy(Bytes{1, 2, 3}), (Bytes{1, 2, 3}));
 }
 
-TEST(SpareBuffers, KeepsNeitherLargeNorManyNorThoseWithoutMemory) {
+TEST(SpareBuffers, KeepsABoundedNumberOfBuffersOfBoundedSize) {
   take_all();
   Spare::give_back(std::string(Spare::max_octets + 1, 'x'));
   Spare::give_back("short");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands for names that no robot has, at the gateway that hears all commands.
+// Commands for unknown robots, at the gateway that receives all commands.
 #include "daemon/core/command_ledger.hpp"
 
 #include <fmt/format.h>
@@ -59,15 +59,15 @@ class StrayCommandsTest : public test::SharedGatewayRig {
   int lines = 0;
 };
 
-TEST_F(StrayCommandsTest, AreRefusedWhenTheRobotIsNotKnownAMomentLater) {
-  server_sends("nobody");
+TEST_F(StrayCommandsTest, AreRefusedAfterPatienceWhenTheRobotIsStillUnknown) {
+  server_sends("stranger");
   EXPECT_TRUE(outcomes.empty());
   ASSERT_EQ(gateway.deadline(), now.mono + StrayCommands::patience);
   wait(StrayCommands::patience - 1ms);
   EXPECT_TRUE(outcomes.empty());
   wait(1ms);
   ASSERT_EQ(outcomes.size(), 1u);
-  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/nobody");
+  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/stranger");
   EXPECT_EQ(outcomes[0].second["outcome"], "refused");
   EXPECT_EQ(outcomes[0].second["type"], "cmd");
   EXPECT_EQ(outcomes[0].second["after_ms"], 500);
@@ -77,7 +77,7 @@ TEST_F(StrayCommandsTest, AreRefusedWhenTheRobotIsNotKnownAMomentLater) {
   EXPECT_EQ(outcomes.size(), 1u);
 }
 
-TEST_F(StrayCommandsTest, OfARobotWhoseSessionTheBrokerRefusesHaveAnOutcomeToo) {
+TEST_F(StrayCommandsTest, AreRefusedWhenTheBrokerRefusesTheRobotsSession) {
   say(PresenceChange{Mesh::thread, "r1", Presence::online, "a"});
   refused.insert("r1");
   server_sends("r1");
@@ -91,7 +91,7 @@ TEST_F(StrayCommandsTest, WaitUntilTheOtherGatewaysRobotsAreKnown) {
   broker_is(false);
   broker_is(true);
   const TimePoint back = now.mono;
-  server_sends("nobody");
+  server_sends("stranger");
   server_sends("theirs");
   EXPECT_EQ(gateway.deadline(), back + PresencePublisher::settling);
   wait(StrayCommands::patience);
@@ -101,17 +101,17 @@ TEST_F(StrayCommandsTest, WaitUntilTheOtherGatewaysRobotsAreKnown) {
   EXPECT_TRUE(outcomes.empty());
   wait(1ms);
   ASSERT_EQ(outcomes.size(), 1u);
-  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/nobody");
+  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/stranger");
   EXPECT_EQ(outcomes[0].second["after_ms"], 6000);
 }
 
-TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
-  server_sends("nobody");
+TEST_F(StrayCommandsTest, WaitThroughAShortLossOfTheBroker) {
+  server_sends("stranger");
   broker_is(false);
   EXPECT_EQ(gateway.deadline(), now.mono + StrayCommands::longest);
   wait(1s);
   EXPECT_TRUE(outcomes.empty());
-  broker.is_up = true;  // the core has not been told yet
+  broker.is_up = true;  // not yet reported to the core
   EXPECT_GT(gateway.deadline(), now.mono);
   gateway.on_deadline(now);
   EXPECT_TRUE(outcomes.empty());
@@ -121,7 +121,7 @@ TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
 }
 
 TEST_F(StrayCommandsTest, HaveAnOutcomeInTimeWhileTheBrokerComesAndGoes) {
-  server_sends("nobody");
+  server_sends("stranger");
   const TimePoint latest = now.mono + StrayCommands::longest;
   while (latest - now.mono > PresencePublisher::settling) {
     broker_is(false);
@@ -136,7 +136,7 @@ TEST_F(StrayCommandsTest, HaveAnOutcomeInTimeWhileTheBrokerComesAndGoes) {
   EXPECT_EQ(outcomes[0].second["after_ms"], StrayCommands::longest.count());
 }
 
-TEST_F(StrayCommandsTest, AreNotThoseForRobotsThatSomeGatewayKnows) {
+TEST_F(StrayCommandsTest, AreLeftToTheSessionsOfRobotsThatAGatewayServes) {
   held.insert("held");
   elsewhere.insert("theirs");
   left.insert("orphan");
@@ -146,7 +146,7 @@ TEST_F(StrayCommandsTest, AreNotThoseForRobotsThatSomeGatewayKnows) {
   EXPECT_TRUE(outcomes.empty());
 }
 
-TEST_F(StrayCommandsTest, AreDroppedWhenTheRobotBecomesKnownElsewhere) {
+TEST_F(StrayCommandsTest, AreDroppedWhenTheRobotsSessionOrAnotherGatewayHasThem) {
   for (const char* robot : {"here", "held", "theirs"}) server_sends(robot);
   say(PresenceChange{Mesh::thread, "here", Presence::online, "a"});
   session_comes("held", /*was_present=*/true);
@@ -155,10 +155,10 @@ TEST_F(StrayCommandsTest, AreDroppedWhenTheRobotBecomesKnownElsewhere) {
   session_comes("here", /*was_present=*/true);
   wait(1min);
   EXPECT_TRUE(delivered.empty());
-  EXPECT_TRUE(outcomes.empty()) << "whoever holds the session tells it";
+  EXPECT_TRUE(outcomes.empty()) << "the holder of the session reports it";
 }
 
-TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionIsHeldAMomentLaterInTheirOrder) {
+TEST_F(StrayCommandsTest, ReachARobotInTheirOrderWhenItsNewSessionIsHeldSoon) {
   server_sends("late", "1");
   server_sends("other", "2");
   server_sends("late", "3");
@@ -201,7 +201,7 @@ TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionTakesSeconds) {
   EXPECT_EQ(waited, 20s);
 }
 
-TEST_F(StrayCommandsTest, OfARobotWhoseSessionNeverComesAreRefusedInTime) {
+TEST_F(StrayCommandsTest, AreRefusedInTimeWhenTheRobotsSessionNeverOpens) {
   say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
   server_sends("slow");
   wait(StrayCommands::longest);
@@ -210,7 +210,7 @@ TEST_F(StrayCommandsTest, OfARobotWhoseSessionNeverComesAreRefusedInTime) {
   EXPECT_EQ(outcomes[0].second["after_ms"], StrayCommands::longest.count());
 }
 
-TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionHaveNoOutcomeWhenTheGatewayStops) {
+TEST_F(StrayCommandsTest, HaveNoOutcomeAtTheStopWhileTheRobotAwaitsItsSession) {
   say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
   server_sends("slow");
   gateway.on_stop(now);
@@ -218,7 +218,7 @@ TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionHaveNoOutcomeWhenTheGatewa
   EXPECT_TRUE(outcomes.empty()) << "its session may bring the command after the restart";
 }
 
-TEST_F(StrayCommandsTest, ThatASortedSessionHasRefusedAreNotDelivered) {
+TEST_F(StrayCommandsTest, AreNotDeliveredAfterASortedSessionHasRefusedThem) {
   say(PresenceChange{Mesh::thread, "r1", Presence::online, "a"});
   server_sends("r1", "1");
   gateway.commands().on_session_sorted("r1");
@@ -226,11 +226,11 @@ TEST_F(StrayCommandsTest, ThatASortedSessionHasRefusedAreNotDelivered) {
   reach[{Mesh::thread, "r1"}] = Presence::online;
   session_comes("r1", /*was_present=*/false);
   take_actions();
-  EXPECT_EQ(delivered, std::vector<std::string>{"2"}) << "the broker has forgotten it";
+  EXPECT_EQ(delivered, std::vector<std::string>{"2"}) << "the broker has dropped the first one";
 }
 
-TEST_F(StrayCommandsTest, AreNeitherRetainedOnesNorGatewaysThatTryTheirRights) {
-  server_sends("nobody", "x", "cmd", /*retain=*/true);
+TEST_F(StrayCommandsTest, AreNeitherRetainedMessagesNorRightsProbes) {
+  server_sends("stranger", "x", "cmd", /*retain=*/true);
   server_sends("room-b", "17-1", "probe");
   wait(1min);
   EXPECT_TRUE(outcomes.empty());
@@ -239,7 +239,7 @@ TEST_F(StrayCommandsTest, AreNeitherRetainedOnesNorGatewaysThatTryTheirRights) {
   EXPECT_EQ(outcomes.size(), 1u) << "a command whose type is probe";
 }
 
-TEST_F(StrayCommandsTest, AreHeardWithASubscriptionThatComesAndGoes) {
+TEST_F(StrayCommandsTest, AreReceivedWithASubscriptionThatCanBeEnded) {
   EXPECT_EQ(filters, std::vector<std::string>{"ntnu-slam/server/+/+"});
   gateway.hear_all_commands(true);
   take_actions();
@@ -249,8 +249,8 @@ TEST_F(StrayCommandsTest, AreHeardWithASubscriptionThatComesAndGoes) {
   EXPECT_EQ(filters.back(), "-ntnu-slam/server/+/+");
 }
 
-TEST_F(StrayCommandsTest, AreLeftToTheGatewayThatHearsAllCommandsNow) {
-  server_sends("nobody");
+TEST_F(StrayCommandsTest, AreLeftToTheGatewayThatReceivesAllCommandsNow) {
+  server_sends("stranger");
   gateway.hear_all_commands(false);
   wait(1min);
   gateway.on_stop(now);
@@ -259,8 +259,8 @@ TEST_F(StrayCommandsTest, AreLeftToTheGatewayThatHearsAllCommandsNow) {
 }
 
 TEST_F(StrayCommandsTest, HaveTheirOutcomesWhenTheGatewayStops) {
-  server_sends("nobody");
-  server_sends("nobody else");
+  server_sends("stranger");
+  server_sends("another stranger");
   server_sends("theirs");
   elsewhere.insert("theirs");
   gateway.on_stop(now);
@@ -268,10 +268,10 @@ TEST_F(StrayCommandsTest, HaveTheirOutcomesWhenTheGatewayStops) {
   EXPECT_EQ(outcomes.size(), 2u);
 }
 
-TEST_F(StrayCommandsTest, OfACrowdOfMadeUpNamesHaveABoundAndFewLines) {
+TEST_F(StrayCommandsTest, ForManyInventedNamesAreBoundedAndLoggedOnce) {
   constexpr std::size_t crowd = StrayCommands::max_waiting + 100;
   for (std::size_t i = 0; i < crowd; ++i) server_sends(fmt::format("n{}", i));
-  EXPECT_EQ(outcomes.size(), 100u) << "the oldest at once";
+  EXPECT_EQ(outcomes.size(), 100u) << "the oldest are refused at once";
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/n0");
   wait(StrayCommands::patience);
   EXPECT_EQ(outcomes.size(), crowd) << "each has its outcome";
@@ -281,8 +281,8 @@ TEST_F(StrayCommandsTest, OfACrowdOfMadeUpNamesHaveABoundAndFewLines) {
   EXPECT_EQ(outcomes.size(), crowd + 1);
 }
 
-/// Else the session could bring a command that was refused already.
-TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionOutliveACrowdOfMadeUpNames) {
+/// Otherwise the session could bring a command that was already refused.
+TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionOutlastManyInventedNames) {
   say(PresenceChange{Mesh::thread, "slow", Presence::offline, "a"});
   server_sends("slow");
   for (std::size_t i = 0; i < StrayCommands::max_waiting + 7; ++i)
@@ -292,7 +292,7 @@ TEST_F(StrayCommandsTest, OfARobotThatAwaitsItsSessionOutliveACrowdOfMadeUpNames
     EXPECT_NE(topic, "ntnu-slam/gateway/pi1/commands/slow");
 }
 
-TEST_F(StrayCommandsTest, AreBoundedWhileTheOtherGatewaysAreNotKnownToo) {
+TEST_F(StrayCommandsTest, AreBoundedWhileTheOtherGatewaysAreUnknown) {
   broker_is(false);
   broker_is(true);
   take_actions();

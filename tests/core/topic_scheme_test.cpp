@@ -41,7 +41,7 @@ TEST(TopicScheme, BuildsTheTopicsOfOtherGateways) {
   EXPECT_EQ(scheme.hears_filter(), "ntnu-slam/fleet/all/+");
 }
 
-TEST(TopicScheme, SaysWhosePresenceItIs) {
+TEST(TopicScheme, ParsesThePresenceTopicOfEachGateway) {
   for (const std::string gateway : {"pi1", "pi2"}) {
     const std::string topic = scheme.presence_topic_at(gateway, "NRF_5");
     EXPECT_TRUE(filter_matches(scheme.presence_filter(), topic));
@@ -58,7 +58,7 @@ TEST(TopicScheme, SaysWhosePresenceItIs) {
     EXPECT_FALSE(scheme.parse_presence_topic(other)) << other;
 }
 
-TEST(TopicScheme, SaysWhoseStateItIs) {
+TEST(TopicScheme, FindsTheGatewayOfAStateTopic) {
   EXPECT_EQ(scheme.gateway_of_state("ntnu-slam/gateway/pi2/state"), "pi2");
   EXPECT_EQ(scheme.gateway_of_state(scheme.state_topic()), "pi1");
   for (const char* other :
@@ -67,7 +67,7 @@ TEST(TopicScheme, SaysWhoseStateItIs) {
     EXPECT_FALSE(scheme.gateway_of_state(other)) << other;
 }
 
-TEST(TopicScheme, SaysWhoseBoardHears) {
+TEST(TopicScheme, FindsTheGatewayOfAHearsTopic) {
   EXPECT_EQ(scheme.gateway_of_hears("ntnu-slam/fleet/all/pi2"), "pi2");
   EXPECT_EQ(scheme.gateway_of_hears(scheme.hears_topic()), "pi1");
   for (const char* other : {"ntnu-slam/fleet/all/", "ntnu-slam/fleet/all/a/b",
@@ -98,7 +98,7 @@ TEST(TopicFilter, AllowsWildcardsOnlyWhereMqttDoes) {
   EXPECT_FALSE(is_valid_topic_name(std::string_view("a\0b", 3)));
 }
 
-TEST(TopicFilter, RefusesWhatBrokersCloseTheConnectionFor) {
+TEST(TopicFilter, RefusesCharactersForWhichBrokersCloseTheConnection) {
   std::string levels = "a";
   for (int i = 1; i < 200; ++i) levels += "/a";
   EXPECT_TRUE(is_valid_topic_name(levels));
@@ -127,7 +127,7 @@ TEST(TopicFilter, MatchesAsMqttSays) {
   EXPECT_FALSE(filter_matches("+/load", "$SYS/load"));
 }
 
-TEST(TopicPolicy, LetsADeviceSpeakOnlyForItself) {
+TEST(TopicPolicy, LetsADevicePublishOnlyItsOwnTopics) {
   const TopicPolicy policy(scheme, {}, {});
   EXPECT_TRUE(policy.may_publish("c", "robot1", "ntnu-slam/robot/robot1/update"));
   EXPECT_FALSE(policy.may_publish("c", "robot1", "ntnu-slam/robot/robot10/update"));
@@ -136,7 +136,7 @@ TEST(TopicPolicy, LetsADeviceSpeakOnlyForItself) {
   EXPECT_FALSE(policy.may_publish("c", "robot1", "ntnu-slam/server/robot1/cmd"));
 }
 
-TEST(TopicPolicy, LetsADeviceHearItsCommandsAndAllRobots) {
+TEST(TopicPolicy, LetsADeviceSubscribeToItsCommandsAndAllRobots) {
   const TopicPolicy policy(scheme, {}, {});
   for (const char* good : {"ntnu-slam/server/robot1/cmd", "ntnu-slam/server/robot1/#",
                            "ntnu-slam/robot/#", "ntnu-slam/robot/+/update"}) {
@@ -149,7 +149,7 @@ TEST(TopicPolicy, LetsADeviceHearItsCommandsAndAllRobots) {
   }
 }
 
-TEST(TopicPolicy, AllowsWhatTheConfigurationAdds) {
+TEST(TopicPolicy, AllowsTopicsThatTheConfigurationAdds) {
   const TopicPolicy policy(scheme, {"v2/robot/%c/+"}, {"v2/server/%c/#", "lab/+/x"});
   EXPECT_TRUE(policy.may_publish("NRF_5", "five", "v2/robot/NRF_5/adv"));
   EXPECT_FALSE(policy.may_publish("NRF_5", "five", "v2/robot/NRF_6/adv"));
@@ -160,7 +160,7 @@ TEST(TopicPolicy, AllowsWhatTheConfigurationAdds) {
   EXPECT_FALSE(policy.may_subscribe("NRF_5", "five", "v2/server/+/cmd"));
 }
 
-TEST(TopicPolicy, ReachesTopicsOfTheBrokerOnlyWhereTheyAreNamed) {
+TEST(TopicPolicy, AllowsDollarTopicsOnlyWhereTheyAreNamed) {
   const TopicPolicy policy(scheme, {"#"}, {"#", "$SYS/broker/uptime"});
   EXPECT_TRUE(policy.may_subscribe("c", "r", "anything"));
   EXPECT_TRUE(policy.may_subscribe("c", "r", "$SYS/broker/uptime"));

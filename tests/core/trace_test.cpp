@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One stream of events out of what the core, the meshes and delivery tell.
+// One stream of events from the core, the meshes and delivery.
 #include "daemon/core/trace.hpp"
 
 #include <gtest/gtest.h>
@@ -44,7 +44,7 @@ class TraceTest : public testing::Test {
               [this](const TraceEvent& event) { events.push_back(event); }};
 };
 
-TEST_F(TraceTest, TellsNothingAndKeepsNothingWhileNobodyListens) {
+TEST_F(TraceTest, ReportsAndKeepsNothingWhileTurnedOff) {
   trace.on_traffic(message(1));
   trace.on_step({.kind = StepKind::repeat, .mesh = Mesh::thread, .robot = "r"}, now);
   trace.on_step({.kind = StepKind::published, .mesh = Mesh::thread, .topic = "t"}, now);
@@ -53,7 +53,7 @@ TEST_F(TraceTest, TellsNothingAndKeepsNothingWhileNobodyListens) {
   EXPECT_EQ(trace.followed(), 0u);
 }
 
-TEST_F(TraceTest, TellsWhoseUpdateIsRelayedToAGroup) {
+TEST_F(TraceTest, NamesTheRobotWhoseUpdateIsRelayedToAGroup) {
   trace.turn(true);
   trace.on_step({.kind = StepKind::sent,
                  .mesh = Mesh::ble,
@@ -69,7 +69,7 @@ TEST_F(TraceTest, TellsWhoseUpdateIsRelayedToAGroup) {
   EXPECT_EQ(events[0].address, "0xc100") << "not the robot's own";
 }
 
-TEST_F(TraceTest, JoinsAMessagesWayUp) {
+TEST_F(TraceTest, JoinsTheStepsOfAMessageToTheBroker) {
   trace.turn(true);
   trace.on_traffic(message(1));
   pass(1500us);
@@ -103,7 +103,7 @@ TEST_F(TraceTest, JoinsAMessagesWayUp) {
   EXPECT_EQ(trace.followed(), 0u);
 }
 
-TEST_F(TraceTest, FollowsAMessageThatTheBrokerHasRefusedToItsAcknowledgement) {
+TEST_F(TraceTest, FollowsARefusedMessageToItsAcknowledgement) {
   trace.turn(true);
   trace.on_traffic(message(1));
   MessageStep step{.kind = StepKind::refused, .mesh = Mesh::thread, .receipt = {Mesh::thread, 1}};
@@ -118,10 +118,10 @@ TEST_F(TraceTest, FollowsAMessageThatTheBrokerHasRefusedToItsAcknowledgement) {
   trace.on_traffic(message(1));
   step.kind = StepKind::refused;
   trace.on_step(step, now);
-  EXPECT_EQ(trace.followed(), 0u) << "refused by its mesh";
+  EXPECT_EQ(trace.followed(), 0u) << "refused by the mesh: no acknowledgement follows";
 }
 
-TEST_F(TraceTest, KnowsWhoseAStoredMessageIsLongAfterItsReceipt) {
+TEST_F(TraceTest, NamesTheRobotOfAStoredMessageByItsTopic) {
   trace.turn(true);
   trace.on_step({.kind = StepKind::published, .mesh = Mesh::thread, .topic = "p/robot/r/update"},
                 now);
@@ -130,7 +130,7 @@ TEST_F(TraceTest, KnowsWhoseAStoredMessageIsLongAfterItsReceipt) {
   EXPECT_EQ(events[0].type, "update");
 }
 
-TEST_F(TraceTest, SaysWhatGoesUpUnderRejected) {
+TEST_F(TraceTest, GivesTheReasonForMessagesUnderRejected) {
   trace.turn(true);
   trace.on_traffic(message(1));
   TrafficEvent rejected = message(2);
@@ -141,7 +141,7 @@ TEST_F(TraceTest, SaysWhatGoesUpUnderRejected) {
   EXPECT_NE(events[1].why, "");
 }
 
-TEST_F(TraceTest, JoinsACommandsWayDown) {
+TEST_F(TraceTest, JoinsTheStepsOfACommandToItsOutcome) {
   trace.turn(true);
   TrafficEvent command = message(0);
   command.direction = Direction::down;
@@ -175,7 +175,7 @@ TEST_F(TraceTest, JoinsACommandsWayDown) {
   EXPECT_EQ(trace.followed(), 0u);
 }
 
-TEST_F(TraceTest, ForgetsTheOldestOfTooMany) {
+TEST_F(TraceTest, ForgetsTheOldestMessageAboveItsBound) {
   trace.turn(true);
   for (std::uint64_t i = 1; i <= Trace::max_followed + 10; ++i) trace.on_traffic(message(i));
   EXPECT_EQ(trace.followed(), Trace::max_followed);
@@ -186,7 +186,7 @@ TEST_F(TraceTest, ForgetsTheOldestOfTooMany) {
                  .receipt = {Mesh::thread, 1}},
                 now);
   ASSERT_EQ(events.size(), 1u);
-  EXPECT_FALSE(events[0].latency) << "forgotten, and told all the same";
+  EXPECT_FALSE(events[0].latency) << "forgotten, but still reported";
   trace.turn(false);
   EXPECT_EQ(trace.followed(), 0u);
 }

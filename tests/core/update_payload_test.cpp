@@ -31,7 +31,7 @@ TEST(UpdatePayload, AcceptsFourPlusFourNWithAndWithoutTheStrayByteOnly) {
   }
 }
 
-TEST(UpdatePayload, StrayByteIsNoCount) {
+TEST(UpdatePayload, DoesNotReadTheStrayByteAsACount) {
   Bytes bytes = thesis_update;
   bytes.back() = 4;
   const auto update = parse_update(bytes);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is shown to people cannot move their cursor nor turn their text around.
+// Text shown on terminals cannot move the cursor nor reverse the direction of the text.
 #include "daemon/core/utf8.hpp"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ TEST(EscapeUnprintable, LeavesOrdinaryTextAlone) {
   }
 }
 
-TEST(EscapeUnprintable, ShowsWhatWouldBeObeyed) {
+TEST(EscapeUnprintable, EscapesControlAndDirectionCharacters) {
   EXPECT_EQ(escape_unprintable("a\x1b[2Jb\n"), "a\\x1b[2Jb\\x0a");
   EXPECT_EQ(escape_unprintable("\u009b1m"), "\\u009b1m");
   EXPECT_EQ(escape_unprintable("\x7f"), "\\u007f");
@@ -30,7 +30,7 @@ TEST(EscapeUnprintable, ShowsWhatWouldBeObeyed) {
   EXPECT_EQ(escape_unprintable("\xff\xc3"), "\\xff\\xc3");
 }
 
-TEST(EscapeUnprintable, ShowsCharactersByWhichANameLooksLikeAnother) {
+TEST(EscapeUnprintable, EscapesCharactersThatMakeNamesLookAlike) {
   std::ifstream file(SLAMGW_SOURCE_DIR "/tests/vectors/shown.json");
   for (const auto& [text, shown] :
        nlohmann::json::parse(file).get<std::vector<std::pair<std::string, std::string>>>()) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whose last will is published: a robot whose session another gateway holds may be well.
+// When a robot's last will is published: another gateway may hold its session by now.
 #include <gtest/gtest.h>
 
 #include "tests/core/gateway_rig.hpp"
@@ -41,7 +41,7 @@ TEST_F(WaitingWills, ArePublishedAtOnceByAGatewayThatIsAlone) {
   EXPECT_EQ(published(), std::vector<std::string>{"gone"}) << "the outbox keeps it";
 }
 
-TEST_F(WaitingWills, WaitWhileItIsNotKnownWhoHoldsTheSession) {
+TEST_F(WaitingWills, WaitWhileTheHolderOfTheSessionIsUnknown) {
   broker_comes();
   will_of("a");
   EXPECT_EQ(published(), none);
@@ -54,7 +54,7 @@ TEST_F(WaitingWills, WaitWhileItIsNotKnownWhoHoldsTheSession) {
   EXPECT_EQ(published(), none) << "once";
 }
 
-/// Though an earlier will, which has gone up since, was due long before.
+/// An earlier will, which is published already, does not shorten the wait of later ones.
 TEST_F(WaitingWills, WaitEachForTheWholeTime) {
   broker_comes();
   will_of("a");
@@ -64,7 +64,7 @@ TEST_F(WaitingWills, WaitEachForTheWholeTime) {
   pass(PresencePublisher::will_patience - 1100ms);
   will_of("b", "b is gone");
   pass(100ms);
-  EXPECT_EQ(published(), none) << "when the first one would have been due";
+  EXPECT_EQ(published(), none) << "at the deadline of the first one";
   EXPECT_EQ(gateway.deadline(), now.mono + PresencePublisher::will_patience - 100ms);
   will_of("c", "c is gone");
   pass(PresencePublisher::will_patience - 100ms);
@@ -73,7 +73,7 @@ TEST_F(WaitingWills, WaitEachForTheWholeTime) {
   EXPECT_EQ(published(), std::vector<std::string>{"c is gone"});
 }
 
-TEST_F(WaitingWills, HoldUpNothingElseThatTheRobotSays) {
+TEST_F(WaitingWills, DelayNoOtherMessageOfTheRobot) {
   broker_comes();
   will_of("a");
   say(update_from("a", {1, 0, 2, 0}));
@@ -107,7 +107,7 @@ TEST_F(WaitingWills, ArePublishedWhenTheSessionIsHeld) {
   will_of("a", "new");
   will_of("b");
   session_comes("a");
-  EXPECT_EQ(published(), std::vector<std::string>{"new"}) << "the last one of the robot, alone";
+  EXPECT_EQ(published(), std::vector<std::string>{"new"}) << "only the last one of the robot";
   pass(1h);
   EXPECT_EQ(published(), std::vector<std::string>{"gone"});
 }
