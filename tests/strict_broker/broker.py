@@ -16,7 +16,7 @@ class Options:
     maximum_packet: int = 268435455
     most_queued: int = 100000  # messages that wait for one client
     overlap: str = "each"  # a copy for each subscription that matches, or "one" for all of them (section 3.3.4)
-    tells_takeover: bool = True  # DISCONNECT 0x8E at a takeover; Mosquitto 2.0.11 does not
+    announces_takeover: bool = True  # DISCONNECT 0x8E at a takeover; Mosquitto 2.0.11 does not
     suback_delay_s: float = 0.0
 
 
@@ -24,21 +24,21 @@ class Broker:
     def __init__(self, options, journal, faults):
         self.options, self.journal, self.faults = options, journal, faults
         self.sessions = {}  # by client id
-        self.connections = {}  # by client id: those that stand
+        self.connections = {}  # by client id, open ones
         self.retained = {}  # by topic
-        self.wills = {}  # by client id: (a timer, the will), of those that are gone
+        self.wills = {}  # by client id: (a timer, the will), of disconnected clients
         self.ends = {}  # by client id: the timer that ends the session
         self.assigned = 0
 
-    # Connections begin and end
+    # Begin and end of connections
 
     def open_session(self, connection, packet):
-        """At a CONNECT. True when there is a session that goes on."""
+        """Handles a CONNECT. Returns True when a session is resumed."""
         client = connection.client
         if before := self.connections.get(client):
-            self.journal.write("takeover", client=client, told=self.options.tells_takeover and before.version == 5)
+            self.journal.write("takeover", client=client, announced=self.options.announces_takeover and before.version == 5)
             before.end("taken over by a new connection",
-                       TAKEN_OVER if self.options.tells_takeover else None)
+                       TAKEN_OVER if self.options.announces_takeover else None)
         self.connections[client] = connection
         if timer := self.ends.pop(client, None):
             timer.cancel()
@@ -52,7 +52,7 @@ class Broker:
         return is_present
 
     def on_end(self, connection, will):
-        """The connection has ended; `will`: the one to publish, perhaps later, or None."""
+        """Handles the end of a connection. `will`: to publish, perhaps later, or None."""
         client, session = connection.client, connection.session
         if self.connections.get(client) is connection:
             del self.connections[client]
@@ -75,7 +75,7 @@ class Broker:
         self.journal.write("session_ended", client=client)
 
     def revoke_or_publish_will(self, client, is_clean):
-        """A will that waits is withdrawn when the session goes on (section 3.1.3.2.2)."""
+        """Withdraws a delayed will when the session is resumed (section 3.1.3.2.2)."""
         if client not in self.wills:
             return
         if is_clean:
@@ -98,7 +98,7 @@ class Broker:
     # Messages
 
     def publish(self, publisher, packet):
-        """Accepted from a client, or its will."""
+        """Publishes an accepted message of a client, or its will."""
         properties = {name: packet.properties[name] for name in PASSED_ON if name in packet.properties}
         message = Packet(Kind.PUBLISH, topic=packet.topic, payload=packet.payload, qos=packet.qos, retain=packet.retain,
                          properties=properties)
@@ -121,7 +121,7 @@ class Broker:
             self.deliver(message, session, found, keeps_retain=any(one.keeps_retain_flag for one in found))
 
     def deliver(self, message, session, subscriptions, keeps_retain):
-        """One copy for these subscriptions."""
+        """Delivers one copy for these subscriptions."""
         identifiers = [one.identifier for one in subscriptions if one.identifier]
         properties = message.properties | ({"subscription_id": identifiers} if identifiers else {})
         qos = min(message.qos, max(one.qos for one in subscriptions))
@@ -136,7 +136,7 @@ class Broker:
             connection.send_waiting()
 
     def subscribe(self, session, subscription):
-        """Retained messages come as section 3.8.3.1 says, whatever "retain as published" says."""
+        """Sends retained messages as section 3.8.3.1 says, independent of "retain as published"."""
         is_new = subscription.topic_filter not in session.subscriptions
         session.subscriptions[subscription.topic_filter] = subscription
         if subscription.retain_handling == 2 or subscription.retain_handling == 1 and not is_new:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands at the strict broker: equal ones, five a second to each robot, while robots' connections are cut with their PUBACKs, and the
-daemon stands still or is killed. No robot obeys more often than it was told to, each command has one outcome at most, within 30 s, and one
-at all unless it came within one round trip before its connection broke.
+daemon stands still or is killed. No robot obeys a command more often than it was published. Each command has at most one outcome, within
+30 s; it has one unless it came within one round trip before its connection broke.
 Run as a test (ctest -R StrictBroker.Commands): commands_test.py DIRECTORY-OF-PROGRAMS"""
 import collections
 import concurrent.futures
@@ -97,7 +97,7 @@ class World:
         wait_for(lambda: all(self.sessions(robot) > before[robot] for robot in robots), f"the robots' sessions after break {number}")
 
     def await_pace(self):
-        """Until commands end as fast as they come, so that none of a former break comes in the round trip before the next one."""
+        """Waits until commands end as fast as they come, so that none of a former break is open at the next one."""
         deadline = time.monotonic() + PROMISE_S
         while time.monotonic() < deadline:
             published, ended = dict(self.commander.published), {robot: len(found) for robot, found in self.outcomes().items()}
@@ -108,7 +108,7 @@ class World:
                 return
 
     def outcomes(self):
-        """{robot: its outcomes}"""
+        """Returns {robot: its outcomes}."""
         found = collections.defaultdict(list)
         for one in self.broker.journal("accepted"):
             if "/gateway/strict/commands/" in one["topic"]:
@@ -116,7 +116,7 @@ class World:
         return found
 
     def obeyed(self):
-        """{robot: commands that reached it; a repeat on the radio has the same message id as the one before it}"""
+        """Returns {robot: commands that reached it}. A repeat on the radio has the message id of the one before it."""
         counts, last = collections.Counter(), {}
         for line in (self.directory / "record").read_text().splitlines():
             what, robot, message_id, *_ = line.split()
@@ -145,7 +145,7 @@ def client_id(robot):
 
 
 def run(version):
-    """{robot: (published, outcomes, obeyed)}"""
+    """Returns {robot: (published, outcomes, obeyed)}."""
     chance = random.Random(version)
     with tempfile.TemporaryDirectory() as directory:
         world = World(directory, PROGRAMS, version)
@@ -165,7 +165,7 @@ class CommandsAtAStrictBroker(unittest.TestCase):
         with concurrent.futures.ThreadPoolExecutor() as threads:
             cls.runs = dict(zip((4, 5), threads.map(run, (4, 5))))
 
-    def test_equal_commands_are_obeyed_as_often_as_they_were_given_at_most(self):
+    def test_robots_obey_no_command_more_often_than_it_was_published(self):
         for version, robots in self.runs.items():
             for robot, (published, outcomes, obeyed) in robots.items():
                 with self.subTest(version=version, robot=robot):
@@ -173,7 +173,7 @@ class CommandsAtAStrictBroker(unittest.TestCase):
                     self.assertGreater(obeyed, published / 2)
                     self.assertLessEqual(obeyed, published)
 
-    def test_each_command_has_one_outcome_but_for_those_that_came_as_the_connection_broke(self):
+    def test_each_command_has_one_outcome_unless_it_came_at_a_break(self):
         for version, robots in self.runs.items():
             for robot, (published, outcomes, _) in robots.items():
                 with self.subTest(version=version, robot=robot):

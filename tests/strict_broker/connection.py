@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One connection of a client: reads packets, answers them by the book, ends at the first that the specification forbids."""
+"""One connection of a client: reads packets, answers them as the specification says, ends at the first forbidden one."""
 import asyncio
 import contextlib
 
@@ -23,7 +23,7 @@ class Connection:
         self.is_over = self.is_mute = False
         self.is_running = asyncio.Event()
         self.is_running.set()
-        self.held = []  # packets of ours while it stands still
+        self.held = []  # packets to the client while the connection stands still
         self.slow_s, self.is_pausing = 0.0, False  # between two messages with QoS 1 or 2 to the client
 
     async def serve(self):
@@ -56,7 +56,7 @@ class Connection:
         self.end(f"refused: {error}", error.reason)
 
     def end(self, why, reason=None, is_cut=False):
-        """With DISCONNECT where there is a reason and the version knows it. `is_cut`: what is unsent is lost."""
+        """Ends with DISCONNECT where there is a reason and the version has it. `is_cut`: unsent octets are lost."""
         if self.is_over:
             return
         if reason and self.client is not None and self.version == 5:
@@ -83,7 +83,7 @@ class Connection:
         if then == "drop":
             return
         if then != "cut":
-            self.is_mute = then == "cut_after"  # it is handled, and nobody hears the answer
+            self.is_mute = then == "cut_after"  # it is handled, and the answer is not sent
             self.handle(packet)
         if then:
             self.end(f"fault: {then} at {packet.kind.name}", is_cut=True)
@@ -160,7 +160,7 @@ class Connection:
         self.send_waiting()
 
     def on_subscribe(self, packet):
-        """A slow SUBACK is a slow subscription."""
+        """Delays the subscription with its SUBACK."""
         if self.broker.options.suback_delay_s:
             self.broker.after(self.broker.options.suback_delay_s, self.subscribe, packet)
         else:
@@ -219,7 +219,7 @@ class Connection:
             self.give(message)
 
     def give(self, message):
-        """What is too large for the client is dropped as if it had been sent (MQTT-3.1.2-25)."""
+        """Drops a message that is too large for the client, as if it had been sent (MQTT-3.1.2-25)."""
         if len(encode(message, self.version)) > self.maximum_packet:
             self.session.outgoing.pop(message.packet_id, None)
             self.journal.write("too_large", client=self.client, topic=message.topic)

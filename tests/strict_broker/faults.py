@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to go wrong on purpose. Pure: packets are counted, and the one that a fault names is lost or costs the connection."""
+"""Faults on purpose. Pure: counts packets; the one that a fault names is lost or ends the connection."""
 import dataclasses
 
 from packets import Kind
@@ -12,8 +12,8 @@ DIRECTIONS = ("got", "gave")
 class Fault:
     packet: str  # PUBACK, PUBREL ...
     direction: str  # got: from the client; gave: to it
-    then: str  # drop: it is as if it was not sent; cut: the connection ends instead; cut_after: it ends when it was sent or handled
-    nth: int = 1  # of those from now on
+    then: str  # drop: as if it was not sent; cut: the connection ends instead; cut_after: it ends when the packet was sent or handled
+    nth: int = 1  # counted from now on
     times: int = 1  # this many, each the nth after the one before it
     client: str | None = None  # any
 
@@ -34,7 +34,7 @@ class Faults:
         self.faults.clear()
 
     def on_packet(self, direction, client, kind):
-        """What is to be done to this one; None: nothing."""
+        """Returns the fault for this packet, or None."""
         then = None
         for fault in list(self.faults):
             if (fault.direction, fault.packet) != (direction, kind.name) or fault.client not in (None, client):

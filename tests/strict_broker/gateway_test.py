@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The daemon at the strict broker: robots talk with QoS 1 and 2 while the connection is cut 20 times, at chosen packets too, and the
-daemon is killed. What robots were acknowledged has arrived, in order, and twice only within the bounds of the soak (acts.py).
+daemon is killed. All acknowledged messages arrive, in order, and twice only within the bounds of the soak (acts.py).
 Run as a test (ctest -R StrictBroker.Gateway): gateway_test.py DIRECTORY-OF-PROGRAMS CLIENT, with broker.client `paho` or `mosquitto`."""
 import concurrent.futures
 import contextlib
@@ -25,13 +25,13 @@ from verdict import Arrival, Tally, Trouble, judge, read_record  # noqa: E402
 CLIENT_ID = "slam-gateway-strict"
 CUTS, KILLS = 20, (4, 9, 14, 19)
 FLEETS = {"one": 1, "two": 2}  # prefix of the robots' ids: QoS
-# Where a cut hurts: (packet, direction, then)
+# Moments at which a cut may lose or repeat a message: (packet, direction, then)
 MOMENTS = [("PUBREC", "gave", "cut"), ("PUBREL", "got", "cut"), ("PUBCOMP", "gave", "cut"), ("PUBLISH", "got", "cut"),
            ("PUBACK", "gave", "cut"), ("PUBREL", "got", "cut_after"), ("PUBREC", "gave", "cut_after")]
 
 
 class Gateway:
-    """Broker, daemon and robots, with verbs to break them."""
+    """Broker, daemon and robots, and ways to break them."""
 
     def __init__(self, directory, programs, client, version):
         self.directory, self.broker = pathlib.Path(directory), StrictBroker(directory, "--mqtt", "3" if version == 4 else "5")
@@ -57,7 +57,7 @@ class Gateway:
         return len(self.broker.journal("connected", client=CLIENT_ID))
 
     def cut(self, moment=None, nth=1, kills=False):
-        """Waits until the daemon is back."""
+        """Cuts the connection, or kills the daemon, and waits until it is connected again."""
         before, trouble = self.connections(), Trouble(time.time(), float("inf"), DAEMON_KILLED if kills else LINK_LOST)
         self.troubles.append(trouble)
         if moment:
@@ -75,36 +75,36 @@ class Gateway:
     def finish(self):
         for robots in self.robots:
             robots.end(signal.SIGTERM)
-        with contextlib.suppress(AssertionError):  # the judge tells what is missing
+        with contextlib.suppress(AssertionError):  # the judge reports missing messages
             wait_for(lambda: sum(tally.missing for tally in self.judge()[0].values()) <= len(self.swallowed()))
         tallies, complaints = self.judge()
         blamed = self.blamed()
         return sum(tallies.values(), Tally()), [one for one in complaints if not (" out of order:" in one and one.split(":")[0] in blamed)], blamed
 
     def blamed(self):
-        """Robots of whose topics the daemon says that the broker refuses them. Cuts that hit the same message twice look like
-        that; later messages may then overtake it (docs/topics.md, promise 3)."""
+        """Returns robots with topics that the daemon reports as refused. Two cuts at the same message look like a refusal;
+        later messages may then overtake it (docs/topics.md, promise 3)."""
         return set(re.findall(r"refuses messages on \S+/robot/([^/]+)/", self.daemon.log.read_text(encoding="utf-8")))
 
     def judge(self):
-        return judge(self.said(), [self.arrival(one) for one in self.broker.journal("accepted", client=CLIENT_ID) if is_update(one["topic"])],
+        return judge(self.sent(), [self.arrival(one) for one in self.broker.journal("accepted", client=CLIENT_ID) if is_update(one["topic"])],
                      self.troubles)
 
-    def said(self):
-        said = []
+    def sent(self):
+        sent = []
         for fleet in FLEETS:
             with open(self.directory / f"{fleet}.record", encoding="utf-8") as record:
-                said += read_record(record)
-        return said
+                sent += read_record(record)
+        return sent
 
     @staticmethod
     def arrival(entry):
         return Arrival(entry["topic"].split("/")[2], entry["payload"], entry["at"])
 
     def swallowed(self):
-        """Robots' messages under an id whose handshake was open for another message. The broker took them for repeats of that one."""
+        """Returns robots' messages under an id whose handshake was open for another message. The broker dropped them as repeats."""
         payloads = {(one["topic"].split("/")[2], one["payload"]) for one in self.broker.journal("repeat", client=CLIENT_ID, differs=True)}
-        return [one for one in self.said() if (one.robot, one.payload) in payloads]
+        return [one for one in self.sent() if (one.robot, one.payload) in payloads]
 
     def end(self):
         for program in [self.daemon, *self.robots]:
@@ -119,7 +119,7 @@ def is_update(topic):
 
 
 def run(client, version):
-    """(a Tally, complaints, robots whose order is not judged, messages that were swallowed) after all cuts and kills."""
+    """Returns (a Tally, complaints, robots whose order is not judged, swallowed messages) after all cuts and kills."""
     chance = random.Random(version)
     with tempfile.TemporaryDirectory() as directory:
         gateway = Gateway(directory, PROGRAMS, client, version)
@@ -139,16 +139,16 @@ class AtAStrictBroker(unittest.TestCase):
         with concurrent.futures.ThreadPoolExecutor() as threads:
             cls.runs = dict(zip((4, 5), threads.map(run, (CLIENT, CLIENT), (4, 5))))
 
-    def test_nothing_acknowledged_is_lost_over_cuts_and_kills_with_mqtt_3_1_1(self):
+    def test_loses_no_acknowledged_message_over_cuts_and_kills_with_mqtt_3_1_1(self):
         self.expect_all(*self.runs[4])
 
-    def test_nothing_acknowledged_is_lost_over_cuts_and_kills_with_mqtt_5(self):
-        """Each connection of the gateway starts clean. A session that is taken up again by a client library without its packet ids loses new
+    def test_loses_no_acknowledged_message_over_cuts_and_kills_with_mqtt_5(self):
+        """Each connection of the gateway starts clean. A session that a client library resumes without its packet ids loses new
         QoS 2 messages (MQTT-4.3.3)."""
         self.expect_all(*self.runs[5])
 
     def expect_all(self, tally, complaints, blamed, swallowed):
-        print(tally, f"blamed: {sorted(blamed)}")
+        print(tally, f"robots with refused topics: {sorted(blamed)}")
         self.assertLess(len(blamed), 4, "of six: the order of the others is judged")
         self.assertEqual((complaints, swallowed), ([], []))
         self.assertGreater(tally.acknowledged, 300)

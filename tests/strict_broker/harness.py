@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For tests: the strict broker as a program, with its control interface, and a client that says what a test has it say."""
+"""For tests: the strict broker as a program, with its control interface, and a client that sends the octets of a test."""
 import json
 import pathlib
 import socket
@@ -39,7 +39,7 @@ class StrictBroker:
         return answer
 
     def journal(self, event=None, **facts):
-        """The entries of this kind that have these facts."""
+        """Returns the entries of this kind that have these facts."""
         with open(self.path, "rb") as file:
             file.seek(self.position)
             lines = file.read().rpartition(b"\n")[0]
@@ -57,7 +57,7 @@ class StrictBroker:
 
 
 class Client:
-    """Octets as a test wants them. It answers nothing by itself."""
+    """Sends the octets of a test, and answers nothing by itself."""
 
     def __init__(self, port, version=5):
         self.version, self.buffer = version, bytearray()
@@ -67,7 +67,7 @@ class Client:
         self.socket.sendall(bytes([first]) + encode_varint(len(body)) + body)
 
     def connect(self, client_id, clean=True, keep_alive=0, will=None, will_properties=None, **properties):
-        """`will`: (topic, payload, QoS, retain). (session present, reason) of the CONNACK."""
+        """`will`: (topic, payload, QoS, retain). Returns (session present, reason) of the CONNACK."""
         flags, end = clean << 1, b""
         if will:
             topic, payload, qos, retain = will
@@ -82,7 +82,7 @@ class Client:
         return encode_properties(properties) if self.version == 5 else b""
 
     def subscribe(self, *filters, packet_id=1, **properties):
-        """(filter, options) each; the SUBACK's reasons."""
+        """`filters`: (filter, options) each. Returns the SUBACK's reasons."""
         self.send(0x82, number_field(packet_id) + self.properties(properties) +
                   b"".join(text_field(topic_filter) + bytes([options]) for topic_filter, options in filters))
         _, body = self.expect(Kind.SUBACK)
@@ -96,7 +96,7 @@ class Client:
         self.send(kind << 4 | (2 if kind == Kind.PUBREL else 0), number_field(packet_id))
 
     def next(self):
-        """(first octet, body); None when the broker has closed the connection."""
+        """Returns (first octet, body), or None when the broker has closed the connection."""
         while not (taken := take_packet(self.buffer)):
             try:
                 octets = self.socket.recv(1 << 16)
@@ -113,12 +113,12 @@ class Client:
         return taken
 
     def expect_acknowledgement(self, kind):
-        """(packet id, reason)"""
+        """Returns (packet id, reason)."""
         _, body = self.expect(kind)
         return int.from_bytes(body[:2], "big"), body[2] if len(body) > 2 else 0
 
     def expect_publish(self):
-        """(topic, payload, QoS, packet id, DUP, retain, properties as octets)"""
+        """Returns (topic, payload, QoS, packet id, DUP, retain, properties as octets)."""
         first, body = self.expect(Kind.PUBLISH)
         qos, size = first >> 1 & 3, int.from_bytes(body[:2], "big")
         topic, rest = body[2:2 + size].decode(), body[2 + size:]
@@ -129,7 +129,7 @@ class Client:
         return topic, rest, qos, packet_id, bool(first & 8), bool(first & 1), properties
 
     def expect_end(self):
-        """The reason of the DISCONNECT before it, if any."""
+        """Returns the reason of the DISCONNECT before the end, if any."""
         taken = self.next()
         if taken is None:
             return None

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the broker got and gave, a JSON object a line, each in the file when it has happened: `at` (seconds since 1970), `event`, and
-what belongs to it. README.md lists the events."""
+"""The packets that the broker received and sent, a JSON object a line, written at once: `at` (seconds since 1970), `event`, and its
+facts. README.md lists the events."""
 import json
 import sys
 import time

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MQTT packets of both versions: a client's octets to a Packet, with a reason for all that the specification forbids; and a broker's
-Packets to octets. Pure. Section numbers are those of MQTT 5."""
+"""MQTT packets of both versions: decodes a client's octets into a Packet, or rejects them with a reason where the specification
+forbids them; encodes a broker's Packets into octets. Pure. Section numbers are those of MQTT 5."""
 import dataclasses
 import enum
 import struct
@@ -53,7 +53,7 @@ NOT_ZERO = ("receive_maximum", "maximum_packet", "topic_alias", "subscription_id
 
 
 class ProtocolError(Exception):
-    """What the peer sent is forbidden; the connection ends with this reason."""
+    """The peer sent something forbidden; the connection ends with this reason."""
 
     def __init__(self, reason, text):
         super().__init__(text)
@@ -65,7 +65,7 @@ class Packet:
     kind: Kind
     packet_id: int = 0
     reason: int = 0
-    properties: dict = dataclasses.field(default_factory=dict)  # those of REPEATABLE have lists
+    properties: dict = dataclasses.field(default_factory=dict)  # REPEATABLE ones have lists
     # PUBLISH, and the will of CONNECT
     topic: str = ""
     payload: bytes = b""
@@ -152,7 +152,7 @@ class Reader:
 
 
 def decode(first, body, version):
-    """`version`: of the connection; of no matter for CONNECT."""
+    """`version`: of the connection; ignored for CONNECT."""
     try:
         kind = Kind(first >> 4)
     except ValueError:
@@ -312,7 +312,7 @@ def text_field(text):
 
 
 def take_packet(buffer):
-    """(first octet, body) of the first packet, which leaves the buffer; None while it is not complete."""
+    """Removes the first packet from the buffer and returns (first octet, body); None while it is not complete."""
     size = 0
     for place in range(1, 5):
         if place >= len(buffer):

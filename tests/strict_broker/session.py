@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a broker remembers of a client: its subscriptions, its open handshakes in both directions, and what waits for it. Pure.
+"""A client's session at the broker: subscriptions, open handshakes in both directions, and waiting messages. Pure.
 
-Packet ids are kept by the book. An id of the client is in use from its PUBLISH with QoS 2 until its PUBREL (MQTT-4.3.3): meanwhile
-each PUBLISH with it is a repeat, whatever is in it. An id of the broker is in use from PUBLISH until PUBACK or PUBCOMP.
+Packet ids follow the specification. An id of the client is in use from its PUBLISH with QoS 2 until its PUBREL (MQTT-4.3.3). Each
+other PUBLISH with it is a repeat, with any payload. An id of the broker is in use from PUBLISH until PUBACK or PUBCOMP.
 """
 import collections
 import dataclasses
 
 from packets import PACKET_ID_NOT_FOUND, PROTOCOL_ERROR, Kind, Packet, ProtocolError
 
-FOREVER = 0xFFFFFFFF  # a session expiry that never comes
+FOREVER = 0xFFFFFFFF  # a session that never expires
 MOST_PACKET_IDS = 65535
-FAILURE = 0x80  # reasons from here on
+FAILURE = 0x80  # reason codes from here on are failures
 
 
 @dataclasses.dataclass
@@ -29,7 +29,7 @@ class Subscription:
 @dataclasses.dataclass
 class Outgoing:
     message: Packet  # a PUBLISH
-    is_released: bool = False  # PUBREC came: now PUBREL is sent until PUBCOMP comes
+    is_released: bool = False  # PUBREC came: PUBREL is sent until PUBCOMP comes
 
 
 class Session:
@@ -38,26 +38,26 @@ class Session:
         self.expiry = 0  # seconds after the end of the connection
         self.receive_maximum = MOST_PACKET_IDS
         self.subscriptions = {}  # by filter
-        self.incoming = {}  # QoS 2 packet ids of the client that are in use: what came first under them
-        self.outgoing = collections.OrderedDict()  # packet ids of ours that are in use, in the order of the messages
+        self.incoming = {}  # QoS 2 packet ids of the client that are in use: the first message under each
+        self.outgoing = collections.OrderedDict()  # the broker's packet ids that are in use, in the order of the messages
         self.waiting = collections.deque()  # beyond the client's Receive Maximum, or while it is away
         self.last_packet_id = 0
 
     # From the client
 
     def on_publish_qos2(self, packet):
-        """None when it is new. Else what came first under its id: this is a repeat, which is not published again."""
+        """Returns None when it is new. A repeat returns the first message under its id, and is not published again."""
         first = self.incoming.get(packet.packet_id)
         if first is None:
             self.incoming[packet.packet_id] = packet
         return first
 
     def on_pubrel(self, packet_id):
-        """The reason of the PUBCOMP."""
+        """Returns the reason of the PUBCOMP."""
         return 0 if self.incoming.pop(packet_id, None) else PACKET_ID_NOT_FOUND
 
     def on_acknowledgement(self, packet):
-        """Of a message to the client. The packet to answer it with, or None. False as the second value: the id was not in use."""
+        """Handles an acknowledgement of the client. Returns the packet to answer with, or None, and whether the id was in use."""
         out = self.outgoing.get(packet.packet_id)
         if packet.kind == Kind.PUBACK:
             self.expect_qos(out, 1, packet)
@@ -79,14 +79,14 @@ class Session:
     # To the client
 
     def add(self, message):
-        """A message with QoS 1 or 2 for the client. False: there is no room."""
+        """Queues a message with QoS 1 or 2 for the client. Returns False when there is no room."""
         if len(self.waiting) >= self.most_queued:
             return False
         self.waiting.append(message)
         return True
 
     def next_message(self):
-        """One that may be sent now, with a packet id that is not in use; None when there is none."""
+        """Returns a message that may be sent now, with a packet id that is not in use, or None."""
         if not self.waiting or len(self.outgoing) >= min(self.receive_maximum, MOST_PACKET_IDS):
             return None
         while True:
@@ -98,7 +98,7 @@ class Session:
         return message
 
     def unacknowledged(self):
-        """What is sent again at the begin of the next connection, in the order of before (section 4.4)."""
+        """Returns the packets to send again at the next connection, in their former order (section 4.4)."""
         return [Packet(Kind.PUBREL, packet_id) if out.is_released else dataclasses.replace(out.message, dup=True)
                 for packet_id, out in self.outgoing.items()]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strict broker keeps to MQTT, with Mosquitto's own clients and with one that does not. Run as a test (ctest -R StrictBroker)."""
+"""The strict broker obeys MQTT, with Mosquitto's clients and with a client that violates it. Run as a test (ctest -R StrictBroker)."""
 import pathlib
 import subprocess
 import sys
@@ -59,14 +59,14 @@ class MosquittosClients(WithBroker):
         for client, state in self.broker.order("state")["sessions"].items():
             self.assertEqual((state["open_incoming"], state["open_outgoing"]), ([], []), client)
 
-    def test_pass_thousands_of_qos_2_without_a_repeat(self):
+    def test_pass_thousands_of_qos_2_messages_without_a_repeat(self):
         _, lines = self.subscriber("-V", "5", "-q", "2", "-t", "many")
         self.publish("-V", "5", "-q", "2", "-t", "many", "-l", text="".join(f"{n}\n" for n in range(2000)).encode())
         wait_for(lambda: len(lines()) == 2000)
         self.assertEqual(lines(), [str(n) for n in range(2000)])
         self.assertEqual(self.broker.journal("repeat"), [])
 
-    def test_find_what_came_while_they_were_away(self):
+    def test_receive_messages_that_came_while_they_were_away(self):
         for version, keep in ("311", ["-c"]), ("5", ["-c", "-x", "60"]):
             name = f"sleeper{version}"
             process, _ = self.subscriber("-V", version, *keep, "-i", name, "-q", "1", "-t", name)
@@ -89,7 +89,7 @@ class MosquittosClients(WithBroker):
         self.publish("-q", "1", "-t", "kept", "-m", "new")
         wait_for(lambda: later() == ["new"])
 
-    def test_repeat_what_a_cut_left_open(self):
+    def test_repeat_unacknowledged_messages_after_a_cut(self):
         """libmosquitto keeps its packet ids as long as the program runs."""
         _, lines = self.subscriber("-V", "5", "-q", "2", "-t", "cut", "-x", "60", "-i", "listener", "-c")
         for packet in "PUBREC", "PUBCOMP":
@@ -102,7 +102,7 @@ class MosquittosClients(WithBroker):
 
 
 class Qos2(WithBroker):
-    def test_an_id_in_use_is_a_repeat_whatever_is_in_it(self):
+    def test_a_publish_with_an_id_in_use_is_a_repeat_with_any_payload(self):
         for version in BOTH:
             client = self.client(f"c{version}", version)
             for payload, dup in (b"one", False), (b"one", True), (b"two", False):
@@ -116,7 +116,7 @@ class Qos2(WithBroker):
             self.assertEqual(accepted, [b"one".hex(), b"three".hex()])
             self.assertEqual([one["differs"] for one in self.broker.journal("repeat", client=f"c{version}")], [False, True])
 
-    def test_open_ids_outlive_the_connection_with_the_session_only(self):
+    def test_open_ids_outlive_the_connection_only_with_the_session(self):
         for clean, count in (False, 1), (True, 2):
             first = self.client("c", session_expiry=60)
             first.publish("t", b"one", 2, 1)
@@ -134,7 +134,7 @@ class Qos2(WithBroker):
         client.acknowledge(Kind.PUBREL, 9)
         self.assertEqual(client.expect_acknowledgement(Kind.PUBCOMP), (9, 0x92))
 
-    def test_what_is_open_to_a_client_goes_on_at_its_next_connection(self):
+    def test_unacknowledged_messages_are_sent_again_at_the_next_connection(self):
         client = self.client("c", session_expiry=60)
         client.subscribe(("t", 2))
         talker = self.client("talker")
@@ -149,7 +149,7 @@ class Qos2(WithBroker):
         self.assertEqual(again.expect_acknowledgement(Kind.PUBREL), (ids[0], 0))
         self.assertEqual([again.expect_publish()[1:5] for _ in range(2)], [(b"1", 2, ids[1], True), (b"2", 2, ids[2], True)])
 
-    def test_not_more_than_the_receive_maximum_is_sent(self):
+    def test_at_most_the_receive_maximum_is_sent(self):
         client = self.client("c", receive_maximum=2)
         client.subscribe(("t", 1))
         talker = self.client("talker")
@@ -164,7 +164,7 @@ class Qos2(WithBroker):
 
 
 class Sessions(WithBroker):
-    def test_a_takeover_is_told_in_mqtt_5(self):
+    def test_a_takeover_sends_a_disconnect_in_mqtt_5_only(self):
         for version, reason in (5, 0x8E), (4, None):
             old = self.client("c", version)
             self.client("c", version)
@@ -182,14 +182,14 @@ class Sessions(WithBroker):
         self.client("old", 4, clean=False).close()
         self.assertEqual(self.client("old", 4, clean=False).answer, (True, 0))
 
-    def test_a_will_waits_and_is_withdrawn_when_the_session_goes_on(self):
+    def test_a_delayed_will_is_withdrawn_when_the_session_is_resumed(self):
         listener = self.client("listener")
         listener.subscribe(("gone/#", 0))
-        for name, clean in ("back", False), ("anew", True):
+        for name, clean in ("back", False), ("clean", True):
             self.client(name, session_expiry=60, will=(f"gone/{name}", b"bye", 1, False), will_properties={"will_delay": 60}).close()
             wait_for(lambda name=name: self.broker.journal("closed", client=name))
             self.client(name, clean=clean, session_expiry=60)
-        self.assertEqual(listener.expect_publish()[0], "gone/anew")
+        self.assertEqual(listener.expect_publish()[0], "gone/clean")
         self.assertEqual(len(self.broker.journal("will_withdrawn", client="back")), 1)
         polite = self.client("polite", will=("gone/polite", b"", 0, False))
         polite.send(0xE0)
@@ -197,7 +197,7 @@ class Sessions(WithBroker):
         rude.send(0xE0, b"\4")
         self.assertEqual(listener.expect_publish()[0], "gone/rude")
 
-    def test_retained_messages_as_the_options_ask(self):
+    def test_retain_handling_of_subscriptions_is_obeyed(self):
         self.client("talker").publish("kept", b"x", retain=True)
         wait_for(lambda: self.broker.journal("accepted"))
         for options, count in (0x00, 2), (0x10, 1), (0x20, 0):
@@ -211,7 +211,7 @@ class Sessions(WithBroker):
                 got += taken[0] >> 4 == Kind.PUBLISH and taken[0] & 1
             self.assertEqual(got, count, hex(options))
 
-    def test_no_local_and_retain_as_published(self):
+    def test_no_local_and_retain_as_published_are_obeyed(self):
         client = self.client("c")
         client.subscribe(("t/#", 0x04))
         other = self.client("other")
@@ -227,7 +227,7 @@ class Sessions(WithBroker):
         self.client("talker").publish("t/1", b"x", 1, 1)
         self.assertEqual(sorted((one[2], one[6]) for one in (client.expect_publish(), client.expect_publish())), [(0, b"\x0b\3"), (1, b"\x0b\4")])
 
-    def test_a_slow_client_and_one_that_stands_still_get_all_in_the_end(self):
+    def test_a_slowed_and_stopped_client_gets_all_messages_in_the_end(self):
         client = self.client("c")
         client.subscribe(("t", 1))
         self.broker.order("slow", client="c", seconds=0.01)
@@ -239,7 +239,7 @@ class Sessions(WithBroker):
         self.broker.order("continue", client="c")
         self.assertEqual([client.expect_publish()[1] for _ in range(5)], [b"0", b"1", b"2", b"3", b"4"])
 
-    def test_a_slow_suback(self):
+    def test_a_delayed_suback_comes_after_later_answers(self):
         self.broker.order("suback_delay", seconds=0.2)
         client = self.client("c")
         client.send(0x82, b"\0\1\0\0\1t\0")
@@ -250,14 +250,14 @@ class Sessions(WithBroker):
 class OneCopy(WithBroker):
     options = "--overlap", "one", "--silent-takeover", "--mqtt", "5", "--receive-maximum", "2"
 
-    def test_of_overlapping_subscriptions_with_all_identifiers(self):
+    def test_overlapping_subscriptions_get_one_copy_with_all_identifiers(self):
         client = self.client("c")
         client.subscribe(("t/#", 0), subscription_id=[3])
         client.subscribe(("t/+", 1), subscription_id=[4])
         self.client("talker").publish("t/1", b"x", 2, 1)
         self.assertEqual(client.expect_publish()[2::4], (1, b"\x0b\3\x0b\4"))
 
-    def test_a_silent_takeover_and_other_bounds(self):
+    def test_silent_takeover_receive_maximum_and_version_options(self):
         old = self.client("c")
         new = self.client("c")
         self.assertIsNone(old.expect_end())
@@ -287,7 +287,7 @@ class Faults(WithBroker):
             self.assertEqual(len(self.broker.journal("accepted")) - before, accepted, (direction, then))
         self.assertEqual(self.broker.order("clear_faults"), {"left": 0})
 
-    def test_an_order_that_makes_no_sense_is_refused(self):
+    def test_an_invalid_order_is_refused(self):
         with self.assertRaisesRegex(AssertionError, "a fault is one of"):
             self.broker.order("fault", packet="PUBACK", direction="up", then="drop")
         with self.assertRaisesRegex(AssertionError, "do_dance"):
@@ -316,7 +316,7 @@ class Forbidden(WithBroker):
         "reserved subscription options": (0x82, b"\0\1\0\0\1t\x40", 0x81),
         "a truncated packet": (0x82, b"\0", 0x81),
         "octets after the end": (0xC0, b"\0", 0x81),
-        "what only a broker says": (0xD0, b"", 0x82),
+        "a packet that only a broker sends": (0xD0, b"", 0x82),
         "packet type 0": (0x00, b"", 0x81),
         "a session expiry at the end of none": (0xE0, b"\0\5\x11\0\0\0\5", 0x82),
     }
@@ -334,7 +334,7 @@ class Forbidden(WithBroker):
             client.send(first, body)
             self.assertIsNone(client.expect_end())
 
-    def test_acknowledgements_of_the_wrong_kind(self):
+    def test_an_acknowledgement_of_the_wrong_kind_ends_the_connection(self):
         for qos, kind in (1, Kind.PUBREC), (2, Kind.PUBACK), (2, Kind.PUBCOMP):
             client = self.client("c")
             client.subscribe(("t", qos))
@@ -347,7 +347,7 @@ class Forbidden(WithBroker):
     def test_filters_are_answered_one_by_one(self):
         self.assertEqual(self.client("c").subscribe(("a/#/b", 0), ("$share/g/t", 1), ("a/+", 2)), [0x8F, 0x9E, 2])
 
-    def test_connect(self):
+    def test_an_invalid_connect_is_refused(self):
         for body, answer in ((b"\0\4MQTT\3\2\0\0\0\1c", b"\0\x84\0"), (b"\0\4MQTT\5\3\0\0\0\0\1c", b"\0\x81\0"),
                              (b"\0\4MQTT\4\0\0\0\0\0", b"\0\2"), (b"\0\4MQTT\5\2\0\0\3\x21\0\0\0\1c", b"\0\x82\0")):
             client = self.client()
@@ -358,7 +358,7 @@ class Forbidden(WithBroker):
         client.send(0xC0)
         self.assertEqual(client.expect(Kind.CONNACK)[1][1], 0x82)
 
-    def test_silence_beyond_the_keep_alive(self):
+    def test_silence_beyond_the_keep_alive_ends_the_connection(self):
         client = self.client("c", keep_alive=1)
         self.assertEqual(client.expect_end(), 0x8D)
 
