@@ -68,7 +68,7 @@ int open_connected(const Address& address, int socket_type, int flags) {
   if (descriptor < 0) throw std::runtime_error("no socket: too many open files?");
   if (connect(descriptor, reinterpret_cast<const sockaddr*>(&address.storage), address.size) != 0) {
     close(descriptor);
-    throw std::runtime_error(fmt::format("nobody listens at port {}", address.port()));
+    throw std::runtime_error(fmt::format("no program listens at port {}", address.port()));
   }
   return descriptor;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a gateway or a broker listens, and sockets that are connected to it.
+// The address of a gateway or a broker, and sockets that are connected to it.
 #pragma once
 
 #include <sys/socket.h>

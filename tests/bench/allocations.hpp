@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts what this program allocates: operator new is replaced (allocations.cpp).
+// Counts the allocations of this program: operator new is replaced (allocations.cpp).
 #pragma once
 
 #include <cstdint>

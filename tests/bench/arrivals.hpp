@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a subscriber at the broker saw of one run: how many, how late, which twice.
+// The messages of one run that a subscriber at the broker received: number, latency, duplicates.
 #pragma once
 
 #include <vector>
@@ -26,7 +26,7 @@ class Arrivals {
   std::uint64_t unique() const { return latencies_ns_.size(); }
   std::uint64_t duplicates() const { return duplicates_; }
   Clock::time_point last() const { return last_; }
-  /// Of messages of other runs, such as a backlog.
+  /// Arrivals of messages of other runs, such as a backlog.
   struct Others {
     std::uint64_t count = 0;
     Clock::time_point first{}, last{};

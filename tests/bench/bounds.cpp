@@ -21,7 +21,7 @@ void expect(bool is_so, const std::string& what) {
   if (!is_so) throw std::runtime_error(what);
 }
 
-/// Where a daemon says that it is ready: sd_notify(3).
+/// Receives READY from a daemon: sd_notify(3).
 class NotifySocket {
  public:
   NotifySocket() : descriptor_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
@@ -55,7 +55,7 @@ class NotifySocket {
   int descriptor_;
 };
 
-/// Octets that a process has written, to whatever.
+/// Returns the octets that a process has written, to all files and sockets.
 double octets_written(pid_t process) {
   std::ifstream file(fmt::format("/proc/{}/io", process));
   for (std::string key, value; file >> key >> value;) {
@@ -64,7 +64,7 @@ double octets_written(pid_t process) {
   return 0;
 }
 
-/// All of it acknowledged to the clients, which means: stored.
+/// Sends messages until all are acknowledged to the clients, which means that they are stored.
 void store(World& world, std::size_t clients, std::uint32_t each) {
   Poller poller;
   Swarm swarm(world.sn_address(), clients, poller, 0);
@@ -74,7 +74,7 @@ void store(World& world, std::size_t clients, std::uint32_t each) {
       swarm.submit({to_ns(Clock::now()), no_run, static_cast<std::uint32_t>(client), sequence}, 1);
   }
   for (const auto end = Clock::now() + 120s; swarm.unfinished() > 0;) {
-    expect(Clock::now() < end, "the daemon does not store what it should");
+    expect(Clock::now() < end, "the daemon does not store all messages");
     poller.wait(Clock::now() + 50ms, [&](std::uint64_t token) { swarm.on_readable(token); });
     swarm.on_tick(Clock::now());
   }
@@ -120,7 +120,7 @@ void backlog(Report& report) {
   constexpr std::uint32_t each = 200;
   World world;
   world.broker.kill();
-  expect(test::eventually([&] { return !world.is_broker_up(); }), "the broker does not go");
+  expect(test::eventually([&] { return !world.is_broker_up(); }), "the broker does not stop");
   store(world, clients, each);
 
   world.broker.start();
@@ -134,7 +134,7 @@ void backlog(Report& report) {
   Swarm fresh(world.sn_address(), load.clients, run.poller(), Run::first_sender_token, clients);
   fresh.connect_all(connects_at_once);
   expect(run.listen([](const Arrivals& all) { return all.others().count > 0; }, 60s),
-         "no backlog comes");
+         "no backlog arrives");
   RunResult result = run.drive(fresh, world.pid(), world.sn_port());
   run.listen([](const Arrivals& all) { return all.others().count >= clients * each; }, 30s);
   const Arrivals::Others& stored = run.arrivals().others();
@@ -143,8 +143,8 @@ void backlog(Report& report) {
   report.budget_at_least("backlog of 20 000 stored messages, drained",
                          static_cast<double>(stored.count) / took.count(), 2000, "messages/s",
                          fmt::format("{} arrived", stored.count));
-  report.budget_at_most("fresh messages meanwhile, the slowest", result.latency.max_ms, 50, "ms",
-                        fmt::format("p99 {:.1f} ms", result.latency.p99_ms));
+  report.budget_at_most("fresh messages during the backlog, the slowest", result.latency.max_ms, 50,
+                        "ms", fmt::format("p99 {:.1f} ms", result.latency.p99_ms));
 }
 
 void ble_link(Report& report) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of the benchmark beside throughput and latency: how the daemon starts, catches up,
-// shares out, and what its links and lines cost.
+// The parts of the benchmark beside throughput and latency: start, backlog, fairness, and the cost
+// of the serial line and of log lines.
 #pragma once
 
 #include "tests/bench/plan.hpp"
@@ -12,7 +12,7 @@ namespace slamgw::bench {
 void traffic_lines(Report& report, const Plan& plan);
 void start_to_ready(Report& report);
 void backlog(Report& report);
-/// What a flood of one client does to the others.
+/// How much a flood of one client delays the others.
 void fairness(Report& report, const Plan& plan, World&& world);
 void ble_link(Report& report);
 /// A million connects and 100 000 topics; takes minutes.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The least that answering a ping can cost a process on this machine: a thread that waits for a
-// datagram and answers it, and nothing else.
+// The lowest cost of answering a ping on this machine: a thread that waits for a datagram and
+// answers it.
 #pragma once
 
 #include <thread>
@@ -17,7 +17,7 @@ class EchoFloor {
   EchoFloor& operator=(const EchoFloor&) = delete;
 
   Address address() const;
-  /// Of its thread.
+  /// Processor time of its thread.
   double cpu_s();
 
  private:

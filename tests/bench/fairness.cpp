@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// 100 clients that say something ten times a second, alone and while one says 10 000 things.
+// 100 clients that send ten messages a second, alone and while one client sends 10 000.
 #include <fmt/format.h>
 
 #include <atomic>
@@ -19,7 +19,7 @@ constexpr std::size_t others = 100;
 /// One client at QoS 0, ten messages each millisecond, from a thread of its own.
 class Flood {
  public:
-  /// `client`: the number that the sender knows it by.
+  /// `client`: its number at the sender.
   Flood(std::unique_ptr<Sender> sender, std::uint32_t client) : sender_(std::move(sender)) {
     thread_ = std::thread([this, client] {
       for (auto due = Clock::now(); !is_over_; due += std::chrono::milliseconds(1)) {
@@ -54,21 +54,21 @@ struct Latencies {
   double ratio() const { return beside / alone; }
 };
 
-using Way = RunResult (&)(const Target&, const std::string&, const Load&,
-                          const std::function<void()>&);
+using Path = RunResult (&)(const Target&, const std::string&, const Load&,
+                           const std::function<void()>&);
 using MakeFlood = std::function<std::unique_ptr<Flood>()>;
 
-Latencies measure(const Target& target, Report& report, const Plan& plan, Way way,
+Latencies measure(const Target& target, Report& report, const Plan& plan, Path path,
                   const MakeFlood& make_flood) {
   Load load;
   load.pace = Pace::fixed_rate;
   load.clients = others;
   load.per_second = 1000;
   load.duration = 2 * plan.span;
-  const RunResult alone = way(target, "100 clients x 10/s, alone", load, {});
+  const RunResult alone = path(target, "100 clients x 10/s, alone", load, {});
   std::unique_ptr<Flood> flood;
   const RunResult beside =
-      way(target, "100 clients x 10/s, beside a flood", load, [&] { flood = make_flood(); });
+      path(target, "100 clients x 10/s, beside a flood", load, [&] { flood = make_flood(); });
   report.add(alone);
   report.add(beside);
   return {alone.latency.p99_ms, beside.latency.p99_ms, flood->per_second()};
@@ -83,7 +83,7 @@ std::string describe(const std::vector<Latencies>& pairs) {
 }  // namespace
 
 void fairness(Report& report, const Plan& plan, World&& world) {
-  Poller unread;  // the flood is QoS 0: nothing comes back
+  Poller unread;  // the flood is QoS 0, so no answers arrive
   std::vector<Latencies> ours, floors;
   for (unsigned i = 0; i < plan.rounds; ++i) {
     ours.push_back(measure(world.target(), report, plan, through_gateway, [&] {
@@ -99,8 +99,8 @@ void fairness(Report& report, const Plan& plan, World&& world) {
   }
   const auto ratio = [](const Latencies& pair) { return pair.ratio(); };
   report.budget_at_most(
-      "the others' p99 while one client sends 10 000/s (" + world.way + ")", median_of(ours, ratio),
-      2, "times",
+      "the others' p99 while one client sends 10 000/s (" + world.path + ")",
+      median_of(ours, ratio), 2, "times",
       fmt::format("{}; raw, straight to the broker: {:.1f} times, {}; the one sent {:.0f}/s",
                   describe(ours), median_of(floors, ratio), describe(floors),
                   median_of(ours, [](const Latencies& pair) { return pair.flood_per_second; })));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the floors that are programs of their own have in common: the order that slam-gateway-bench
-// gives them on the command line, and the line of JSON that they answer with.
+// The common part of the floors that are programs of their own: their command line from
+// slam-gateway-bench, and the line of JSON that they print.
 #pragma once
 
 #include <sys/resource.h>
@@ -41,7 +41,7 @@ struct Order {
         duration(std::atoi(arguments[6])),
         has_properties(arguments[7] == std::string_view("properties")) {}
 
-  /// When the message of this number, from 0, is due; flat out: now.
+  /// Returns when the message with this number, from 0, is due; flat out: now.
   Clock::time_point due(Clock::time_point begin, std::uint64_t number) const {
     if (per_second <= 0) return Clock::now();
     const double ns = static_cast<double>(number) * 1e9 / per_second;
@@ -58,7 +58,7 @@ struct Order {
   }
 };
 
-/// What this process uses between its construction and print().
+/// The use of this process between construction and print().
 class FloorUsage {
  public:
   void print(std::uint64_t sent, Clock::time_point begin) const {

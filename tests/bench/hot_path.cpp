@@ -80,7 +80,7 @@ void HotPath::on_datagram(std::uint16_t client, const mqttsn::Packet& packet) {
   SpareBuffers<Bytes>::give_back(std::move(datagram));
 }
 
-/// As the robot's session hands it over.
+/// Sends a command as the robot's session does.
 void HotPath::on_robot_message(const std::string& robot, std::string_view payload) {
   const std::uint64_t before = bench::allocations();
   core_.commands().on_robot_message(
@@ -103,7 +103,7 @@ void HotPath::drain() {
   at_disk_ += mesh_.take_changed(all).size();
 }
 
-/// As UdpSocket does, which has the memory until its next datagram.
+/// Sends like UdpSocket, which keeps the memory until its next datagram.
 void HotPath::handle(mqttsn::SendDatagram& datagram) {
   ++sent_datagrams_;
   constexpr std::size_t type_at = 1;
@@ -115,7 +115,7 @@ void HotPath::handle(mqttsn::SendDatagram& datagram) {
   SpareBuffers<Bytes>::give_back(std::move(datagram.bytes));
 }
 
-/// The broker grants each subscription at once.
+/// Grants each subscription at once.
 void HotPath::handle(MeshEvent& event) {
   if (const auto* subscribe = std::get_if<SubscribeRequest>(&event))
     mesh_.on_subscribe_result(subscribe->robot, subscribe->filter, true, now_.mono);

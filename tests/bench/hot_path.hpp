@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pure code that a message of a Thread robot passes, wired as App wires it: MQTT-SN machine,
-// core and outbox, and a broker that takes everything at once. Counts what the path allocates. No
+// The pure code that a message of a Thread robot passes, wired as in App: MQTT-SN machine, core and
+// outbox, and a broker that acknowledges everything at once. Counts the allocations of the path. No
 // sockets, no threads; a clock of its own.
 #pragma once
 
@@ -12,23 +12,23 @@ namespace slamgw::bench {
 
 class HotPath {
  public:
-  /// `clients` connected ones, each with a topic of its own and a subscription to its commands.
+  /// `clients`: number of connected clients, each with its own topic and a subscription to its
+  /// commands.
   /// `between`: time from one message to the next.
   HotPath(std::uint16_t clients, Duration between);
 
-  /// One client after the other sends an update, up to its PUBACK.
+  /// Lets one client after the other send an update, up to its PUBACK.
   void publish(Qos qos);
-  /// One client after the other is sent a command at QoS 1 and acknowledges it, up to the outcome
-  /// at the broker.
+  /// Sends a command at QoS 1 to one client after the other, up to the outcome at the broker.
   void command();
-  /// A client that has nothing to say.
+  /// Lets a client send a PINGREQ.
   void ping();
 
   std::uint64_t sent_datagrams() const { return sent_datagrams_; }
   std::uint64_t at_broker() const { return at_broker_; }
-  /// Sessions and messages that were to be written.
+  /// Returns how many sessions and messages were to be written.
   std::uint64_t at_disk() const { return at_disk_; }
-  /// Calls of operator new of the path since forget_allocations(), without the clients' own.
+  /// Returns the path's calls of operator new since forget_allocations(), without the clients'.
   std::uint64_t allocations() const { return allocations_; }
   void forget_allocations() { allocations_ = 0; }
 
@@ -66,7 +66,7 @@ class HotPath {
   std::uint64_t at_disk_ = 0;
   std::uint64_t allocations_ = 0;
   std::vector<std::uint16_t> update_ids_;   ///< of each client
-  std::optional<mqttsn::Publish> command_;  ///< as the client has got it
+  std::optional<mqttsn::Publish> command_;  ///< as received by the client
 };
 
 }  // namespace slamgw::bench

@@ -11,10 +11,10 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// Each client says something ten times a second.
+/// Each client sends ten messages a second.
 constexpr std::uint16_t clients = 10;
 constexpr auto between = 10ms;
-/// What is remembered of messages for some time has its full size by then.
+/// Tables of recent messages have reached their full size after this many.
 constexpr int until_warm = 5000;
 constexpr int measured = 1000;
 
@@ -63,7 +63,7 @@ TEST(HotPath, AllocatesNothingForAPing) {
   EXPECT_EQ(path.allocations(), 0u);
 }
 
-/// Its text is in a log line, an outcome and what the mesh gets; commands are rare.
+/// Its text is in a log line, an outcome and the message to the mesh; commands are rare.
 TEST(HotPath, AllocatesAtMost21TimesForACommandAndItsOutcome) {
   HotPath path(clients, between);
   for (int i = 0; i < until_warm; ++i) path.command();
@@ -74,7 +74,7 @@ TEST(HotPath, AllocatesAtMost21TimesForACommandAndItsOutcome) {
   EXPECT_LE(path.allocations() / measured, 21u);
 }
 
-TEST(HotPath, KeepsNoMemoryOfMessagesThatHaveLeftAClientsQueue) {
+TEST(HotPath, FreesTheMemoryOfMessagesThatHaveLeftAClientsQueue) {
   mqttsn::DeliveryQueue queue;
   mqttsn::Outgoing message;
   message.message = std::make_shared<const BrokerMessage>();

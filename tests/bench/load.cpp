@@ -9,13 +9,13 @@
 namespace slamgw::bench {
 namespace {
 
-/// On their way to the subscriber at QoS 0, which nobody acknowledges. Less than what the kernel's
-/// default receive buffer holds (about 277 small datagrams), so that nothing has to be lost.
+/// Messages of QoS 0, which are not acknowledged, on their way to the subscriber. Fewer than the
+/// kernel's default receive buffer holds (about 277 small datagrams), so that none is lost.
 constexpr std::uint64_t qos0_window = 200;
-/// Nothing has arrived for so long: the rest is lost. What waits on the daemon's disk takes a
+/// When nothing has arrived for this long, the rest is lost. Messages on the daemon's disk take a
 /// while.
 constexpr std::chrono::seconds silence{10};
-/// The same for flat-out QoS 0, whose window would otherwise stay full of what is lost.
+/// The same for flat-out QoS 0, whose window would otherwise stay full of lost messages.
 constexpr std::chrono::seconds qos0_silence{1};
 constexpr std::chrono::milliseconds tick{100};
 
@@ -26,14 +26,14 @@ std::uint32_t next_run_number() {
 
 }  // namespace
 
-Run::Run(std::string name, std::string way, Load load, const Address& broker)
+Run::Run(std::string name, std::string path, Load load, const Address& broker)
     : number_(next_run_number()),
       broker_(broker),
       subscriber_(broker, "bench-subscriber"),
       arrivals_(number_, load.clients),
       sequences_(load.clients) {
   result_.name = std::move(name);
-  result_.way = std::move(way);
+  result_.path = std::move(path);
   result_.load = load;
   subscriber_.on_message = [this](ByteView payload) {
     arrivals_.on_payload(payload, Clock::now());

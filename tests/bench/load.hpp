@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One run: a load, the way that it takes to the broker, and what a subscriber there saw of it.
+// One run: a load, its path to the broker, and the arrivals at a subscriber there.
 #pragma once
 
 #include <sys/types.h>
@@ -15,7 +15,7 @@
 namespace slamgw::bench {
 
 enum class Pace : std::uint8_t {
-  flat_out,    ///< QoS 1: the sender's window; QoS 0: so many on their way to the subscriber
+  flat_out,    ///< QoS 1: the sender's window; QoS 0: a bounded number on the way to the subscriber
   fixed_rate,  ///< open loop: a message counts from when it was due, sent or not
   aligned,     ///< the same rate, but all clients send at the same instant, again and again
   at_once,     ///< one message of each client, back to back
@@ -31,7 +31,7 @@ struct Load {
 
 struct RunResult {
   std::string name;
-  std::string way;  ///< "gateway", "gateway mosquitto", or a floor: "raw", "paho", ...
+  std::string path;  ///< "gateway", "gateway mosquitto", or a floor: "raw", "paho", ...
   Load load;
   std::uint64_t sent = 0, received = 0, duplicates = 0, repeats = 0;
   double per_second = 0;  ///< arrivals, from the first submit to the last arrival
@@ -40,15 +40,15 @@ struct RunResult {
   double context_switches = 0;  ///< likewise
   std::uint64_t rss_kib = 0;    ///< of the process between, at the end
   std::uint64_t drops = 0;      ///< datagrams that the kernel dropped on their way to it
-  double generator_cpu = 0;     ///< share of one core; near 1 it is the generator that is measured
+  double generator_cpu = 0;     ///< share of one core; near 1 the generator limits the result
 
   std::uint64_t lost() const { return sent - received; }
 };
 
-/// The subscriber, and the sender once it is there; both on one poller and one thread.
+/// The subscriber, and the sender once it exists; both on one poller and one thread.
 class Run {
  public:
-  Run(std::string name, std::string way, Load load, const Address& broker);
+  Run(std::string name, std::string path, Load load, const Address& broker);
 
   Poller& poller() { return poller_; }
   std::uint32_t number() const { return number_; }
@@ -57,10 +57,10 @@ class Run {
 
   /// `process`: whose use is measured, or 0. `udp_port`: its, on this host, or 0.
   RunResult drive(Sender& sender, pid_t process, std::uint16_t udp_port = 0);
-  /// A floor that is a program and sends the same load by itself (floor.hpp). `has_properties`: by
-  /// MQTT 5, with user properties as the gateway's.
+  /// Runs a floor that is a program and sends the same load by itself (floor.hpp).
+  /// `has_properties`: by MQTT 5, with user properties as the gateway's.
   RunResult watch(const std::string& program, bool has_properties);
-  /// Before or after drive(): takes what arrives until `is_enough`, or for `limit`.
+  /// Call it before or after drive(): takes arriving messages until `is_enough`, or for `limit`.
   bool listen(const std::function<bool(const Arrivals&)>& is_enough, std::chrono::seconds limit);
 
  private:

@@ -18,7 +18,7 @@ double kib_of(const Target& target) {
 
 constexpr std::size_t idle_clients = 1000;
 
-/// What follows the last CONNECT in small steps, as sessions that go to disk, is not idleness.
+/// Waits for the work that follows the last CONNECT in small steps, such as writing sessions.
 void await_idleness(pid_t process) {
   constexpr std::chrono::seconds span{1}, limit{10};
   constexpr double at_rest_s = 0.001;
@@ -88,7 +88,7 @@ Connects look_at_connects(const Target& target, std::size_t at_once) {
   const double cpu_before = usage_of(target.process).cpu_s;
   Swarm swarm(target.gateway, clients, poller, 0);
   swarm.connect_all(at_once);
-  target.settle();  // what follows: presence, sessions on disk
+  target.settle();  // waits for presence and sessions on disk
   const double cpu_s = usage_of(target.process).cpu_s - cpu_before;
   return {cpu_s * 1e6 / clients, percentiles_of(swarm.connect_times())};
 }
@@ -102,7 +102,7 @@ void compare(const Target& target, Report& report, const Plan& plan) {
       report.add(straight(target, each.name, each.load));
     }
   }
-  // Before the look at connects: a gateway may keep what it knows of those clients.
+  // Before the connects are measured, because a gateway may keep state of those clients.
   const Idle idle = look_at_idle(target, plan);
   const Connects connects = look_at_connects(target, 1);
   fmt::print("\nCONNECT to CONNACK, one at a time: p50 {:.3f} ms, p99 {:.3f} ms\n",

@@ -16,9 +16,9 @@ struct NamedLoad {
   Load load;
 };
 
-/// 100 clients as fast as they can.
+/// 100 clients that send as fast as they can.
 NamedLoad flat_out_load(const Plan& plan, unsigned qos);
-/// 1000 clients that say something five times a second, one after the other or all at once.
+/// 1000 clients that send five messages a second, one after the other or all at once.
 NamedLoad steady_load(const Plan& plan, unsigned qos, Pace pace);
 
 struct Idle {
@@ -27,13 +27,13 @@ struct Idle {
   double kib_each = 0;     ///< RSS of a client
   std::uint64_t unanswered = 0;
 };
-/// 1000 clients that have nothing to say but PINGREQ, each once in its keep-alive of 60 s.
+/// 1000 clients that send only PINGREQ, each once in its keep-alive of 60 s.
 Idle look_at_idle(const Target& target, const Plan& plan);
-/// The same pings to a socket that answers them and does nothing else; % of one core.
+/// The same pings to a socket that only answers them; % of one core.
 double look_at_echo(const Plan& plan);
 
 struct Connects {
-  double cpu_us = 0;    ///< for each client: CONNECT and REGISTER, and all that follows
+  double cpu_us = 0;    ///< for each client: CONNECT and REGISTER, and their consequences
   Percentiles latency;  ///< from CONNECT to CONNACK
 };
 /// CONNECT and REGISTER of 5000 clients.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // slam-gateway-bench [--rounds N] [--quick] [--only PART] [--out FILE]: the built daemon between
 // MQTT-SN clients and a real Mosquitto on loopback, beside three floors. With --gateway and
-// --broker the same load meets any other MQTT-SN gateway. Run by `./dev bench`. Being slow is no
-// failure.
+// --broker the same load meets any other MQTT-SN gateway. Run by `./dev bench`. Being slow is
+// not a failure.
 #include <fmt/format.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -25,9 +25,9 @@ void allow_many_files() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-/// Until it uses no processor; without a process to look at, a while. In steps that end neither
-/// just over a second after the last message nor just over two: Paho is deaf for 0.1 s then
-/// (docs/performance.md), and whether a load begins there would decide what is measured.
+/// Waits until the process uses no processor; without a process, a fixed time. Its steps end
+/// neither just over one second after the last message nor just over two: Paho does not read for
+/// 0.1 s then (docs/performance.md), which would distort a load that begins there.
 void settle(pid_t process) {
   constexpr std::chrono::milliseconds span{900};
   constexpr double at_rest_s = 0.018;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Does memory stay flat: after a million connects and disconnects, after 100 000 topics.
+// Memory after a million connects and disconnects, and after 100 000 topics.
 #include <fmt/format.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -13,7 +13,7 @@ namespace {
 
 namespace sn = sim::sn;
 
-/// Clients that ask one thing at a time and wait for the answer, for at most a second.
+/// Clients that send one request at a time and wait for the answer, for at most a second.
 class Asker {
  public:
   explicit Asker(const Address& gateway) : descriptor_(open_connected(gateway, SOCK_DGRAM)) {

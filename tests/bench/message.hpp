@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each message of the load says: who, which one, and when it was due. Not a wire format: both
-// ends are this machine.
+// The payload of each message of the load: its client, its number, and when it was due. Not a wire
+// format: both ends are this machine.
 #pragma once
 
 #include <chrono>
@@ -21,7 +21,7 @@ using ByteView = std::span<const std::uint8_t>;
 
 struct Message {
   std::int64_t due_ns = 0;  ///< when it should have been sent, by Clock
-  std::uint32_t run = 0;    ///< what arrives late belongs to another run
+  std::uint32_t run = 0;    ///< separates late messages of another run
   std::uint32_t client = 0;
   std::uint32_t sequence = 0;  ///< from 0, for each client
   std::uint32_t unused = 0;

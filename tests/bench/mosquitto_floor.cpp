@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The third floor: the same load by bare libmosquitto, driven from one thread through its own
-// socket, with a window of 16. A program of its own so that its use can be told from the
-// generator's. Run by slam-gateway-bench.
+// socket, with a window of 16. A program of its own so that its use is measured apart from
+// the generator's. Run by slam-gateway-bench.
 #include <mosquitto.h>
 #include <mqtt_protocol.h>
 #include <poll.h>
@@ -47,7 +47,7 @@ class Publisher {
   Publisher(const Publisher&) = delete;
   Publisher& operator=(const Publisher&) = delete;
 
-  /// Returns how many it sent; all are acknowledged.
+  /// Returns how many messages it sent; all are acknowledged.
   std::uint64_t send_all(Clock::time_point begin) {
     std::uint64_t sent = 0;
     for (auto due = begin; due < begin + order_.duration; due = order_.due(begin, sent)) {

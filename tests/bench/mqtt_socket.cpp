@@ -86,7 +86,7 @@ void MqttSocket::on_readable() {
   flush();
 }
 
-/// Blocks: only while nothing is measured.
+/// Blocks, so call it only while nothing is measured.
 void MqttSocket::await(std::uint8_t type) {
   flush();
   for (std::uint8_t last = 0; last != type; last = parse_packets()) {

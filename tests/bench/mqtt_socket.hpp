@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The least of an MQTT 3.1.1 client: one connection, QoS 0 and 1, no keep-alive, no reconnecting.
-// It is the floor that the daemon is compared with, and the subscriber of every run.
+// A minimal MQTT 3.1.1 client: one connection, QoS 0 and 1, no keep-alive, no reconnecting. The
+// daemon is compared with it, and it is the subscriber of every run.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ class MqttSocket {
   /// `id` is 0 at QoS 0. Goes out with flush().
   void publish(std::string_view topic, ByteView payload, unsigned qos, std::uint16_t id);
   void flush();
-  /// Reads what there is, once. A PUBLISH is acknowledged by itself.
+  /// Reads the pending octets, once. Acknowledges each PUBLISH.
   void on_readable();
 
   std::function<void(ByteView payload)> on_message;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The second floor: the same load by bare Paho C++ in its best pattern: one async_client, a window
-// of 16, no persistence, callbacks that only count. A program of its own so that its use can be
-// told from the generator's. Run by slam-gateway-bench.
+// of 16, no persistence, callbacks that only count. A program of its own so that its use is
+// measured apart from the generator's. Run by slam-gateway-bench.
 #include <semaphore>
 #include <thread>
 
@@ -38,7 +38,7 @@ mqtt::properties user_properties() {
 /// Returns how many it sent.
 std::uint64_t send_all(mqtt::async_client& client, Window& window, const Order& order,
                        Clock::time_point begin) {
-  // Paho copies what it publishes: one message is filled in again for each.
+  // Paho copies the messages, so one object is filled in again for each.
   const auto form = std::make_shared<mqtt::message>();
   form->set_qos(order.qos);
   if (order.has_properties) form->set_properties(user_properties());

@@ -24,7 +24,7 @@ class Poller {
   Poller(const Poller&) = delete;
   Poller& operator=(const Poller&) = delete;
 
-  /// Tells when `descriptor` is readable; a closed descriptor leaves by itself.
+  /// Watches `descriptor` for reading; a closed descriptor is removed automatically.
   void add(int descriptor, std::uint64_t token) {
     epoll_event event{};
     event.events = EPOLLIN;
@@ -33,7 +33,7 @@ class Poller {
       throw std::runtime_error("epoll_ctl failed");
   }
 
-  /// Calls `handle(token)` for what is readable; waits until `end` at most when nothing is.
+  /// Calls `handle(token)` for each readable descriptor; when none is, waits until `end` at most.
   template <class Handle>
   void wait(Clock::time_point end, Handle&& handle) {
     const std::int64_t left = std::max<std::int64_t>(0, to_ns(end) - to_ns(Clock::now()));

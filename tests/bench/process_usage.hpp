@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a process has used so far, from /proc.
+// The resources that a process has used so far, from /proc.
 #pragma once
 
 #include <sys/types.h>
@@ -14,9 +14,9 @@ struct ProcessUsage {
   std::uint64_t rss_kib = 0;
 };
 
-/// Zeros when there is no such process.
+/// Returns zeros when there is no such process.
 ProcessUsage usage_of(pid_t process);
-/// Of the thread that main() runs in: the daemon's loop, without the MQTT client's threads.
+/// Returns the CPU time of main()'s thread: the daemon's loop, without the MQTT client's threads.
 double first_thread_cpu_s(pid_t process);
 
 }  // namespace slamgw::bench

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first layer of ./dev bench: what pure code costs by itself, by Google Benchmark, and how
-// often it allocates. No sockets, no threads; the clock of the machines stands still or is moved by
-// hand.
+// The first layer of ./dev bench: the cost of pure code by itself, by Google Benchmark, and its
+// allocations. No sockets, no threads; the clock of the machines stands still or is moved by hand.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
@@ -73,13 +72,13 @@ void route_report(benchmark::State& state) {
 }
 BENCHMARK(route_report)->Arg(10)->Arg(10000);
 
-/// What following messages costs for each of them; `range`: whether somebody listens.
+/// The cost of tracing for each message; `range`: whether tracing is on.
 void trace_message(benchmark::State& state) {
   const Now now{start, WallTime{1'700'000'000s}};
-  std::uint64_t told = 0;
+  std::uint64_t reported = 0;
   Trace trace(
       TopicScheme("ntnu-slam", "bench"), [](const std::string&, Mesh) { return std::string(); },
-      [&](const TraceEvent&) { ++told; });
+      [&](const TraceEvent&) { ++reported; });
   trace.turn(state.range(0) != 0);
   TrafficEvent message{.mesh = Mesh::thread,
                        .robot = "load-00001",
@@ -96,7 +95,7 @@ void trace_message(benchmark::State& state) {
   for (auto _ : state) {
     trace.on_traffic(message);
     trace.on_step(acknowledged, now);
-    benchmark::DoNotOptimize(told);
+    benchmark::DoNotOptimize(reported);
   }
 }
 BENCHMARK(trace_message)->Arg(0)->Arg(1);
@@ -172,7 +171,7 @@ void mqttsn_publish(benchmark::State& state) {
 }
 BENCHMARK(mqttsn_publish)->Arg(10)->Arg(1000)->Arg(10000);
 
-/// From a client's PUBLISH to its PUBACK, as App wires it. `range`: QoS.
+/// From a client's PUBLISH to its PUBACK, wired as in App. `range`: QoS.
 void publish_to_puback(benchmark::State& state) {
   bench::HotPath path(100, 30us);
   const auto qos = static_cast<Qos>(state.range(0));

@@ -9,7 +9,7 @@
 namespace slamgw::bench {
 namespace {
 
-/// Above it the generator, not what it loads, limits the throughput.
+/// Above this limit the generator, not the measured process, bounds the throughput.
 constexpr double generator_limit = 0.9;
 
 }  // namespace
@@ -17,20 +17,20 @@ constexpr double generator_limit = 0.9;
 void Report::add(const RunResult& run) {
   if (run.name != last_name_) {
     fmt::print("\n{}\n  {:<17}{:>9}{:>8}{:>6}{:>6}{:>5}{:>9}{:>9}{:>9}{:>8}{:>8}{:>6}{:>9}{:>5}\n",
-               run.name, "way", "msg/s", "recv", "lost", "drop", "dup", "p50 ms", "p99 ms",
+               run.name, "path", "msg/s", "recv", "lost", "drop", "dup", "p50 ms", "p99 ms",
                "p999 ms", "max ms", "us/msg", "cs/m", "RSS KiB", "gen");
     last_name_ = run.name;
   }
   fmt::print(
       "  {:<17}{:>9.0f}{:>8}{:>6}{:>6}{:>5}{:>9.3f}{:>9.3f}{:>9.3f}{:>8.2f}{:>8.1f}{:>6.2f}{:>9}"
       "{:>4.0f}%{}\n",
-      run.way, run.per_second, run.received, run.lost(), run.drops, run.duplicates,
+      run.path, run.per_second, run.received, run.lost(), run.drops, run.duplicates,
       run.latency.p50_ms, run.latency.p99_ms, run.latency.p999_ms, run.latency.max_ms, run.cpu_us,
       run.context_switches, run.rss_kib, 100 * run.generator_cpu,
       run.generator_cpu > generator_limit ? "  generator-bound" : "");
   std::fflush(stdout);
   runs_.push_back({{"name", run.name},
-                   {"way", run.way},
+                   {"path", run.path},
                    {"clients", run.load.clients},
                    {"qos", run.load.qos},
                    {"per_second", run.per_second},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table on the terminal and results.json: runs, and budgets with what was measured.
+// The table on the terminal and results.json: runs, and budgets with measured values.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -31,7 +31,7 @@ class Report {
 };
 
 double median(std::vector<double> values);
-/// Of `value(round)` for each.
+/// Returns the median of `value(round)`.
 template <class Round, class Value>
 double median_of(const std::vector<Round>& rounds, Value&& value) {
   std::vector<double> values;

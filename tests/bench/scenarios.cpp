@@ -19,13 +19,13 @@ struct BothClients {
   World mosquitto{with_mosquitto};
 };
 
-RunResult by_floor(World& world, const NamedLoad& load, const std::string& way, const char* program,
-                   bool has_properties) {
-  return Run(load.name, way, load.load, world.broker_address()).watch(program, has_properties);
+RunResult by_floor(World& world, const NamedLoad& load, const std::string& path,
+                   const char* program, bool has_properties) {
+  return Run(load.name, path, load.load, world.broker_address()).watch(program, has_properties);
 }
 
-/// The same load on all ways, within the same minute. `paho 5` and `libmosquitto` send what the
-/// gateway does, by MQTT 5 and with properties: they show what of our cost is the library's.
+/// The same load on all paths, within the same minute. `paho 5` and `libmosquitto` send the
+/// gateway's messages, by MQTT 5 and with properties: they show the library's share of the cost.
 struct Round {
   RunResult paho, mosquitto, raw, paho_floor, paho_5_floor, mosquitto_floor;
 
@@ -47,24 +47,24 @@ class Rounds {
   Rounds(BothClients& pair, Report& report, const NamedLoad& load, unsigned count) {
     for (unsigned i = 0; i < count; ++i) rounds_.emplace_back(pair, report, load);
   }
-  /// Of `value(round)`.
+  /// Returns the median of `value(round)`.
   template <class Value>
   double median(Value&& value) const {
     return median_of(rounds_, value);
   }
-  double per_second(RunResult Round::*way) const {
-    return median([&](const Round& round) { return (round.*way).per_second; });
+  double per_second(RunResult Round::*path) const {
+    return median([&](const Round& round) { return (round.*path).per_second; });
   }
-  double cpu_us(RunResult Round::*way) const {
-    return median([&](const Round& round) { return (round.*way).cpu_us; });
+  double cpu_us(RunResult Round::*path) const {
+    return median([&](const Round& round) { return (round.*path).cpu_us; });
   }
-  double share(RunResult Round::*way, RunResult Round::*floor) const {
+  double share(RunResult Round::*path, RunResult Round::*floor) const {
     return median([&](const Round& round) {
-      return 100 * (round.*way).per_second / (round.*floor).per_second;
+      return 100 * (round.*path).per_second / (round.*floor).per_second;
     });
   }
-  double latency(RunResult Round::*way, double Percentiles::*which) const {
-    return median([&](const Round& round) { return (round.*way).latency.*which; });
+  double latency(RunResult Round::*path, double Percentiles::*which) const {
+    return median([&](const Round& round) { return (round.*path).latency.*which; });
   }
 
  private:
@@ -129,7 +129,7 @@ void fixed_rate(BothClients& pair, Report& report, const Plan& plan) {
   }
 }
 
-/// In a daemon of its own, whose memory nothing before has touched.
+/// In a daemon of its own, whose memory no earlier part has used.
 void many_clients(Report& report, const Plan& plan, World&& world) {
   Load load;
   load.pace = Pace::fixed_rate;
@@ -147,41 +147,41 @@ void many_clients(Report& report, const Plan& plan, World&& world) {
     kib_idle = static_cast<double>(usage_of(world.pid()).rss_kib);
   });
   report.add(many);
-  const std::string way = " (" + world.way + ")";
-  report.budget_at_most(name + ", lost" + way, static_cast<double>(many.lost()), 0, "messages");
-  report.budget_at_most(name + ", RSS" + way, static_cast<double>(many.rss_kib) / 1024, 40, "MiB");
-  report.budget_at_most(name + ", RSS for each idle client" + way, (kib_idle - kib_before) / 10000,
+  const std::string path = " (" + world.path + ")";
+  report.budget_at_most(name + ", lost" + path, static_cast<double>(many.lost()), 0, "messages");
+  report.budget_at_most(name + ", RSS" + path, static_cast<double>(many.rss_kib) / 1024, 40, "MiB");
+  report.budget_at_most(name + ", RSS for each idle client" + path, (kib_idle - kib_before) / 10000,
                         3, "KiB");
-  report.budget_at_most("CPU per message at 10 000 clients, of that at 10" + way,
+  report.budget_at_most("CPU per message at 10 000 clients, of that at 10" + path,
                         many.cpu_us / few.cpu_us, 1.3, "times",
                         fmt::format("{:.1f} us to {:.1f} us", many.cpu_us, few.cpu_us));
 }
 
 void idle(Report& report, const Plan& plan, World&& world, double base_mib, double echo_percent) {
   const Idle idle = look_at_idle(world.target(), plan);
-  const std::string way = " (" + world.way + ")";
-  report.budget_at_most("idle, no clients, RSS" + way, idle.kib_before / 1024, base_mib, "MiB");
-  report.budget_at_most("idle, 1000 clients with a keep-alive of 60 s, CPU" + way, idle.cpu_percent,
-                        0.15, "% of a core",
+  const std::string path = " (" + world.path + ")";
+  report.budget_at_most("idle, no clients, RSS" + path, idle.kib_before / 1024, base_mib, "MiB");
+  report.budget_at_most("idle, 1000 clients with a keep-alive of 60 s, CPU" + path,
+                        idle.cpu_percent, 0.15, "% of a core",
                         fmt::format("a socket that only answers {:.3f} %", echo_percent));
-  report.budget_at_most("idle, 1000 clients, RSS for each" + way, idle.kib_each, 3, "KiB");
-  report.budget_at_most("idle, PINGREQ without an answer" + way,
+  report.budget_at_most("idle, 1000 clients, RSS for each" + path, idle.kib_each, 3, "KiB");
+  report.budget_at_most("idle, PINGREQ without an answer" + path,
                         static_cast<double>(idle.unanswered), 0, "");
 }
 
 void connects(Report& report, World&& world) {
-  // For its first five seconds the broker sends back each presence that the daemon tells.
+  // In its first five seconds, the broker returns each presence that the daemon publishes.
   constexpr std::chrono::seconds until_alone{6};
   std::this_thread::sleep_for(until_alone);
-  const std::string way = " (" + world.way + ")";
+  const std::string path = " (" + world.path + ")";
   const Connects alone = look_at_connects(world.target(), 1);
-  report.budget_at_most("CONNECT to CONNACK, p50, one at a time" + way, alone.latency.p50_ms, 0.5,
+  report.budget_at_most("CONNECT to CONNACK, p50, one at a time" + path, alone.latency.p50_ms, 0.5,
                         "ms");
-  report.budget_at_most("CONNECT and REGISTER, one at a time, CPU" + way, alone.cpu_us, 100,
+  report.budget_at_most("CONNECT and REGISTER, one at a time, CPU" + path, alone.cpu_us, 100,
                         "us/client");
   const Connects many = look_at_connects(world.target(), connects_at_once);
   report.budget_at_most(
-      fmt::format("CONNECT and REGISTER, {} at a time, CPU{}", connects_at_once, way), many.cpu_us,
+      fmt::format("CONNECT and REGISTER, {} at a time, CPU{}", connects_at_once, path), many.cpu_us,
       100, "us/client", fmt::format("CONNECT to CONNACK p50 {:.2f} ms", many.latency.p50_ms));
 }
 
@@ -229,7 +229,7 @@ void run_scenarios(Report& report, const Plan& plan, const std::string& only) {
     fairness(report, plan, World(with_mosquitto));
   }
   if (is_wanted("ble")) ble_link(report);
-  if (only == "memory") memory(report);  // minutes: by its name only
+  if (only == "memory") memory(report);  // takes minutes, so only when named
 }
 
 }  // namespace slamgw::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is measured, in which order, and the budgets that it is held against.
+// The measured parts, in their order, and their budgets.
 #pragma once
 
 #include <array>

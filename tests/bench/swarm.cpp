@@ -109,7 +109,7 @@ void Swarm::on_packet(Client& client, std::size_t index, const sn::Packet& packe
     --pings_unanswered_;
   } else if (packet.type == sn::Type::disconnect &&
              (client.state == State::registering || client.state == State::ready)) {
-    // Before the CONNACK it was for a client that had this port before.
+    // Before the CONNACK the packet is for a client that had this port before.
     throw std::runtime_error("the gateway has disconnected " + robot_id(index));
   }
 }
@@ -140,7 +140,7 @@ void Swarm::start_next(Client& client) {
   request(client, sn::publish(1, client.topic_id, client.msg_id, payload));
 }
 
-/// What the kernel does not take is lost, as on a radio.
+/// A datagram that the kernel does not accept is lost, as on a radio.
 void Swarm::transmit(const Client& client, sim::ByteView datagram) {
   (void)::send(client.descriptor, datagram.data(), datagram.size(), MSG_NOSIGNAL);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // MQTT-SN clients on loopback, one UDP socket each, at most one QoS 1 message unacknowledged each.
-// Leaner than slam-gateway-sim's robots, whose own cost would be measured with the daemon's.
+// Cheaper than slam-gateway-sim's robots, whose cost would distort the daemon's.
 #pragma once
 
 #include <deque>
@@ -15,7 +15,7 @@ namespace slamgw::bench {
 
 class Swarm final : public Sender {
  public:
-  /// `poller` tells of client i as token `first_token` + i. Their ids begin with that of
+  /// `poller` reports client i as token `first_token` + i. Client ids begin with that of
   /// `first_client`.
   Swarm(const Address& gateway, std::size_t clients, Poller& poller, std::uint64_t first_token,
         std::size_t first_client = 0);
@@ -23,13 +23,13 @@ class Swarm final : public Sender {
   Swarm(const Swarm&) = delete;
   Swarm& operator=(const Swarm&) = delete;
 
-  /// CONNECT and REGISTER for all, `at_once` of them side by side. Throws when it does not end.
+  /// Connects and registers all, `at_once` of them in parallel. Throws when that does not end.
   void connect_all(std::size_t at_once);
-  /// The next client, in turn, says that it is alive. Each has to within `keep_alive`.
+  /// Lets the next client, in turn, send a PINGREQ. Each client must within `keep_alive`.
   void ping_next();
   std::uint64_t pings_unanswered() const { return pings_unanswered_; }
   static constexpr std::chrono::seconds keep_alive{60};
-  /// From CONNECT to CONNACK, each client, in ns.
+  /// Returns the time from CONNECT to CONNACK of each client, in ns.
   std::vector<std::int64_t>& connect_times() { return connect_times_; }
 
   std::optional<std::size_t> free_client() override;

@@ -23,7 +23,7 @@ nlohmann::json with_broker(nlohmann::json configuration, const test::Mosquitto& 
 
 World::World(nlohmann::json extra)
     : gateway(with_broker(extra, broker)),
-      way(extra == with_mosquitto ? "gateway mosquitto" : "gateway") {
+      path(extra == with_mosquitto ? "gateway mosquitto" : "gateway") {
   const bool is_ready = eventually([this] {
     auto status = gateway.ctl({"status"});
     return status.is_object() && status["broker"]["state"] == "up" &&
@@ -38,7 +38,7 @@ std::uint16_t World::sn_port() const {
 }
 
 Target World::target() {
-  return {way, sn_address(), broker_address(), pid(), [this] { bench::settle(*this); }};
+  return {path, sn_address(), broker_address(), pid(), [this] { bench::settle(*this); }};
 }
 
 bool World::is_broker_up() const {
@@ -59,12 +59,12 @@ void settle(World& world) {
         return status.is_object() && status["queue"]["depth"] == 0 && status["store"]["depth"] == 0;
       },
       limit);
-  if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
+  if (!is_quiet) throw std::runtime_error("the daemon does not become idle");
 }
 
 RunResult through_gateway(const Target& target, const std::string& name, const Load& load,
                           const std::function<void()>& when_ready) {
-  Run run(name, target.way, load, target.broker);
+  Run run(name, target.path, load, target.broker);
   Swarm swarm(target.gateway, load.clients, run.poller(), Run::first_sender_token);
   swarm.connect_all(connects_at_once);
   target.settle();

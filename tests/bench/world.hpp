@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is measured: the built daemon between load and a real Mosquitto, all on loopback; or any
-// other gateway, wherever it is.
+// The measured system: the built daemon between load and a real Mosquitto, all on loopback; or any
+// other gateway on any host.
 #pragma once
 
 #include <functional>
@@ -15,17 +15,17 @@ namespace slamgw::bench {
 
 /// Any MQTT-SN gateway, and the broker behind it.
 struct Target {
-  std::string way = "gateway";  ///< its row in the table
+  std::string path = "gateway";  ///< its row in the table
   Address gateway;
   Address broker;
-  pid_t process = 0;               ///< 0: its use cannot be told
+  pid_t process = 0;               ///< 0: its use is not measured
   std::function<void()> settle{};  ///< returns when it is at rest
 };
 
 /// `broker.client` of the configuration.
 inline const nlohmann::json with_mosquitto{{"broker", {{"client", "mosquitto"}}}};
 
-/// A broker, and the daemon in front of it with nothing but defaults, and `extra`.
+/// A broker, and the daemon in front of it with defaults and `extra`.
 struct World {
   explicit World(nlohmann::json extra = nlohmann::json::object());
 
@@ -38,11 +38,11 @@ struct World {
 
   test::Mosquitto broker;
   test::GatewayProcess gateway;
-  const std::string way;
+  const std::string path;
 };
 
-/// Until what was done before has reached the broker (presence messages, perhaps by way of the
-/// disk) and the processor rests. Nothing is measured meanwhile.
+/// Waits until earlier messages have reached the broker (presence, perhaps by way of the disk) and
+/// the processor is idle.
 void settle(World& world);
 
 /// Side by side: many at once would fill the kernel's receive buffer.
