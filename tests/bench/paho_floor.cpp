@@ -13,7 +13,7 @@ namespace {
 
 using namespace slamgw::bench;
 
-/// Paho 1.3 may lose the completion of a QoS 0 message: go on without.
+/// Paho 1.3 may lose the completion of a QoS 0 message: continues without it.
 constexpr std::chrono::seconds completion_limit{2};
 /// MQTTAsync's own buffer, never approached.
 constexpr int max_buffered = 256;

@@ -19,7 +19,7 @@ class BothMeshes : public test::GatewayRig {
     reach[{Mesh::ble, "r1"}] = reach[{Mesh::thread, "r1"}] = Presence::online;
   }
   /// Returns how many messages are published for this one.
-  std::size_t says(Mesh mesh, const char* payload_hex, std::uint64_t receipt) {
+  std::size_t passed_up(Mesh mesh, const char* payload_hex, std::uint64_t receipt) {
     Report report = update_from("r1", *from_hex(payload_hex));
     report.mesh = mesh;
     report.receipt = Receipt{mesh, receipt};
@@ -53,10 +53,10 @@ class BothMeshes : public test::GatewayRig {
   std::vector<FireReceipt> fired;
 };
 
-TEST_F(BothMeshes, DropTheCopyOverTheOtherMeshUntilTheFirstIsSafe) {
-  EXPECT_EQ(says(Mesh::ble, "01000200", 1), 1U);
+TEST_F(BothMeshes, PublishOneCopyAndAcknowledgeBothWhenItIsSafe) {
+  EXPECT_EQ(passed_up(Mesh::ble, "01000200", 1), 1U);
   wait(200ms);
-  EXPECT_EQ(says(Mesh::thread, "01000200", 1), 0U);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000200", 1), 0U);
   EXPECT_TRUE(fired.empty()) << "it is not safe yet";
   const auto copies = receipt_fires(Mesh::ble, 1, ReceiptOutcome::safe);
   ASSERT_EQ(copies.size(), 1U);
@@ -65,58 +65,58 @@ TEST_F(BothMeshes, DropTheCopyOverTheOtherMeshUntilTheFirstIsSafe) {
 }
 
 TEST_F(BothMeshes, AcknowledgeACopyAtOnceWhenTheFirstIsSafe) {
-  says(Mesh::thread, "01000200", 5);
+  passed_up(Mesh::thread, "01000200", 5);
   receipt_fires(Mesh::thread, 5, ReceiptOutcome::safe);
-  EXPECT_EQ(says(Mesh::ble, "01000200", 9), 0U);
+  EXPECT_EQ(passed_up(Mesh::ble, "01000200", 9), 0U);
   ASSERT_EQ(fired.size(), 1U);
   EXPECT_EQ(fired[0].receipt, (Receipt{Mesh::ble, 9}));
 }
 
 TEST_F(BothMeshes, RefuseTheCopyOfARefusedMessageAndAcceptItsRepeat) {
-  says(Mesh::ble, "01000200", 1);
-  says(Mesh::thread, "01000200", 2);
+  passed_up(Mesh::ble, "01000200", 1);
+  passed_up(Mesh::thread, "01000200", 2);
   const auto copies = receipt_fires(Mesh::ble, 1, ReceiptOutcome::refused);
   ASSERT_EQ(copies.size(), 1U);
   EXPECT_EQ(copies[0].outcome, ReceiptOutcome::refused);
-  EXPECT_EQ(says(Mesh::thread, "01000200", 3), 1U);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000200", 3), 1U);
 }
 
 TEST_F(BothMeshes, PassEqualMessagesOfARobotThatStandsStill) {
   for (std::uint64_t second = 0; second < 5; ++second) {
-    EXPECT_EQ(says(Mesh::ble, "01000200", 10 + second), 1U);
+    EXPECT_EQ(passed_up(Mesh::ble, "01000200", 10 + second), 1U);
     wait(100ms);
-    EXPECT_EQ(says(Mesh::thread, "01000200", 20 + second), 0U);
+    EXPECT_EQ(passed_up(Mesh::thread, "01000200", 20 + second), 0U);
     wait(900ms);
   }
 }
 
 TEST_F(BothMeshes, PassMessagesThatDifferComeLateOrComeOverTheSameMesh) {
-  says(Mesh::ble, "01000200", 1);
-  EXPECT_EQ(says(Mesh::thread, "01000300", 2), 1U) << "another position";
-  EXPECT_EQ(says(Mesh::ble, "01000200", 3), 1U) << "each mesh filters its own repeats";
+  passed_up(Mesh::ble, "01000200", 1);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000300", 2), 1U) << "another position";
+  EXPECT_EQ(passed_up(Mesh::ble, "01000200", 3), 1U) << "each mesh filters its own repeats";
   receipt_fires(Mesh::ble, 1, ReceiptOutcome::safe);
   receipt_fires(Mesh::ble, 3, ReceiptOutcome::safe);
   wait(CopyFilter::window + 1ms);
-  EXPECT_EQ(says(Mesh::thread, "01000200", 4), 1U);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000200", 4), 1U);
 }
 
 TEST_F(BothMeshes, NeverAcknowledgeACopyOfAMessageWithoutAReceipt) {
-  says(Mesh::ble, "01000200", 0);
-  EXPECT_EQ(says(Mesh::thread, "01000200", 2), 1U);
+  passed_up(Mesh::ble, "01000200", 0);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000200", 2), 1U);
 }
 
 TEST_F(BothMeshes, LeaveOtherRobotsAlone) {
   gateway.set_names(RobotNames());
-  says(Mesh::ble, "01000200", 1);
-  EXPECT_EQ(says(Mesh::thread, "01000200", 2), 1U);
+  passed_up(Mesh::ble, "01000200", 1);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000200", 2), 1U);
 }
 
 TEST_F(BothMeshes, KeepABoundedNumberOfMessages) {
   for (std::uint64_t i = 0; i < 2 * CopyFilter::max_kept; ++i)
-    says(Mesh::ble, to_hex(ByteWriter{}.write_u16_le(1).write_u16_le(i & 0xff).take()).c_str(),
-         i + 1);
-  EXPECT_EQ(says(Mesh::thread, "01000000", 1), 0U);
-  EXPECT_EQ(says(Mesh::thread, "01007f00", 2), 1U) << "there was no room for the first one";
+    passed_up(Mesh::ble, to_hex(ByteWriter{}.write_u16_le(1).write_u16_le(i & 0xff).take()).c_str(),
+              i + 1);
+  EXPECT_EQ(passed_up(Mesh::thread, "01000000", 1), 0U);
+  EXPECT_EQ(passed_up(Mesh::thread, "01007f00", 2), 1U) << "there was no room for the first one";
 }
 
 TEST_F(BothMeshes, SendCommandsOverThePreferredMesh) {
@@ -130,11 +130,11 @@ TEST_F(BothMeshes, SendCommandsOverThePreferredMesh) {
 
 TEST_F(BothMeshes, SendNoCommandsOverAMeshWhereTheRobotIsSilent) {
   name(Mesh::thread);
-  says(Mesh::thread, "01000200", 1);
-  says(Mesh::ble, "01000300", 2);
+  passed_up(Mesh::thread, "01000200", 1);
+  passed_up(Mesh::ble, "01000300", 2);
   EXPECT_EQ(carrier(), Mesh::thread);
   wait(RobotDirectory::silent_after + 1ms);
-  says(Mesh::ble, "01000400", 3);
+  passed_up(Mesh::ble, "01000400", 3);
   EXPECT_EQ(carrier(), Mesh::ble) << "its session on Thread is still open";
   wait(RobotDirectory::silent_after + 1ms);
   EXPECT_EQ(carrier(), Mesh::thread) << "it is silent on both";

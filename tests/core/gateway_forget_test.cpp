@@ -148,7 +148,7 @@ TEST_F(GatewayForget, ReportsEvictedRobotsToTheFleet) {
 }
 
 /// The other gateway serves it then.
-TEST_F(GatewayForget, ReportsNoRobotToTheFleetThatItHasGivenUp) {
+TEST_F(GatewayForget, ReportsNoGivenUpRobotToTheFleet) {
   presence("r", Presence::online);
   gateway.presence().on_given_up("r");
   drain();

@@ -259,7 +259,7 @@ TEST_F(StoreShare, OfManyInventedNamesIsTheWholeStore) {
   int names = 0;
   while (send("made-up-" + std::to_string(names))) ASSERT_LT(++names, 100000);
   EXPECT_TRUE(outbox->backlog().is_full());
-  EXPECT_FALSE(send("r1")) << "docs/security.md says so";
+  EXPECT_FALSE(send("r1")) << "as docs/security.md describes";
 }
 
 TEST_F(StoreShare, OfAFloodingRobotLeavesRoomForOthers) {
@@ -298,7 +298,7 @@ TEST_F(StoreShare, IsEqualAmongRobotsThatSendAlike) {
   EXPECT_GE(3 * acknowledged["r1"].size(), messages * 5 / 6);
 }
 
-TEST_F(StoreShare, OfOneRobotIsTheSameForSmallAndLargeMessages) {
+TEST_F(StoreShare, OfOneRobotRefusesASmallMessageAfterALargerOne) {
   while (send("r0")) {
   }
   submit_bytes(topic("r0"), {}, 1);

@@ -155,7 +155,7 @@ TEST_F(BoardOfRoomB, KeepsABoundedNumberOfBoardsAndRobots) {
   is_board_up_there = false;
   now += BoardChoice::forget_after;
   choice.next_hears(now);
-  EXPECT_TRUE(run(2s)) << "boards that have gone make room";
+  EXPECT_TRUE(run(2s)) << "boards that have gone free their places";
 }
 
 TEST(Hears, AreReadAsTheyAreWritten) {

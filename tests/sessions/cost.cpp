@@ -45,7 +45,7 @@ void raise_descriptor_limit() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-/// Seconds until `host` holds all of them.
+/// Returns the seconds until `host` holds all of them.
 double attach_all(boost::asio::io_context& io, SessionHost& host, int sessions) {
   const auto begin = steady_clock::now();
   for (int i = 0; i < sessions; ++i) {
@@ -60,7 +60,8 @@ double attach_all(boost::asio::io_context& io, SessionHost& host, int sessions) 
   return duration<double>(steady_clock::now() - begin).count();
 }
 
-/// Milliseconds from the command of each robot to the moment that the second gateway may obey it.
+/// Returns the milliseconds from the command of each robot to the moment that the second gateway
+/// may obey it.
 std::vector<double> send_commands(boost::asio::io_context& io, const BrokerSettings& settings,
                                   int sessions, const std::size_t& taken) {
   std::vector<double> times;

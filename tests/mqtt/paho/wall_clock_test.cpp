@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A wall clock that is set back by an hour. Paho 1.3.12 waits for times of the wall clock; the
-// kernel lets such a wait go on for as much longer. Here the waits of this program do so.
+// kernel prolongs such a wait by the same hour. This program prolongs its own waits like that.
 #include <dlfcn.h>
 #include <gtest/gtest.h>
 #include <pthread.h>
