@@ -88,7 +88,7 @@ class FleetMemberTest : public testing::Test, public UpstreamListener, public Me
     WantSession wanted{robot};
     fleet.perform(wanted);
   }
-  /// Another gateway shows itself, and a robot as online.
+  /// Receives the state of another gateway, and a robot's presence there as online.
   void other_says(const std::string& state, const std::string& robot) {
     EXPECT_TRUE(fleet.takes({"ntnu-slam/gateway/gw2/state", to_bytes(state)}));
     EXPECT_TRUE(fleet.takes({scheme.presence_topic_at("gw2", robot),
@@ -98,7 +98,7 @@ class FleetMemberTest : public testing::Test, public UpstreamListener, public Me
     const TimePoint end = read_clocks().mono + time;
     ASSERT_TRUE(test::eventually(io, [&] { return read_clocks().mono >= end; }));
   }
-  /// When the broker got the last CONNECT of a robot's session.
+  /// Returns when the broker received the last CONNECT of a robot's session.
   std::optional<TimePoint> opened() {
     const std::lock_guard lock(mutex_);
     return opened_;
@@ -160,8 +160,8 @@ class FleetMemberTest : public testing::Test, public UpstreamListener, public Me
       }};
 };
 
-/// The robot has come while the broker was offline, so another gateway may have it already.
-TEST_F(FleetMemberTest, LeavesARobotThatMayBeAtAnotherGatewayToItForAWhile) {
+/// The robot was heard while the broker was offline, so another gateway may already serve it.
+TEST_F(FleetMemberTest, DelaysSessionOfRobotThatAnotherGatewayMayServe) {
   comes("r1");
   ASSERT_TRUE(comes_up());
   const TimePoint wanted = read_clocks().mono;
@@ -170,7 +170,7 @@ TEST_F(FleetMemberTest, LeavesARobotThatMayBeAtAnotherGatewayToItForAWhile) {
   EXPECT_GE(*opened() - wanted, sessions::RobotSessions::unheard_delay);
 }
 
-TEST_F(FleetMemberTest, GivesALostRobotUpToTheGatewayThatShowsIt) {
+TEST_F(FleetMemberTest, YieldsLostRobotToGatewayThatShowsItOnline) {
   comes("r1");
   ASSERT_TRUE(comes_up());
   want("r1");
@@ -181,7 +181,7 @@ TEST_F(FleetMemberTest, GivesALostRobotUpToTheGatewayThatShowsIt) {
 }
 
 /// The next CONNECT would take the robot's session from that gateway.
-TEST_F(FleetMemberTest, LeavesARobotWhoseConnectFailsToTheGatewayThatHasTakenIt) {
+TEST_F(FleetMemberTest, StopsConnectingRobotThatAnotherGatewayShowsOnline) {
   broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet&) {
     connection.close();
     return true;
@@ -197,7 +197,7 @@ TEST_F(FleetMemberTest, LeavesARobotWhoseConnectFailsToTheGatewayThatHasTakenIt)
   EXPECT_EQ(broker.connections(), tries);
 }
 
-TEST_F(FleetMemberTest, ShowsTheRobotsOfAGatewayThatHasDiedAsOffline) {
+TEST_F(FleetMemberTest, PublishesRobotsOfDeadGatewayAsOffline) {
   ASSERT_TRUE(comes_up());
   other_says(R"({"state":"offline"})", "r1");
   EXPECT_EQ(row_of("r1").at("served"), false);
@@ -211,7 +211,7 @@ TEST_F(FleetMemberTest, ShowsTheRobotsOfAGatewayThatHasDiedAsOffline) {
 }
 
 /// A robot that publishes without a session (QoS -1) has no presence.
-TEST_F(FleetMemberTest, CountsARobotOfAGatewayThatHasDiedOnceWhenTheRobotIsHeard) {
+TEST_F(FleetMemberTest, CountsRobotOfDeadGatewayOnceWhenItPublishesHere) {
   ASSERT_TRUE(comes_up());
   other_says(R"({"state":"offline"})", "r1");
   want("r1");
@@ -227,7 +227,7 @@ TEST_F(FleetMemberTest, CountsARobotOfAGatewayThatHasDiedOnceWhenTheRobotIsHeard
   EXPECT_EQ(fleet.status().at("gateways").at(0).at("robots"), 1);
 }
 
-TEST_F(FleetMemberTest, TakesWhatOtherGatewaysSayAndLeavesItsOwnToTheCore) {
+TEST_F(FleetMemberTest, TakesMessagesOfOtherGatewaysOnly) {
   EXPECT_TRUE(fleet.takes({"ntnu-slam/gateway/gw2/state", to_bytes(R"({"state":"online"})")}));
   EXPECT_FALSE(fleet.takes({scheme.state_topic(), to_bytes(R"({"state":"online"})")}));
   EXPECT_FALSE(fleet.takes({scheme.presence_topic("r1"), {}}));

@@ -48,7 +48,7 @@ class LastAliveTest : public testing::Test {
   boost::asio::io_context io;
 };
 
-TEST_F(LastAliveTest, KnowsWhenTheProcessBeforeThisOneEnded) {
+TEST_F(LastAliveTest, ReadsEndOfPreviousProcess) {
   ended(up(), 0s);
   const auto age = age_found();
   ASSERT_TRUE(age);
@@ -65,29 +65,29 @@ TEST_F(LastAliveTest, TakesTheLargerAgeOfTwoClocks) {
   EXPECT_GE(*age_found(), up() - 1s) << "the wall clock stood still";
 }
 
-TEST_F(LastAliveTest, KnowsNothingWhereNoProcessHasRun) {
+TEST_F(LastAliveTest, FindsNothingWithoutFile) {
   EXPECT_FALSE(age_found());
   EXPECT_FALSE(LastAlive(io, directory / "missing").before_start());
 }
 
-TEST_F(LastAliveTest, TakesARebootForLongAgo) {
+TEST_F(LastAliveTest, FindsNothingAfterReboot) {
   ended(up() + 1h, 0s);
   EXPECT_FALSE(age_found());
 }
 
-TEST_F(LastAliveTest, TakesATimeThatIsStillToComeForLongAgo) {
+TEST_F(LastAliveTest, FindsNothingWhenTimeIsInTheFuture) {
   ended(up(), -1h);
   EXPECT_FALSE(age_found());
 }
 
-TEST_F(LastAliveTest, KnowsTheBrokerOfThatProcess) {
+TEST_F(LastAliveTest, ReadsBrokerOfPreviousProcess) {
   ended(up(), 0s, "mqtt://elsewhere:1883");
   const auto found = LastAlive(io, directory.path()).before_start();
   ASSERT_TRUE(found);
   EXPECT_EQ(found->uri, "mqtt://elsewhere:1883");
 }
 
-TEST_F(LastAliveTest, TakesAnyOtherTextForLongAgo) {
+TEST_F(LastAliveTest, FindsNothingInInvalidText) {
   for (const char* const text :
        {"", "x", "-1 mqtt://broker:1883", "1", "9999999999999999999999 b"}) {
     test::write_file(file(), text);
@@ -107,16 +107,16 @@ TEST_F(LastAliveTest, WritesTheFileWhileTheBrokerIsOnline) {
   EXPECT_LT(*age_found(), 1h);
   ASSERT_TRUE(alive.before_start());
   EXPECT_GE(std::chrono::steady_clock::now() - alive.before_start()->time, 24h)
-      << "what this process found";
+      << "the time that was found at the start";
 }
 
-TEST_F(LastAliveTest, LeavesTheFileAloneBeforeTheBrokerIsOnline) {
+TEST_F(LastAliveTest, DoesNotWriteBeforeBrokerIsOnline) {
   ended(0s, 24h);
   LastAlive(io, directory.path()).stop();
   EXPECT_TRUE(is_still_old());
 }
 
-TEST_F(LastAliveTest, LeavesTheFileAloneWhileTheBrokerIsOffline) {
+TEST_F(LastAliveTest, DoesNotWriteWhileBrokerIsOffline) {
   LastAlive alive(io, directory.path());
   alive.on_broker_up(broker);
   ASSERT_TRUE(test::eventually(io, [&] { return !test::read_file(file()).empty(); }));
@@ -127,7 +127,7 @@ TEST_F(LastAliveTest, LeavesTheFileAloneWhileTheBrokerIsOffline) {
 }
 
 /// A process that ends before it holds the robots' sessions must not make old commands look fresh.
-TEST_F(LastAliveTest, LeavesTheOldTimeToAProcessThatEndsAtOnce) {
+TEST_F(LastAliveTest, KeepsOldTimeWhenProcessEndsAtOnce) {
   ended(0s, 24h);
   LastAlive alive(io, directory.path());
   alive.on_broker_up(broker);
@@ -135,7 +135,7 @@ TEST_F(LastAliveTest, LeavesTheOldTimeToAProcessThatEndsAtOnce) {
   EXPECT_TRUE(is_still_old());
 }
 
-TEST_F(LastAliveTest, LeavesTheTimeAloneWhenItComesBackFromAnotherBroker) {
+TEST_F(LastAliveTest, KeepsTimeOfOtherBrokerWhenItReturnsToFirst) {
   LastAlive alive(io, directory.path());
   alive.on_broker_up("mqtt://second:1883");
   ASSERT_TRUE(test::eventually(io, [&] { return !test::read_file(file()).empty(); }));
@@ -154,7 +154,7 @@ TEST_F(LastAliveTest, WritesAtOnceAfterAShortTimeOffline) {
   EXPECT_NE(test::read_file(file()), before);
 }
 
-TEST_F(LastAliveTest, LivesWithADirectoryThatCannotBeWritten) {
+TEST_F(LastAliveTest, ToleratesDirectoryThatItCannotWrite) {
   LastAlive alive(io, directory / "missing");
   alive.on_broker_up(broker);
   alive.stop();

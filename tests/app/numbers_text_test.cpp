@@ -17,7 +17,7 @@ json read(const std::map<std::string, Robot>& robots) {
   return json::parse(numbers_text(robots, now));
 }
 
-TEST(NumbersText, IsWhatTheDocumentationSays) {
+TEST(NumbersText, MatchesDocumentedExample) {
   std::map<std::string, Robot> robots;
   Robot& robot = robots["r"];
   robot.last_seen = WallTime{1'700'000'000s};
@@ -54,7 +54,7 @@ TEST(NumbersText, RoundsRatesToHundredths) {
   EXPECT_EQ(read(robots)["robots"]["r"]["rate_hz"], 0.53);
 }
 
-TEST(NumbersText, IsJsonWhateverRobotsAreCalled) {
+TEST(NumbersText, IsValidJsonForAnyRobotName) {
   for (const std::string id : {"say \"hi\"\\\xc3\xb8", "a\nb", "\xe2\x80\xae", "a b~"}) {
     const std::map<std::string, Robot> robots{{id, Robot()}, {"z", Robot()}};
     const json rows = read(robots)["robots"];
@@ -65,13 +65,13 @@ TEST(NumbersText, IsJsonWhateverRobotsAreCalled) {
   EXPECT_EQ(read({}), json::parse(R"({"robots": {}})"));
 }
 
-TEST(NumbersText, HidesNoDirectionMarks) {
+TEST(NumbersText, EscapesDirectionMarks) {
   const std::map<std::string, Robot> robots{{"a\xe2\x80\xae", Robot()}};
   const Bytes text = numbers_text(robots, now);
   EXPECT_NE(as_text(text).find(R"("a\u202e":)"), std::string::npos) << as_text(text);
 }
 
-TEST(NumbersText, IsBoundedAndNamesTheRobotsThatWereHeardLast) {
+TEST(NumbersText, IsBoundedAndKeepsRobotsHeardLast) {
   std::map<std::string, Robot> robots;
   for (std::size_t i = 0; i < max_robots_in_numbers + 3; ++i)
     robots[std::to_string(i)].last_seen = WallTime{std::chrono::seconds(i)};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a configuration that was read again is in force at once.
+// Which settings of a reloaded configuration take effect at once.
 #include "daemon/app/reload.hpp"
 
 #include <nlohmann/json.hpp>
@@ -9,7 +9,7 @@
 namespace slamgw {
 namespace {
 
-TEST(Reload, TakesWhatCanChangeWhileTheDaemonRuns) {
+TEST(Reload, AppliesSettingsThatNeedNoRestart) {
   Config wanted;
   wanted.log.level = Severity::debug;
   wanted.broker.host = "elsewhere";
@@ -28,7 +28,7 @@ TEST(Reload, TakesWhatCanChangeWhileTheDaemonRuns) {
   EXPECT_EQ(reload_of(wanted, wanted).in_force, "");
 }
 
-TEST(Reload, LeavesTheDefaultClientIdToo_AnotherGatewayMayBeConnectedWithTheNewOne) {
+TEST(Reload, KeepsDefaultClientIdThatAnotherGatewayMayUse) {
   Config now;
   now.gateway_id = now.broker.gateway_id = "here";
   now.broker.client_id = "slam-gateway-here";
@@ -43,7 +43,7 @@ TEST(Reload, LeavesTheDefaultClientIdToo_AnotherGatewayMayBeConnectedWithTheNewO
   EXPECT_EQ(reload_of(now, wanted).config.broker.client_id, "mine");
 }
 
-TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
+TEST(Reload, NamesSettingsThatNeedRestartAndKeepsThem) {
   Config now;
   now.broker.max_inflight = 16;
   Config wanted = now;
@@ -62,13 +62,13 @@ TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
             "ble_mesh.* or presence.*, mqttsn.*, store.*, control.socket");
   const auto answer = answer_json(reload);
   EXPECT_EQ(answer["needs_restart"], reload.needs_restart);
-  EXPECT_EQ(answer["in_force"], "") << "nothing that needs a restart is called in force";
+  EXPECT_EQ(answer["in_force"], "") << "a setting that needs a restart is not in force";
   EXPECT_EQ(reload.config.broker.max_inflight, 16);
   EXPECT_EQ(reload.config.broker.gateway_id, now.broker.gateway_id);
   EXPECT_EQ(reload.config.topics.prefix, now.topics.prefix);
 }
 
-TEST(Reload, TakesRobotsKeysAtOnce) {
+TEST(Reload, AppliesRobotKeysAtOnce) {
   Config wanted;
   wanted.robot_keys["r1"] = Bytes(16, 1);
   const Reload reload = reload_of(Config(), wanted);
@@ -76,13 +76,13 @@ TEST(Reload, TakesRobotsKeysAtOnce) {
   EXPECT_EQ(reload.needs_restart, "");
 }
 
-TEST(Reload, NamesTheDefaultNamesThatNoRobotHasAnyMore) {
+TEST(Reload, NamesDefaultNamesThatNoRobotHasAnyMore) {
   Config now;
   now.robots = {{"lego", 0x0100, "nrf-1"}};
   Config wanted;
   wanted.robots = {{"tank", 0x0100, "nrf-1"}, {"nrf-3", 0x0101, "nrf-2"}, {"c", {}, "nrf-3"}};
   EXPECT_EQ(reload_of(now, wanted).replaced_names, (std::vector<std::string>{"ble-0101", "nrf-2"}))
-      << "nrf-1 and ble-0100 had a name before, nrf-3 is one";
+      << "nrf-1 and ble-0100 had a name before; nrf-3 names a robot now";
 }
 
 }  // namespace

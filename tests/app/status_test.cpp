@@ -38,7 +38,7 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
   EXPECT_TRUE(status["fleet"].is_object());
 }
 
-TEST(StatusJson, SaysOfEachLinkHowItIs) {
+TEST(StatusJson, ShowsStateOfEachLink) {
   Status status;
   status.broker = {"mqtt://b:1883", {false, WallTime{1'700'000'000s}, "refused"}, 0, {}, {}};
   status.meshes[Mesh::thread] = {true, true, "UDP [::]:47193", {{"received", 7}}};
@@ -73,7 +73,7 @@ TEST(StatusJson, CountsLatenciesByBound) {
   EXPECT_EQ(latency["buckets"][1], (json{{"le_us", 1000}, {"count", 1}}));
 }
 
-TEST(StatusJson, TellsHowMuchOfTheStoreDeadLettersTake) {
+TEST(StatusJson, ShowsSizeOfDeadLetters) {
   Status status;
   status.store.dead_letters = 2;
   status.store.dead_letter_bytes = 99;
@@ -81,7 +81,7 @@ TEST(StatusJson, TellsHowMuchOfTheStoreDeadLettersTake) {
   EXPECT_EQ(to_json(status)["store"]["dead_letter_bytes"], 99);
 }
 
-TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {
+TEST(StatusJson, NamesRobotThatFilledStore) {
   Status status;
   EXPECT_TRUE(to_json(status)["store"]["largest"].is_null());
   status.store.largest = {"p/robot/r1", 7};
@@ -92,11 +92,11 @@ TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {
   for (const char* flow : {"p/fleet/robots", "p/robot/gateway/g", "robot"}) {
     status.store.largest = {flow, 7};
     EXPECT_EQ(to_json(status)["store"]["filled_by"], (json{{"robot", flow}, {"bytes", 7}}))
-        << "not a robot's";
+        << "not the flow of a robot";
   }
 }
 
-TEST(StatusJson, NamesWhoFillsThePlacesAndTheRetainedTopics) {
+TEST(StatusJson, NamesAddressAndRobotThatUseMostPlacesAndRetainedTopics) {
   Status status;
   status.meshes[Mesh::thread].places = {100, 90, {"fd00::1", 50}, 0, {}};
   EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"], json::parse(R"({"max": 100, "taken": 90,
@@ -112,7 +112,7 @@ TEST(StatusJson, NamesWhoFillsThePlacesAndTheRetainedTopics) {
                                          "most": {"robot": "r1", "topics": 16}})"));
 }
 
-TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
+TEST(StatusJson, ShowsBrokerAsRefusingOnlyWhileItIsOnline) {
   Status status;
   status.broker = {"u",
                    {false, {}, "gone"},
@@ -131,7 +131,7 @@ TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
       "why": "not authorised", "waiting": 3, "tries": 1, "for_s": 9}]})"));
 }
 
-TEST(RobotRow, HasWhatIsKnownAndNullForTheRest) {
+TEST(RobotRow, HasNullForUnknownValues) {
   Robot robot;
   robot.last_mesh = Mesh::ble;
   robot.on_mesh[Mesh::ble].presence = Presence::online;
@@ -154,7 +154,7 @@ TEST(RobotRow, HasWhatIsKnownAndNullForTheRest) {
   EXPECT_EQ(robot_row("r", robot, {}, {})["contested"], true);
 }
 
-TEST(RobotRow, HasEachMeshThatARobotWasOn) {
+TEST(RobotRow, ListsEachMeshOfTheRobot) {
   Robot robot;
   robot.last_mesh = Mesh::ble;
   EXPECT_EQ(robot_row("r", robot, {}, {})["meshes"], json::object());
@@ -169,7 +169,7 @@ TEST(RobotRow, HasEachMeshThatARobotWasOn) {
                  "repeats": 0}})"));
 }
 
-TEST(WhyAbsent, NamesWhatIsKnown) {
+TEST(WhyAbsent, NamesMostSpecificReason) {
   Robot robot;
   robot.last_mesh = Mesh::thread;
   MeshPresence& thread = robot.on_mesh[Mesh::thread];
