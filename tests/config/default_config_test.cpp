@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// config/gateway.json: it is what the program prints, it says the defaults, it leaves out no key.
+// config/gateway.json: the program prints it, it states the defaults, and it has every key.
 #include "daemon/config/default_config.hpp"
 
 #include <gtest/gtest.h>
@@ -50,7 +50,7 @@ TEST(DefaultConfig, IsTheShippedFile) {
   EXPECT_EQ(text.str(), default_config_text);
 }
 
-TEST(DefaultConfig, SaysExactlyTheDefaults) {
+TEST(DefaultConfig, StatesDefaultOfEveryKey) {
   const ParseResult shipped =
       parse_config({{"gateway.json", std::string(default_config_text)}}, here, FakeFiles());
   const ParseResult empty = parse_config({{"gateway.json", "{}"}}, here, FakeFiles());
@@ -58,7 +58,7 @@ TEST(DefaultConfig, SaysExactlyTheDefaults) {
   EXPECT_EQ(describe(shipped.config), describe(empty.config));
 }
 
-TEST(DefaultConfig, EmptyConfigurationIsTheSettingsOwnDefaults) {
+TEST(DefaultConfig, EmptyConfigurationEqualsDefaultsOfTheStructs) {
   Config expected;
   expected.gateway_id = "gateway-1";
   expected.broker.client_id = "slam-gateway-gateway-1";
@@ -67,7 +67,7 @@ TEST(DefaultConfig, EmptyConfigurationIsTheSettingsOwnDefaults) {
   EXPECT_EQ(describe(empty.config), describe(expected));
 }
 
-TEST(DefaultConfig, NamesEveryKeyAndItsExamplesAreGood) {
+TEST(DefaultConfig, NamesEveryKeyAndHasValidExamples) {
   FakeFiles files;
   files.files["credentials.json"] = {R"({"username": "u", "password": "p"})", 0600};
   files.files["ca.pem"] = files.files["client.pem"] = {"certificate 1", 0644};

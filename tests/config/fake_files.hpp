@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that live in a map. A PEM text is good when it starts with its kind's word.
+// Files in a map. A PEM text is valid when it starts with "certificate" or "key".
 #pragma once
 
 #include <map>

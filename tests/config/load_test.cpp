@@ -93,7 +93,7 @@ class LoadConfig : public testing::Test {
   std::filesystem::path directory_;
 };
 
-TEST_F(LoadConfig, SaysHowToMakeAMissingFile) {
+TEST_F(LoadConfig, NamesCommandThatCreatesMissingFile) {
   const std::string path = directory_ / "gone.json";
   const Problems problems = load_config(path).problems;
   ASSERT_EQ(problems.size(), 1U);
@@ -104,7 +104,7 @@ TEST_F(LoadConfig, SaysHowToMakeAMissingFile) {
                 path);
 }
 
-TEST_F(LoadConfig, RefusesWhatIsNoFileOrTooLarge) {
+TEST_F(LoadConfig, RefusesDirectoryAndTooLargeFile) {
   EXPECT_NE(load_config(directory_).problems.at(0).text.find("not a regular file"),
             std::string::npos);
   const std::string large = write("large.json", std::string((1 << 20) + 1, ' '));
@@ -122,7 +122,7 @@ TEST_F(LoadConfig, RefusesCredentialsThatOthersCanRead) {
   EXPECT_EQ(problems_of(text), "");
 }
 
-TEST_F(LoadConfig, RefusesCredentialsOfAStranger) {
+TEST_F(LoadConfig, RefusesCredentialsOwnedByAnotherUser) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   const std::string file = write("c.json", R"({"username": "u", "password": "p"})");
   ASSERT_EQ(chown(file.c_str(), 65534, 0), 0);
@@ -154,7 +154,7 @@ TEST_F(LoadConfig, RefusesAConfigurationThatOthersCanChange) {
   EXPECT_EQ(load_config(path).problems.at(0).file, site) << "others can add a file to it";
 }
 
-TEST_F(LoadConfig, WarnsOfAConfigurationOfAStranger) {
+TEST_F(LoadConfig, WarnsOfConfigurationOwnedByAnotherUser) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   const std::string path = write("g.json", "{}", 0644);
   const std::string site = directory_ / "g.d";
@@ -175,7 +175,7 @@ TEST_F(LoadConfig, WarnsOfAConfigurationOfAStranger) {
   }
 }
 
-TEST_F(LoadConfig, WarnsOfASecretThatOthersCanReadAndGoesOn) {
+TEST_F(LoadConfig, WarnsOfSecretThatOthersCanRead) {
   const std::string text =
       "{\n\"ble_mesh\": {\"provisioning\":\n{\"static_oob\": "
       "\"00112233445566778899aabbccddeeff\"}}}";
@@ -192,7 +192,7 @@ TEST_F(LoadConfig, WarnsOfASecretThatOthersCanReadAndGoesOn) {
   EXPECT_TRUE(load_config(write("g.json", "{}", 0644)).warnings.empty());
 }
 
-TEST_F(LoadConfig, TakesSystemdsCredential) {
+TEST_F(LoadConfig, ReadsCredentialFromSystemd) {
   write("broker", R"({"username": "from systemd", "password": "p"})", 0444);
   setenv("CREDENTIALS_DIRECTORY", directory_.c_str(), 1);
   const ParseResult result = load_config(write("gateway.json", "{}"));
@@ -200,18 +200,20 @@ TEST_F(LoadConfig, TakesSystemdsCredential) {
   EXPECT_EQ(result.config.broker.credentials->username, "from systemd");
 }
 
-TEST_F(LoadConfig, RootLearnsWhatTheServicesUserMayNotRead) {
-  if (geteuid() != 0) GTEST_SKIP() << "only root can ask for somebody else";
+TEST_F(LoadConfig, FindsFilesThatServiceUserCannotRead) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can check the access of another user";
   std::filesystem::permissions(directory_, std::filesystem::perms(0755));
   EXPECT_FALSE(may_user_read("nobody", write("closed.json", "{}", 0600)));
   EXPECT_TRUE(may_user_read("nobody", write("open.json", "{}", 0644)));
-  EXPECT_TRUE(may_user_read("nobody", directory_ / "missing.json")) << "no question of rights";
+  EXPECT_TRUE(may_user_read("nobody", directory_ / "missing.json"))
+      << "a missing file is not a matter of rights";
   EXPECT_TRUE(may_user_read("no-such-user", directory_ / "closed.json"));
   std::filesystem::permissions(directory_, std::filesystem::perms(0700));
-  EXPECT_FALSE(may_user_read("nobody", directory_ / "open.json")) << "nor may it pass there";
+  EXPECT_FALSE(may_user_read("nobody", directory_ / "open.json"))
+      << "it may not enter the directory";
 }
 
-TEST_F(LoadConfig, RefusesASitesDirectoryThatItCannotRead) {
+TEST_F(LoadConfig, RefusesDropInDirectoryThatItCannotRead) {
   const std::string path = write("g.json", "{}", 0644);
   write("g.d", "no directory");
   const ParseResult file = load_config(path);
@@ -231,7 +233,7 @@ TEST_F(LoadConfig, RefusesASitesDirectoryThatItCannotRead) {
   const ParseResult closed = load_config(path);
   const ParseResult shared = load_shared_config(path);
   ASSERT_EQ(seteuid(0), 0);
-  ASSERT_EQ(closed.problems.size(), 1U) << "the robot would be let in";
+  ASSERT_EQ(closed.problems.size(), 1U) << "else the banned robot could connect";
   const std::string words =
       fmt::format("{0}:1: file: cannot be read: Permission denied; type: sudo chmod 755 {0}",
                   (directory_ / "g.d").string());
@@ -241,7 +243,7 @@ TEST_F(LoadConfig, RefusesASitesDirectoryThatItCannotRead) {
   EXPECT_EQ(to_string(shared.warnings[0]), words);
 }
 
-TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {
+TEST_F(LoadConfig, DropInFilesOverrideKeyByKeyInOrderOfName) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("gateway.d/10-broker.json", R"({"broker": {"uri": "mqtt://first", "keep_alive_s": 60}})");
   write("gateway.d/20-broker.json",
@@ -259,14 +261,14 @@ TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {
   EXPECT_EQ(result.config.robots[0].id, "r");
 }
 
-TEST_F(LoadConfig, WarnsOfFilesThatItDoesNotRead) {
+TEST_F(LoadConfig, WarnsOfDropInFilesThatItDoesNotRead) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("gateway.d/site.json", "{}");
   write("gateway.d/broker.jsn", R"({"broker": {"uri": "mqtt://other"}})");
   write("gateway.d/robots", "{}");
-  for (const char* const put_aside :
+  for (const char* const ignored :
        {"site.json~", ".site.json.swp", "site.json.dpkg-old", ".site.json"})
-    write(std::string("gateway.d/") + put_aside, "{}");
+    write(std::string("gateway.d/") + ignored, "{}");
   const ParseResult result = load_config(write("gateway.json", "{}"));
   EXPECT_TRUE(result.problems.empty());
   std::string warnings;
@@ -292,7 +294,7 @@ TEST_F(LoadConfig, NamesTheFileAndLineOfEachProblem) {
   EXPECT_NE(problems_of("{}").find("gateway.d/b.json:1: syntax: "), std::string::npos);
 }
 
-TEST_F(LoadConfig, ASyntaxErrorHidesNoWrongKeyOfOtherFiles) {
+TEST_F(LoadConfig, ReportsWrongKeysOfOtherFilesBesideSyntaxError) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("gateway.d/a.json", R"({"broker": {"url": 1}})");
   write("gateway.d/b.json", R"({"broker": {"tls": {"key_file": "k.pem"}})");
@@ -309,10 +311,10 @@ TEST_F(LoadConfig, ASyntaxErrorHidesNoWrongKeyOfOtherFiles) {
             "gateway.d/b.json:1: syntax\n"
             "gateway.d/c.json:1: syntax\n"
             "gateway.d/d.json:1: log.level\n")
-      << problems << "what b.json may hold is not missed in gateway.json";
+      << problems << "b.json may hold the key_file that gateway.json lacks";
 }
 
-TEST_F(LoadConfig, RelativePathsStartBesideTheMainFile) {
+TEST_F(LoadConfig, ResolvesRelativePathsAgainstMainFile) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("c.json", R"({"username": "u", "password": "p"})");
   write("gateway.d/a.json", R"({"broker": {"credentials_file": "c.json"}})");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What good configurations become.
+// Settings that valid configurations give.
 #include "daemon/config/parse.hpp"
 
 #include <gtest/gtest.h>
@@ -50,7 +50,7 @@ TEST(ParseConfig, ReadsAListOfBrokers) {
     EXPECT_NE(Parsed(std::string(R"({"broker": {"uri": )") + bad + "}}").lines_of_problems, "");
 }
 
-TEST(ParseConfig, ReadsRobotsKeysAndWhoMustHaveOne) {
+TEST(ParseConfig, ReadsRobotKeysAndRequiredIdentity) {
   FakeFiles files;
   files.files["/etc/slam-gateway/keys"] = {
       R"({"r1": "00112233445566778899aabbccddeeff", "r2": "A0A1A2A3A4A5A6A7A8A9AAABACADAEAF"})",
@@ -82,7 +82,7 @@ TEST(ParseConfig, ReadsAddressesAsTextOrNumbers) {
   EXPECT_EQ(parsed.config.robots.at(1).ble_address, 0x0101);
 }
 
-TEST(ParseConfig, ReadsWhatHasNoDefault) {
+TEST(ParseConfig, ReadsKeysWithoutDefault) {
   const Parsed parsed(R"({"mqttsn": {"multicast_group": null, "interface": "wpan0",
         "listen": ["0.0.0.0:0", "[fe80::1%wpan0]:47193"],
         "predefined_topics": [{"id": 7, "name": "a/b"}, {"id": 7, "name": "c", "client_id": "x"}]},
@@ -100,7 +100,7 @@ TEST(ParseConfig, ReadsWhatHasNoDefault) {
   EXPECT_EQ(parsed.config.topics.prefix, "a/b");
 }
 
-TEST(ParseConfig, TakesNullForWhatIsNotSet) {
+TEST(ParseConfig, AcceptsNullForUnsetValue) {
   const Parsed parsed(R"({"broker": {"credentials_file": null, "tls": {"ca_file": null}},
       "ble_mesh": {"will": null, "robot_id": null}, "mqttsn": {"interface": null},
       "robots": [{"id": "a", "ble_address": null, "mqttsn_client_id": "c", "address": null},
@@ -113,14 +113,14 @@ TEST(ParseConfig, TakesNullForWhatIsNotSet) {
   EXPECT_FALSE(parsed.config.robots.at(0).ble_address);
 }
 
-TEST(ParseConfig, TakesBothKindsOfComments) {
+TEST(ParseConfig, AcceptsBothKindsOfComments) {
   const Parsed parsed("// a\n/* b\n*/ {\"log\": /* c */ {\"level\": \"error\"}} // d");
   EXPECT_EQ(parsed.lines_of_problems, "");
   EXPECT_EQ(parsed.config.log.level, Severity::error);
   EXPECT_EQ(parsed.places.at("log.level").line, 3);
 }
 
-TEST(ParseConfig, StartsRelativePathsAtTheFile) {
+TEST(ParseConfig, ResolvesRelativePathsAgainstTheFile) {
   const std::string text = R"({"store": {"directory": "store"}, "control": {"socket": "../c.sock"},
       "ble_mesh": {"device": "dev/board"}})";
   const Parsed parsed(text);
@@ -131,7 +131,7 @@ TEST(ParseConfig, StartsRelativePathsAtTheFile) {
   EXPECT_EQ(Parsed(R"({"ble_mesh": {"device": "auto"}})").config.ble_mesh.device, "auto");
 }
 
-TEST(ParseConfig, NamesTheFileThatTheServicesCredentialIsCopiedFrom) {
+TEST(ParseConfig, NamesSourceFileOfServiceCredential) {
   const std::string source = "/etc/slam-gateway/credentials.json";
   FakeFiles files;
   files.files["/run/creds/broker"] = {R"({"username": "u"})", 0400};
@@ -150,7 +150,7 @@ TEST(ParseConfig, NamesTheFileThatTheServicesCredentialIsCopiedFrom) {
       << "the file that the operator edits";
 }
 
-TEST(ParseConfig, ChecksButDoesNotUseWhatOnlyTheServiceReads) {
+TEST(ParseConfig, ChecksButDoesNotUseServiceCredential) {
   const std::string source = "/etc/slam-gateway/credentials.json";
   FakeFiles files;
   files.files[source] = {"{", 0600};
@@ -167,7 +167,7 @@ TEST(ParseConfig, ChecksButDoesNotUseWhatOnlyTheServiceReads) {
   EXPECT_NE(denied.warnings[0].text.find("sudo slam-gatewayd --check-config"), std::string::npos);
 }
 
-TEST(ParseConfig, WarnsOfASilenceThatIsShorterThanTheHealthInterval) {
+TEST(ParseConfig, WarnsOfOfflineTimeBelowHealthInterval) {
   const Parsed ten(R"({"ble_mesh": {"enabled": true}, "presence":
 {"offline_after_s": 10}})");
   EXPECT_EQ(ten.lines_of_problems, "");
@@ -183,7 +183,7 @@ TEST(ParseConfig, WarnsOfASilenceThatIsShorterThanTheHealthInterval) {
   for (const char* const text : good) EXPECT_TRUE(Parsed(text).warnings.empty()) << text;
 }
 
-TEST(ParseConfig, ReadsFleetKeysWhateverTheySayAndNamesEachOnce) {
+TEST(ParseConfig, AcceptsAnyObsoleteFleetKeyAndNamesEachOnce) {
   const Parsed parsed("{\"fleet\": {\"enabled\": 7,\n\"lease_s\": {\"x\": [1]}}}");
   EXPECT_EQ(parsed.lines_of_problems, "");
   EXPECT_TRUE(parsed.warnings.empty());

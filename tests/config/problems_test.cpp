@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What bad configurations are told: a table of snippets with the whole place and a part of the
-// text, and that nothing crashes, stays unsaid or gives a secret away.
+// Problems of invalid configurations: a table of snippets with the whole place and a part of the
+// text. Nothing crashes the parser, no problem is left out, and no secret is shown.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -29,8 +29,8 @@ Problems problems_of(std::string_view text) {
 
 struct Case {
   std::string_view text;
-  std::string_view place;     ///< the line's beginning, whole
-  std::string_view fragment;  ///< somewhere after it
+  std::string_view place;     ///< how the line begins
+  std::string_view fragment;  ///< stands after the place
 };
 
 void PrintTo(const Case& c, std::ostream* out) { *out << c.text; }
@@ -389,7 +389,7 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:1: log.level: ", R"("trace" is not allowed; allowed: "debug", "info")"},
         Case{R"({"log": {"traffic": "none"}})", "g.json:1: log.traffic: ", "\"sampled\""}));
 
-TEST(ConfigProblems, AreAllFoundInOneRunByLine) {
+TEST(ConfigProblems, AreAllReportedInOneRunByLine) {
   const Problems problems = problems_of(
       "{\"log\": {\"level\": 1,\n\"trafic\": 2},\n\"robots\": [{}],\n\"broker\":\n"
       "{\"credentials_file\": \"odd\", \"uri\": \"\"}}");
@@ -402,14 +402,14 @@ TEST(ConfigProblems, AreAllFoundInOneRunByLine) {
                                               "odd:1: password", "odd:2: pasword"}));
 }
 
-TEST(ConfigProblems, NameATooLongSocket) {
+TEST(ConfigProblems, IncludeTooLongSocketPath) {
   const std::string path(200, 'x');
   const Problems problems = problems_of(R"({"control": {"socket": "/)" + path + "\"}}");
   ASSERT_EQ(problems.size(), 1U);
   EXPECT_NE(problems[0].text.find("107 bytes"), std::string::npos);
 }
 
-// A bit of everything that JSON has.
+// Has every kind of JSON value.
 constexpr std::string_view sample = R"(// comment
 {"broker": {"uri": "mqtt://[::1]:1", "keep_alive_s": 5}, /* another */
  "robots": [{"id": "r\u00e9", "ble_address": "0x0100"}, {"id": "s", "ble_address": 7}],
