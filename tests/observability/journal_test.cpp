@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What goes to the journal: which robot messages get a line, how an entry looks, and what happens
-// when the journal takes nothing.
+// What is written to the journal: which robot messages get a line, how an entry looks, and what
+// happens when the journal accepts nothing.
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -37,7 +37,7 @@ struct Written {
   std::uint64_t stands_for = 0;
 };
 
-/// A thousand messages a second for so long, from so many robots in turn.
+/// Sends a thousand messages a second for `time`, from each of `robots` in turn.
 Written written_of_a_flood(TrafficLogMode mode, int robots, std::chrono::seconds time) {
   UnprovenLines unproven;
   TrafficSampler sampler(mode, unproven);
@@ -52,23 +52,23 @@ Written written_of_a_flood(TrafficLogMode mode, int robots, std::chrono::seconds
   return written;
 }
 
-TEST(TrafficSampler, LeavesRoomInJournaldsLimitWhateverTheMode) {
+TEST(TrafficSampler, StaysBelowJournaldsRateLimitInEveryMode) {
   for (const auto mode : {TrafficLogMode::all, TrafficLogMode::sampled}) {
     const Written written = written_of_a_flood(mode, 2000, 30s);
     EXPECT_LE(written.lines, 9000u);
-    EXPECT_GE(written.lines, 8500u) << "no less than it may";
-    EXPECT_GE(written.stands_for, 29900u) << "all but the last few are accounted for";
+    EXPECT_GE(written.lines, 8500u) << "the limit is used";
+    EXPECT_GE(written.stands_for, 29900u) << "all but the last few are counted in a line";
     EXPECT_LE(written.stands_for, 30000u);
   }
 }
 
-TEST(TrafficSampler, WritesAllWhileThereIsRoom) {
+TEST(TrafficSampler, WritesEveryMessageBelowRateLimit) {
   EXPECT_EQ(written_of_a_flood(TrafficLogMode::all, 1, 3s).lines, 3000u);
   EXPECT_EQ(written_of_a_flood(TrafficLogMode::off, 1, 3s).lines, 0u);
   EXPECT_LE(written_of_a_flood(TrafficLogMode::sampled, 1, 3s).lines, 3u);
 }
 
-TEST(TrafficSampler, HasRoomAgainAfterARest) {
+TEST(TrafficSampler, RefillsBudgetOverTime) {
   TokenBucket budget;
   TimePoint now{};
   int taken = 0;
@@ -82,7 +82,7 @@ TEST(TrafficSampler, HasRoomAgainAfterARest) {
   EXPECT_EQ(taken, 3000);
 }
 
-TEST(TrafficText, SaysHowManyItStandsFor) {
+TEST(TrafficText, CountsMessagesThatLineStandsFor) {
   const TrafficEvent event = message_of("r");
   EXPECT_EQ(traffic_text(event, {}), "thread r adv 0 bytes");
   EXPECT_EQ(traffic_text(event, {3, 0}), "thread r adv 0 bytes (3 messages)");
@@ -98,7 +98,7 @@ std::string latency_of(const LogFields& fields) {
   return "none";
 }
 
-TEST(NoticeLines, OfPresenceAreNoFloodFromACrowdAndNothingElseIsLeftOut) {
+TEST(NoticeLines, LimitPresenceOfManyRobotsAndNoOtherNotice) {
   UnprovenLines unproven;
   NoticeLines lines(unproven);
   const TimePoint now{1h};
@@ -114,7 +114,7 @@ TEST(NoticeLines, OfPresenceAreNoFloodFromACrowdAndNothingElseIsLeftOut) {
   EXPECT_TRUE(lines.may_write(presence, now + 1s));
 }
 
-TEST(NoticeLines, AThousandRefusedTopicsDoNotFillTheLog) {
+TEST(NoticeLines, LimitRefusalsOfTheBroker) {
   UnprovenLines unproven;
   NoticeLines lines(unproven);
   const TimePoint now{1h};
@@ -130,7 +130,7 @@ TEST(NoticeLines, AThousandRefusedTopicsDoNotFillTheLog) {
   EXPECT_TRUE(lines.may_write(refusal, now + 1s));
 }
 
-TEST(NoticeLines, OfCommandsAreNoFloodFromABrokerAndAllOfAnOperator) {
+TEST(NoticeLines, LimitCommandsOfTheBrokerButNotOfAnOperator) {
   UnprovenLines unproven;
   NoticeLines lines(unproven);
   const TimePoint now{1h};
@@ -148,12 +148,12 @@ TEST(NoticeLines, OfCommandsAreNoFloodFromABrokerAndAllOfAnOperator) {
   const auto summaries = lines.summaries();
   ASSERT_EQ(summaries.size(), 1u);
   EXPECT_EQ(summaries[0].text.find("19000 more commands"), 0u) << summaries[0].text;
-  EXPECT_TRUE(summaries[0].audit) << "the trail shows its gap";
+  EXPECT_TRUE(summaries[0].audit) << "the audit trail shows its gap";
   EXPECT_TRUE(lines.summaries().empty());
   EXPECT_TRUE(lines.may_write(command, now + 1s));
 }
 
-/// Each makes a message a second, for 30 s. Returns the lines.
+/// Sends a message a second from each robot for 30 s. Returns the number of lines.
 std::int64_t lines_of_unproven(int robots, UnprovenLines& unproven) {
   TrafficSampler sampler(TrafficLogMode::sampled, unproven);
   std::int64_t written = 0;
@@ -166,7 +166,7 @@ std::int64_t lines_of_unproven(int robots, UnprovenLines& unproven) {
   return written;
 }
 
-TEST(UnprovenLines, AreOneLineForAFloodAndAllForALaboratory) {
+TEST(UnprovenLines, SummarizeFloodAndWriteEveryLineOfFiftyRobots) {
   UnprovenLines few;
   EXPECT_GE(lines_of_unproven(50, few), 29 * 50);
   EXPECT_FALSE(few.summary());
@@ -178,24 +178,24 @@ TEST(UnprovenLines, AreOneLineForAFloodAndAllForALaboratory) {
   EXPECT_FALSE(many.summary());
 }
 
-TEST(UnprovenLines, OfTrafficTakeNoneOfOthers) {
+TEST(UnprovenLines, KeepRefusalsDuringFloodOfTraffic) {
   UnprovenLines unproven;
   lines_of_unproven(400, unproven);
-  EXPECT_TRUE(unproven.may_write("odd-one", TimePoint{1h} + 30s)) << "a refusal in the midst";
+  EXPECT_TRUE(unproven.may_write("odd-one", TimePoint{1h} + 30s)) << "a refusal of another robot";
 }
 
-TEST(UnprovenLines, PassAgainWhenTheFloodIsOver) {
+TEST(UnprovenLines, PassAgainAfterFlood) {
   UnprovenLines lines;
   TimePoint now{1h};
   for (int i = 0; i < 10000; ++i, now += 1ms) lines.may_write("r", now);
   UnprovenLines later = lines;
   EXPECT_FALSE(lines.may_write("r", now)) << "the flood goes on";
-  EXPECT_FALSE(lines.may_write("r", now + FloodGate::window)) << "nobody knows yet that it is over";
+  EXPECT_FALSE(lines.may_write("r", now + FloodGate::window)) << "the window is not over";
   EXPECT_TRUE(lines.may_write("r", now + 2 * FloodGate::window));
-  EXPECT_TRUE(later.may_write("r", now + 2 * FloodGate::window)) << "nothing came since";
+  EXPECT_TRUE(later.may_write("r", now + 2 * FloodGate::window)) << "no message came since";
 }
 
-TEST(UnprovenLines, TakeNoneOfTheProvenOnes) {
+TEST(UnprovenLines, LeaveBudgetAndStreamsOfProvenRobotsAlone) {
   UnprovenLines unproven;
   NoticeLines presence(unproven);
   TrafficSampler sampler(TrafficLogMode::sampled, unproven);
@@ -212,12 +212,12 @@ TEST(UnprovenLines, TakeNoneOfTheProvenOnes) {
   EXPECT_TRUE(presence.may_write(stranger, now));
   for (const std::string robot : {"a", "b"}) {
     const auto line = sampler.on_traffic(message_of(robot), now);
-    ASSERT_TRUE(line) << "it has a stream of its own";
+    ASSERT_TRUE(line) << "each proven robot has its own stream";
     EXPECT_EQ(line->of_stream + line->of_others, 1u);
   }
 }
 
-TEST(TrafficSampler, GivesARobotThatInventsTypesFewLines) {
+TEST(TrafficSampler, BoundsStreamsOfRobotThatInventsTypes) {
   UnprovenLines unproven;
   TrafficSampler sampler(TrafficLogMode::sampled, unproven);
   std::size_t written = 0;
@@ -251,7 +251,7 @@ class TrafficLogTest : public testing::Test {
 
 using Latencies = std::vector<std::string>;
 
-TEST_F(TrafficLogTest, TellsHowLongTheAcknowledgementTook) {
+TEST_F(TrafficLogTest, LogsLatencyOfAcknowledgement) {
   EXPECT_FALSE(is_written_at_once(1));
   EXPECT_FALSE(is_written_at_once(1, Mesh::ble));
   now += 12345us;
@@ -261,13 +261,13 @@ TEST_F(TrafficLogTest, TellsHowLongTheAcknowledgementTook) {
   EXPECT_EQ(latencies, (Latencies{"12345", "none"}));
 }
 
-TEST_F(TrafficLogTest, WaitsForNothingThatNobodyOwes) {
+TEST_F(TrafficLogTest, WritesLineWithoutReceiptAtOnce) {
   EXPECT_TRUE(is_written_at_once(0));
   log.on_receipt({Mesh::thread, 0}, ReceiptOutcome::safe, now);
   EXPECT_EQ(latencies, Latencies{"none"});
 }
 
-TEST_F(TrafficLogTest, WritesALineWithoutItWhenItTakesTooLong) {
+TEST_F(TrafficLogTest, WritesLineWithoutLatencyWhenAcknowledgementIsLate) {
   is_written_at_once(1);
   now += 4s;
   is_written_at_once(2);
@@ -279,23 +279,23 @@ TEST_F(TrafficLogTest, WritesALineWithoutItWhenItTakesTooLong) {
   EXPECT_EQ(latencies, (Latencies{"none", "1000000"}));
 }
 
-TEST_F(TrafficLogTest, KeepsNoMoreLinesThanItsBound) {
+TEST_F(TrafficLogTest, BoundsWaitingLines) {
   for (std::uint64_t i = 1; i <= TrafficLog::max_awaiting; ++i) EXPECT_FALSE(is_written_at_once(i));
   EXPECT_TRUE(is_written_at_once(TrafficLog::max_awaiting + 1));
 }
 
 // ---- what an entry looks like
 
-TEST(JournalEntry, IsAFieldALine) {
+TEST(JournalEntry, HasOneFieldPerLine) {
   EXPECT_EQ(journal_entry("slam-gateway-web", Severity::warning, "text", {{"ROBOT_ID", "r=1"}}),
             "MESSAGE=text\nPRIORITY=4\nSYSLOG_IDENTIFIER=slam-gateway-web\nROBOT_ID=r=1\n");
 }
 
-TEST(JournalEntry, GivesTheLengthOfAValueWithLineEnds) {
+TEST(JournalEntry, EncodesValueWithLineFeedByItsLength) {
   const std::string entry =
       journal_entry("slam-gatewayd", Severity::info, "", {{"TOPIC", "a\nPRIORITY=0"}});
   const std::string expected("TOPIC\n\x0c\0\0\0\0\0\0\0a\nPRIORITY=0\n", 6 + 8 + 12 + 1);
-  EXPECT_NE(entry.find(expected), std::string::npos) << "nobody forges a field";
+  EXPECT_NE(entry.find(expected), std::string::npos) << "a value cannot forge a field";
 }
 
 TEST(JournalEntry, HasThePriorityThatJournalctlSelectsBy) {
@@ -306,9 +306,9 @@ TEST(JournalEntry, HasThePriorityThatJournalctlSelectsBy) {
   EXPECT_EQ(journal_priority(Severity::error), 3);
 }
 
-// ---- a journal that takes nothing
+// ---- a journal that accepts nothing
 
-/// journald's socket. It reads when it is asked to.
+/// The socket of journald, which is read on request.
 class Journald {
  public:
   explicit Journald(const std::string& path) {
@@ -322,7 +322,7 @@ class Journald {
   }
   ~Journald() { close(socket_); }
 
-  /// The messages of what has come since, in order.
+  /// Returns the messages of the entries received since, in order.
   std::vector<std::string> take() {
     std::vector<std::string> messages;
     char entry[4096];
@@ -344,7 +344,7 @@ class JournalSinkIo : public testing::Test {
     sink.log(spdlog::details::log_msg("", spdlog::level::info, text));
     sink.flush();
   }
-  /// Until the journal takes no more; as with 1 000 messages a second.
+  /// Logs until the journal accepts no more, as at 1 000 messages a second.
   void flood() {
     for (int i = 0; i < 20000; ++i) log(Severity::info, "traffic");
   }
@@ -356,7 +356,7 @@ class JournalSinkIo : public testing::Test {
   JournalSink sink{context, path};
 };
 
-TEST_F(JournalSinkIo, KeepsWarningsWhileTheJournalIsStuckAndSaysWhatWasLost) {
+TEST_F(JournalSinkIo, KeepsWarningsWhileJournalIsStuckAndCountsLostEntries) {
   flood();
   log(Severity::warning, "first");
   log(Severity::notice, "second");
@@ -370,10 +370,10 @@ TEST_F(JournalSinkIo, KeepsWarningsWhileTheJournalIsStuckAndSaysWhatWasLost) {
   EXPECT_EQ(after[2], std::to_string(40000 - before) +
                           " log entries are lost: the journal did not take them");
   log(Severity::info, "traffic");
-  EXPECT_EQ(journald.take(), std::vector<std::string>{"traffic"}) << "said once";
+  EXPECT_EQ(journald.take(), std::vector<std::string>{"traffic"}) << "reported once";
 }
 
-TEST_F(JournalSinkIo, KeepsNoMoreThanItsBound) {
+TEST_F(JournalSinkIo, BoundsKeptWarnings) {
   flood();
   for (int i = 0; i < 10000; ++i) log(Severity::warning, "warning " + std::to_string(i));
   std::vector<std::string> all = journald.take();
@@ -386,15 +386,15 @@ TEST_F(JournalSinkIo, KeepsNoMoreThanItsBound) {
   EXPECT_EQ(warnings, JournalSocket::max_kept);
 }
 
-TEST_F(JournalSinkIo, FindsAJournalThatWasStartedAnew) {
+TEST_F(JournalSinkIo, ReconnectsToRestartedJournal) {
   unlink(path.c_str());
   log(Severity::warning, "while it is away");
-  Journald anew(path);
+  Journald restarted(path);
   log(Severity::info, "next");
-  EXPECT_EQ(anew.take(), (std::vector<std::string>{"while it is away", "next"}));
+  EXPECT_EQ(restarted.take(), (std::vector<std::string>{"while it is away", "next"}));
 }
 
-TEST_F(JournalSinkIo, CountsAnEntryThatIsTooLargeAndGoesOn) {
+TEST_F(JournalSinkIo, CountsTooLargeEntryAsLostAndGoesOn) {
   log(Severity::warning, std::string(16 << 20, 'x'));
   log(Severity::info, "next");
   const auto messages = journald.take();

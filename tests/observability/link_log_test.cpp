@@ -8,7 +8,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST(LinkLog, WarnsOfANewReasonAtOnceAndSumsUpARepeatedOne) {
+TEST(LinkLog, WarnsOfNewReasonAtOnceAndSummarizesRepeats) {
   LinkLog log("mqtt://a");
   const TimePoint start{};
   const auto first = log.on_down("no route", start);
@@ -25,7 +25,7 @@ TEST(LinkLog, WarnsOfANewReasonAtOnceAndSumsUpARepeatedOne) {
   EXPECT_EQ(summary->text, "cannot reach broker mqtt://a: refused; retrying (2 attempts)");
 }
 
-TEST(LinkLog, DoesNotWarnOfABrokerThatIsLeftOnPurpose) {
+TEST(LinkLog, DoesNotWarnWhenItLeavesBrokerOnPurpose) {
   LinkLog log("mqtt://a,mqtt://b");
   log.rename("mqtt://b");
   const Notice left = log.on_left("the first broker of the list takes connections again");

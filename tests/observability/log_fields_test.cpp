@@ -11,7 +11,7 @@
 namespace slamgw {
 namespace {
 
-TEST(NoticeFields, NameTheKindTheRobotAndTheTime) {
+TEST(NoticeFields, NameOccasionRobotAndLatency) {
   const LogFields fields = notice_fields(
       {Severity::info, "text", "NRF_5", Occasion::command_outcome, std::chrono::milliseconds(12)});
   ASSERT_EQ(fields.size(), 3U);
@@ -27,7 +27,7 @@ std::string value_of(const LogFields& fields, std::string_view name) {
   return "none";
 }
 
-TEST(NoticeFields, SayWhoAskedForWhatAndWhatCameOfIt) {
+TEST(NoticeFields, NameUserRequestAndOutcome) {
   const Notice notice =
       audit_notice("uid 7 (ann)", {"forget", "r1"}, {{}, "it is online\nand more"});
   EXPECT_EQ(notice.text, "forget r1: failed: it is online; asked by uid 7 (ann)");
@@ -43,7 +43,7 @@ TEST(NoticeFields, SayWhoAskedForWhatAndWhatCameOfIt) {
   EXPECT_EQ(value_of(notice_fields({Severity::info, "text", {}}), "SLAM_AUDIT"), "none");
 }
 
-TEST(AuditNotice, IsAboutWhatChangesThingsAndHoldsNoKey) {
+TEST(AuditNotice, AuditsOnlyChangesAndShowsNoKey) {
   EXPECT_FALSE(audited(BleOrder{ScanOrder{}}));
   EXPECT_FALSE(audited(BleOrder{NodesOrder{}}));
   EXPECT_FALSE(audited(BleOrder{JoinEventsOrder{}}));
@@ -60,7 +60,7 @@ TEST(AuditNotice, IsAboutWhatChangesThingsAndHoldsNoKey) {
   EXPECT_EQ(audit_notice("uid 0", *imported, {}).text, "ble import: done; asked by uid 0");
 }
 
-TEST(AuditNotice, SaysWhichDeadLettersAreGone) {
+TEST(AuditNotice, NamesDiscardedAndResentDeadLetters) {
   const auto line = [](const DeadLetterChoice& choice, const std::string& answer) {
     return audit_notice("uid 0", *audited(StoreOrder{DiscardOrder{choice}}), {answer, {}}).text;
   };
@@ -92,7 +92,7 @@ TEST(UserWords, FindAUserBehindALongLine) {
   EXPECT_EQ(user_words(6, users.c_str()), "uid 6 (alice)");
 }
 
-TEST(NoticeFields, HaveAnIdOfTheirOwnForEachOccasion) {
+TEST(NoticeFields, HaveDistinctIdForEachOccasion) {
   std::set<std::string_view> ids;
   for (int i = 1; i <= static_cast<int>(Occasion::broker_link); ++i) {
     const std::string_view id = message_id_of(static_cast<Occasion>(i));

@@ -42,7 +42,7 @@ class ServiceManager {
     close(socket_);
   }
 
-  /// All that has been said so far, in order.
+  /// Returns all notifications so far, in order.
   const std::vector<std::string>& heard() {
     char text[1024];
     for (ssize_t size = 0; (size = recv(socket_, text, sizeof text, 0)) >= 0;)
@@ -67,7 +67,7 @@ ServiceState state_of(bool broker, Mesh mesh, bool is_up, std::size_t robots,
   return state;
 }
 
-TEST(ServiceNotifier, SaysReadyAndTheStatusFirst) {
+TEST(ServiceNotifier, SendsReadyThenStatus) {
   ServiceManager manager;
   boost::asio::io_context io;
   ServiceNotifier notifier(io, [] { return state_of(true, Mesh::thread, true, 2, 7); });
@@ -77,7 +77,7 @@ TEST(ServiceNotifier, SaysReadyAndTheStatusFirst) {
                                       "STATUS=broker up, thread up, 2 robots online, 0 msg/s"}));
 }
 
-TEST(ServiceNotifier, TellsTheStatusAgainOnlyWhenItChanges) {
+TEST(ServiceNotifier, SendsStatusOnlyWhenItChanges) {
   ServiceManager manager;
   boost::asio::io_context io;
   int asked = 0;
@@ -90,7 +90,7 @@ TEST(ServiceNotifier, TellsTheStatusAgainOnlyWhenItChanges) {
                                 "STATUS=broker up, ble down, 0 robots online, 0 msg/s"}));
 }
 
-TEST(ServiceNotifier, CountsMessagesBetweenTwoStatusLines) {
+TEST(ServiceNotifier, CountsMessagesPerSecondBetweenStatusLines) {
   ServiceManager manager;
   boost::asio::io_context io;
   std::uint64_t messages = 1000;
@@ -111,7 +111,7 @@ TEST(ServiceNotifier, FeedsTheWatchdogWhileTheLoopTurns) {
   EXPECT_TRUE(test::eventually(io, [&] { return manager.count("WATCHDOG=1") >= 4; }));
 }
 
-TEST(ServiceNotifier, DoesNotFeedAWatchdogThatDoesNotWatch) {
+TEST(ServiceNotifier, SendsNoWatchdogWhenSystemdSetsNoTime) {
   ServiceManager manager;
   boost::asio::io_context io;
   int asked = 0;
@@ -124,7 +124,7 @@ TEST(ServiceNotifier, DoesNotFeedAWatchdogThatDoesNotWatch) {
   EXPECT_EQ(manager.count("WATCHDOG=1"), 0);
 }
 
-TEST(ServiceNotifier, FramesAReload) {
+TEST(ServiceNotifier, SendsReloadingThenReady) {
   ServiceManager manager;
   boost::asio::io_context io;
   ServiceNotifier notifier(io, [] { return ServiceState{}; });
@@ -138,7 +138,7 @@ TEST(ServiceNotifier, FramesAReload) {
   EXPECT_EQ(heard[3], "READY=1");
 }
 
-TEST(ServiceNotifier, LetsTheLoopEndOnceItStops) {
+TEST(ServiceNotifier, LeavesNoTimerAfterStopping) {
   ServiceManager manager(20ms);
   boost::asio::io_context io;
   ServiceNotifier notifier(io, [] { return ServiceState{}; });
@@ -150,10 +150,11 @@ TEST(ServiceNotifier, LetsTheLoopEndOnceItStops) {
   EXPECT_EQ(manager.heard().back(), "STOPPING=1");
 }
 
-TEST(ServiceNotifier, KeepsStillWithoutSystemd) {
+TEST(ServiceNotifier, DoesNothingWithoutSystemd) {
   unsetenv("NOTIFY_SOCKET");
   boost::asio::io_context io;
-  ServiceNotifier notifier(io, []() -> ServiceState { throw std::logic_error("nobody asks"); });
+  ServiceNotifier notifier(
+      io, []() -> ServiceState { throw std::logic_error("asked without systemd"); });
   notifier.ready();
   notifier.reloading();
   notifier.stopping();
