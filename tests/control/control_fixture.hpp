@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A control server on a socket of its own with a handler that remembers, for the tests of both ends
-// of the socket.
+// A control server on a socket of its own with a handler that records requests, for the tests of
+// both ends of the socket.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ class FakeHandler : public ControlHandler {
   OrderAnswer reload_answer{R"({"in_force": "log"})", {}};
   std::vector<Sent> sent;
   std::vector<bool> watched;
-  std::vector<std::string> who;  ///< asked for each order
+  std::vector<std::string> who;  ///< the user of each order
   std::vector<std::string> forgotten;
   std::vector<Ordered> orders;
   struct StoreOrdered {
@@ -67,7 +67,7 @@ class FakeHandler : public ControlHandler {
             [&](PingRequest& asked) { ping(asked.robot, done); },
             [&](BleOrder& order) { manage_ble(by, std::move(order), done); },
             [&](StoreOrder& order) { manage_store(by, std::move(order), done); },
-            [](WatchRequest&) { ADD_FAILURE() << "is the server's own"; },
+            [](WatchRequest&) { ADD_FAILURE() << "the server handles watch requests itself"; },
         },
         request);
   }
@@ -79,12 +79,12 @@ class FakeHandler : public ControlHandler {
     return found;
   }
   OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) {
-    if (robot == "nobody") return {{}, "nobody has no MQTT-SN session here"};
+    if (robot == "stranger") return {{}, "stranger has no MQTT-SN session here"};
     return {nlohmann::json::array({{{"robot", robot.value_or("all")}}}).dump(), {}};
   }
   void on_watched(bool is_watched) override { watched.push_back(is_watched); }
   void ping(const std::string& robot, OrderDone done) {
-    if (robot == "nobody") return done({{}, "no robot called nobody is known here"});
+    if (robot == "stranger") return done({{}, "no robot called stranger is known here"});
     done({nlohmann::json{{"robot", robot}, {"answered", true}}.dump(), {}});
   }
   void manage_ble(const std::string& by, BleOrder order, OrderDone done) {

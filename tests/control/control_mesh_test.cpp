@@ -14,7 +14,7 @@ namespace {
 template <class T>
 T order_of(const FakeHandler& handler) {
   if (handler.orders.size() != 1 || !std::holds_alternative<T>(handler.orders[0].order)) {
-    ADD_FAILURE() << handler.orders.size() << " orders, or another one";
+    ADD_FAILURE() << handler.orders.size() << " orders, or one of another kind";
     return {};
   }
   return std::get<T>(handler.orders[0].order);
@@ -30,7 +30,7 @@ class ControlMeshIo : public ControlProgramIo {
   }
 };
 
-TEST_F(ControlMeshIo, ScansAndShowsWhoIsThere) {
+TEST_F(ControlMeshIo, ScansAndListsDevicesInReach) {
   start();
   const OrderAnswer found{
       R"([{"uuid":"736c616d000000000000000000000001","rssi_dbm":-56,"heard_s_ago":2,"state":"new",
@@ -49,7 +49,7 @@ TEST_F(ControlMeshIo, ScansAndShowsWhoIsThere) {
   EXPECT_EQ(order({"scan"}, {"[]", {}}).out, "no new robot is in reach\n");
 }
 
-TEST_F(ControlMeshIo, TakesARobotInAndNamesIt) {
+TEST_F(ControlMeshIo, ProvisionsRobotUnderGivenName) {
   start();
   const Ended result =
       order({"provision", "736c616d000000000000000000000001", "--id", "r1"},
@@ -66,7 +66,7 @@ TEST_F(ControlMeshIo, TakesARobotInAndNamesIt) {
   EXPECT_EQ(ordered.robot, "r1");
 }
 
-TEST_F(ControlMeshIo, ChangesAndShowsANodesConfiguration) {
+TEST_F(ControlMeshIo, ChangesAndShowsNodeConfiguration) {
   start();
   const OrderAnswer answer{R"({"robot":"r1","address":"0x0100","ttl":7,"models":[]})", {}};
   Ended result = order({"config", "r1"}, answer);
@@ -95,7 +95,7 @@ TEST_F(ControlMeshIo, ChangesAndShowsANodesConfiguration) {
   EXPECT_FALSE(order_of<NodeConfigOrder>(handler).publish->address.has_value());
 }
 
-TEST_F(ControlMeshIo, MeasuresWhoHearsWhomUntilThatHasEnded) {
+TEST_F(ControlMeshIo, WaitsForEndOfHearingMeasurement) {
   start();
   const auto child = launch({"ble", "topology", "--measure"});
   ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
@@ -114,7 +114,7 @@ TEST_F(ControlMeshIo, MeasuresWhoHearsWhomUntilThatHasEnded) {
   EXPECT_NE(result.err.find("unplugged"), std::string::npos) << result.err;
 }
 
-TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
+TEST_F(ControlMeshIo, RefusesInvalidNodeConfiguration) {
   start();
   for (const auto& [option, word] :
        std::vector<std::pair<std::string, std::string>>{{"--ttl", "1"},
@@ -141,17 +141,17 @@ TEST_F(ControlMeshIo, RefusesAConfigurationThatNoNodeTakes) {
   EXPECT_TRUE(handler.orders.empty());
 }
 
-TEST_F(ControlMeshIo, PingsARobotSomeTimes) {
+TEST_F(ControlMeshIo, PingsRobotGivenNumberOfTimes) {
   start();
   const Ended result = run({"ping", "r1", "-c", "2"});
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_NE(result.out.find("2 sent, 2 answered, 0 % lost"), std::string::npos) << result.out;
-  EXPECT_EQ(run({"ping", "nobody"}).status, 1);
+  EXPECT_EQ(run({"ping", "stranger"}).status, 1);
   EXPECT_EQ(run({"ping", "r1", "-c", "0"}).status, 2);
   EXPECT_EQ(json::parse(run({"ping", "r1", "--json"}).out)["answered"], true);
 }
 
-TEST_F(ControlMeshIo, SumsPingsUpAtCtrlC) {
+TEST_F(ControlMeshIo, SummarizesPingsAtCtrlC) {
   start();
   const auto child = launch({"ping", "r1", "-c", "1000"});
   ASSERT_TRUE(
@@ -162,7 +162,7 @@ TEST_F(ControlMeshIo, SumsPingsUpAtCtrlC) {
   EXPECT_NE(result.out.find(" answered, 0 % lost\n"), std::string::npos) << result.out;
 }
 
-TEST_F(ControlMeshIo, SaysThatRobotsAreHeardThatAreNoNodes) {
+TEST_F(ControlMeshIo, NamesHeardRobotsThatAreNotNodes) {
   start();
   handler.robots_answer = {{{"id", "r1"}, {"mesh", "ble"}, {"state", "online"}}};
   EXPECT_EQ(order({"nodes"}, {"[]", {}}).out,
@@ -173,7 +173,7 @@ TEST_F(ControlMeshIo, SaysThatRobotsAreHeardThatAreNoNodes) {
             "1 robot is heard that this gateway did not provision: r1\n");
 }
 
-TEST_F(ControlMeshIo, ShowsWhoJoinsUntilTheTimeIsOver) {
+TEST_F(ControlMeshIo, ShowsJoiningRobotsUntilTimeIsOver) {
   start();
   const auto child = launch({"ble", "permit-join", "--minutes", "3", "--id", "r1"});
   ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
@@ -203,15 +203,15 @@ TEST_F(ControlMeshIo, ShowsWhoJoinsUntilTheTimeIsOver) {
             "new robots may not join any more\n");
 }
 
-TEST_F(ControlMeshIo, SaysThatNobodyHasJoinedByItsStatus) {
+TEST_F(ControlMeshIo, FailsWhenNoRobotHasJoined) {
   start();
-  const OrderAnswer nobody{R"({"seconds_left":0,"under_way":0,"last":0,"events":[]})", {}};
-  EXPECT_EQ(order({"permit-join"}, nobody).status, 1);
+  const OrderAnswer none_joined{R"({"seconds_left":0,"under_way":0,"last":0,"events":[]})", {}};
+  EXPECT_EQ(order({"permit-join"}, none_joined).status, 1);
   EXPECT_EQ(order_of<PermitJoinOrder>(handler).time, std::chrono::minutes(5));
-  EXPECT_EQ(order({"permit-join", "--minutes", "0"}, nobody).status, 0);
-  EXPECT_EQ(order({"permit-join", "--minutes", "0", "--json"}, nobody).out,
+  EXPECT_EQ(order({"permit-join", "--minutes", "0"}, none_joined).status, 0);
+  EXPECT_EQ(order({"permit-join", "--minutes", "0", "--json"}, none_joined).out,
             "{\"event\":\"ended\"}\n");
-  EXPECT_EQ(order({"permit-join", "--minutes", "2000"}, nobody).status, 2);
+  EXPECT_EQ(order({"permit-join", "--minutes", "2000"}, none_joined).status, 2);
 }
 
 TEST_F(ControlMeshIo, ListsAndRemovesNodes) {
@@ -228,21 +228,21 @@ TEST_F(ControlMeshIo, ListsAndRemovesNodes) {
       "provision 736c --id r1\n"
       "it may still have the mesh's keys; if strangers may have it, give the others new ones: "
       "slam-gatewayctl ble refresh-keys\n")
-      << "not its row, which looks as if it were still there";
+      << "its row would look as if it were still there";
   EXPECT_EQ(order_of<RemoveOrder>(handler).robot, "r1");
   EXPECT_FALSE(order_of<RemoveOrder>(handler).is_forced);
   EXPECT_EQ(order({"remove", "r1", "--force"}, {R"({"robot":"r1"})", {}}).status, 0);
   EXPECT_TRUE(order_of<RemoveOrder>(handler).is_forced);
 }
 
-TEST_F(ControlMeshIo, SaysWhyAnOrderFailed) {
+TEST_F(ControlMeshIo, NamesReasonWhenOrderFails) {
   start();
   const Ended result = order({"remove", "r1"}, {{}, "no robot of this mesh is called r1"});
   EXPECT_EQ(result.status, 1);
   EXPECT_EQ(result.err, "slam-gatewayctl: no robot of this mesh is called r1\n");
 }
 
-TEST_F(ControlMeshIo, ImportsAFile) {
+TEST_F(ControlMeshIo, ImportsMeshFile) {
   start();
   write_file(directory / "mesh.json", "{\n  \"netKeys\": []\n}\n");
   const Ended result = order({"import", directory / "mesh.json"}, {R"({"nodes":3})", {}});
@@ -258,19 +258,19 @@ TEST_F(ControlMeshIo, ImportsAFile) {
   EXPECT_TRUE(handler.orders.empty());
 }
 
-TEST_F(ControlMeshIo, ImportsALargeMeshIntoABusyDaemon) {
+TEST_F(ControlMeshIo, ImportsLargeMeshIntoBusyDaemon) {
   start();
   json large{{"netKeys", json::array()}};
   large["nodes"] = std::string(800 * 1024, 'x');
   write_file(directory / "mesh.json", large.dump());
   const auto child = launch({"ble", "import", directory / "mesh.json"});
-  std::this_thread::sleep_for(std::chrono::milliseconds(1500));  // the daemon reads nothing
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));  // the daemon does not read
   ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
   handler.orders[0].done({R"({"nodes":3})", {}});
   EXPECT_EQ(finish(*child).status, 0);
 }
 
-TEST_F(ControlMeshIo, ExportsIntoANewFileThatOnlyItsOwnerReads) {
+TEST_F(ControlMeshIo, ExportsIntoNewFileThatOnlyOwnerCanRead) {
   start();
   const std::string file = directory / "other.json";
   const Ended result =
@@ -290,7 +290,7 @@ TEST_F(ControlMeshIo, ExportsIntoANewFileThatOnlyItsOwnerReads) {
   EXPECT_FALSE(std::filesystem::exists(refused));
 }
 
-TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
+TEST_F(ControlMeshIo, ClearsBoardOnlyWithYesOption) {
   start();
   const Ended asked = order({"reset-board"}, {R"({"cleared":true})", {}});
   EXPECT_EQ(asked.status, 2);
@@ -305,7 +305,7 @@ TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
   order_of<ResetBoardOrder>(handler);
 }
 
-TEST_F(ControlMeshIo, RefreshesTheKeysOnlyWhenToldTwice) {
+TEST_F(ControlMeshIo, RefreshesKeysOnlyWithYesOption) {
   start();
   const std::string answer = R"({"step":"distributing","robots":3,"refreshed":2,"missing":[)"
                              R"({"robot":"r1","has_new_keys":false,"problem":"no answer"}]})";
@@ -327,7 +327,7 @@ TEST_F(ControlMeshIo, RefreshesTheKeysOnlyWhenToldTwice) {
   EXPECT_TRUE(order_of<RefreshKeysOrder>(handler).leaves_silent);
 }
 
-TEST_F(ControlMeshIo, TellsHowFarTheKeysAreRefreshed) {
+TEST_F(ControlMeshIo, ShowsProgressOfKeyRefresh) {
   start();
   const Ended none = order({"refresh-keys", "--status"},
                            {R"({"step":"none","robots":3,"refreshed":3,"missing":[]})", {}});
@@ -356,11 +356,11 @@ TEST_F(ControlMeshIo, GivesOneJsonDocumentForEachOrder) {
   }
 }
 
-TEST_F(ControlMeshIo, WaitsLongerThanASilentClientMay) {
+TEST_F(ControlMeshIo, WaitsForAnswerBeyondIdleTimeout) {
   start({.idle = std::chrono::milliseconds(20)});
   const auto child = launch({"ble", "scan"});
   ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
-  // Another client that is silent meanwhile is cut off, so the time has passed for this one, too.
+  // Another silent client is disconnected, so the idle time has passed for this client, too.
   boost::asio::local::stream_protocol::socket silent(io);
   silent.connect(boost::asio::local::stream_protocol::endpoint(path));
   bool is_cut_off = false;

@@ -53,23 +53,23 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "Retained  20 of 4096 topics, most by r2: 16\n");
 }
 
-TEST_F(ControlProgramIo, SaysNothingOfAFewRobotsThatOnlyPublish) {
+TEST_F(ControlProgramIo, MentionsUnprovenClientsOnlyWhenTheyAreMany) {
   start();
   json& places = handler.status_answer["meshes"]["thread"]["places"];
   places = json::parse(R"({"max": 1000, "taken": 3, "unproven": 3})");
   EXPECT_EQ(run({"status"}).out.find("not answered"), std::string::npos);
   places["unproven"] = 100;
-  EXPECT_NE(run({"status"}).out.find("not answered"), std::string::npos) << "a crowd";
+  EXPECT_NE(run({"status"}).out.find("not answered"), std::string::npos) << "many clients";
 }
 
-TEST_F(ControlProgramIo, IsKnownToTheDaemonByItsUser) {
+TEST_F(ControlProgramIo, IdentifiesItsUserToTheDaemon) {
   start();
   run({"reload"});
   run({"forget", "r1"});
   EXPECT_EQ(handler.who, std::vector<std::string>(2, user_words(getuid())));
 }
 
-/// Programs of the host are scripts here.
+/// Replaces programs of the host by scripts.
 class HostPrograms : public ControlProgramIo {
  protected:
   void SetUp() override { setenv("PATH", (directory.path() + ":" + path_before).c_str(), 1); }
@@ -83,7 +83,7 @@ class HostPrograms : public ControlProgramIo {
   const std::string path_before = getenv("PATH");
 };
 
-TEST_F(HostPrograms, ShowWhetherTheServiceHasRefusedItsConfiguration) {
+TEST_F(HostPrograms, ShowWhetherServiceRefusedItsConfiguration) {
   make_program("systemctl", "echo 78");
   EXPECT_NE(run({"status"})
                 .err.find("its configuration was refused: sudo slam-gatewayd "
@@ -103,7 +103,7 @@ class AuditTrail : public HostPrograms {
 
 TEST_F(AuditTrail, IsReadBackFromTheJournal) {
   make_journal(R"sh(cat <<END
--- a line that is no entry
+-- a line that is not an entry
 {"__REALTIME_TIMESTAMP":"1764277200123456","MESSAGE":"$*","ROBOT_ID":"r1","SLAM_AUDIT_WHO":"uid 0 (root)","SLAM_AUDIT_WHAT":"forget","SLAM_AUDIT_OUTCOME":"done"}
 {"__REALTIME_TIMESTAMP":"1764277201000000","MESSAGE":"m","SLAM_AUDIT_WHO":"SIGHUP","SLAM_AUDIT_WHAT":"reload","SLAM_AUDIT_OUTCOME":"failed"}
 END
@@ -125,7 +125,7 @@ END
       << asked;
 }
 
-TEST_F(AuditTrail, SaysWhatToDoWithoutAJournal) {
+TEST_F(AuditTrail, NamesRemedyWithoutJournal) {
   make_journal("exit 0\n");
   const Ended empty = run({"audit"});
   EXPECT_EQ(empty.status, 1);
@@ -181,7 +181,7 @@ TEST_F(ControlProgramIo, ShowsRobotsIn80ColumnsWithoutColour) {
   EXPECT_EQ(result.out.find('\033'), std::string::npos);
 }
 
-TEST_F(ControlProgramIo, ColoursOnATerminalUnlessToldNotTo) {
+TEST_F(ControlProgramIo, ColoursOnTerminalUnlessNoColorIsSet) {
   start();
   handler.status_answer = {{"broker", {{"state", "up"}}}};
   const int terminal = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
@@ -201,7 +201,7 @@ TEST_F(ControlProgramIo, ColoursOnATerminalUnlessToldNotTo) {
   close(terminal);
 }
 
-TEST_F(ControlProgramIo, AnswersWhileAnotherClientWatchesAndDoesNotRead) {
+TEST_F(ControlProgramIo, AnswersBesideWatcherThatDoesNotRead) {
   start({.queued_bytes = 4096});
   const auto stuck = launch({"watch"});
   ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
@@ -303,7 +303,7 @@ TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   EXPECT_NE(result.err.find("hung up"), std::string::npos) << result.err;
 }
 
-TEST_F(ControlProgramIo, WatchesAsOneJsonDocumentALine) {
+TEST_F(ControlProgramIo, WatchesWithOneJsonDocumentPerLine) {
   start();
   const auto child = launch({"--json", "watch", "--type", "adv"});
   ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
@@ -350,7 +350,7 @@ TEST_F(ControlProgramIo, FailsWhenACommandWasNotDelivered) {
       "refused after 0 ms: no robot 'r1'\n");
 }
 
-TEST_F(ControlProgramIo, NamesTheGatewayThatServesTheRobot) {
+TEST_F(ControlProgramIo, NamesGatewayThatServesRobot) {
   start();
   handler.fleet_answer["robots"] = {{{"robot", "r1"}, {"gateway", "room-b"}},
                                     {{"robot", "r2"}, {"gateway", "room-a"}},
@@ -362,8 +362,8 @@ TEST_F(ControlProgramIo, NamesTheGatewayThatServesTheRobot) {
   EXPECT_EQ(elsewhere.out, "refused after 0 ms: another gateway serves this robot\n");
   EXPECT_NE(elsewhere.err.find("r1 is served by gateway room-b"), std::string::npos)
       << elsewhere.err;
-  EXPECT_EQ(send({"r2", "run", "1"}, refused).err, "") << "it is this gateway's";
-  EXPECT_EQ(send({"r3", "run", "1"}, refused).err, "") << "it is nobody's";
+  EXPECT_EQ(send({"r2", "run", "1"}, refused).err, "") << "this gateway serves it";
+  EXPECT_EQ(send({"r3", "run", "1"}, refused).err, "") << "no gateway serves it";
   EXPECT_EQ(send({"r4", "run", "1"}, refused).err, "") << "that gateway is silent";
 }
 
@@ -371,9 +371,9 @@ TEST_F(ControlProgramIo, AsksForMqttsnSessions) {
   start();
   EXPECT_EQ(json::parse(run({"mqttsn", "clients", "--json"}).out)[0]["robot"], "all");
   EXPECT_EQ(json::parse(run({"mqttsn", "clients", "r1", "--json"}).out)[0]["robot"], "r1");
-  const Ended unknown = run({"mqttsn", "clients", "nobody"});
+  const Ended unknown = run({"mqttsn", "clients", "stranger"});
   EXPECT_EQ(unknown.status, 1);
-  EXPECT_NE(unknown.err.find("nobody has no MQTT-SN session here"), std::string::npos);
+  EXPECT_NE(unknown.err.find("stranger has no MQTT-SN session here"), std::string::npos);
 }
 
 TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
@@ -409,7 +409,7 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
             std::string::npos);
   EXPECT_NE(run({"frobnicate"}).err.find("'frobnicate'; there are: status, robots"),
             std::string::npos)
-      << "no guess where none is near";
+      << "no command is similar";
   EXPECT_NE(run({"stat"}).err.find("did you mean status?"), std::string::npos);
   EXPECT_NE(run({"ble", "node"}).err.find("'ble node'; did you mean nodes?"), std::string::npos);
   EXPECT_NE(run({"--json", "store"}).err.find("a command is missing; there are: list, export"),
@@ -420,7 +420,7 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
   EXPECT_EQ(run({"--version"}).out, "slam-gatewayctl " SLAMGW_VERSION "\n");
 }
 
-TEST_F(ControlProgramIo, SaysWhyTheDaemonCannotBeReached) {
+TEST_F(ControlProgramIo, NamesReasonWhenDaemonCannotBeReached) {
   Ended result = run({"status"});
   EXPECT_EQ(result.status, 1);
   EXPECT_NE(result.err.find("is not running: there is no " + path), std::string::npos);
@@ -438,7 +438,7 @@ TEST_F(ControlProgramIo, SaysWhyTheDaemonCannotBeReached) {
   EXPECT_NE(result.err.find("is not a socket"), std::string::npos) << result.err;
 }
 
-TEST_F(ControlProgramIo, SaysWhichGroupToJoin) {
+TEST_F(ControlProgramIo, NamesGroupToJoin) {
   start();
   chmod(path.c_str(), 0);
   const std::vector<std::string> as_nobody = {"setpriv", "--reuid=65534", "--regid=65534",
@@ -449,7 +449,7 @@ TEST_F(ControlProgramIo, SaysWhichGroupToJoin) {
   EXPECT_NE(result.err.find("join the group slam-gateway"), std::string::npos) << result.err;
 }
 
-TEST_F(ControlProgramIo, IsNotFooledByAnotherProgramsSocket) {
+TEST_F(ControlProgramIo, RejectsAnswerOfAnotherProgram) {
   boost::asio::local::stream_protocol::acceptor other(
       io, boost::asio::local::stream_protocol::endpoint(path));
   boost::asio::local::stream_protocol::socket peer(io);
@@ -461,12 +461,12 @@ TEST_F(ControlProgramIo, IsNotFooledByAnotherProgramsSocket) {
   EXPECT_NE(result.err.find("does not answer like slam-gatewayd"), std::string::npos) << result.err;
 }
 
-/// A UDP socket at a free port of that loopback address.
+/// Binds a UDP socket to a free port of the loopback address.
 boost::asio::ip::udp::socket take_port(boost::asio::io_context& io, const char* address) {
   return {io, boost::asio::ip::udp::endpoint(boost::asio::ip::make_address(address), 0)};
 }
 
-TEST_F(ControlProgramIo, DoctorLooksAtTheAddressThatTheGatewayListensAt) {
+TEST_F(ControlProgramIo, DoctorChecksPortAtListenAddressOnly) {
   const auto other = take_port(io, "127.0.0.2");
   const std::string port = std::to_string(other.local_endpoint().port());
   const auto doctor_for = [&](const std::string& listen) {
@@ -481,7 +481,7 @@ TEST_F(ControlProgramIo, DoctorLooksAtTheAddressThatTheGatewayListensAt) {
   EXPECT_NE(doctor_for("0.0.0.0").find(finding), std::string::npos);
 }
 
-TEST_F(ControlProgramIo, ReadsTheConfigurationOfTheDaemonAtItsSocket) {
+TEST_F(ControlProgramIo, DoctorReadsConfigurationThatDaemonUses) {
   start();
   write_file(directory / "other.json", R"({"no_such_key": 1})");
   handler.status_answer["configuration"] = directory / "other.json";
@@ -492,7 +492,7 @@ TEST_F(ControlProgramIo, ReadsTheConfigurationOfTheDaemonAtItsSocket) {
   EXPECT_NE(run({"doctor"}).err.find("name it with --config"), std::string::npos);
 }
 
-TEST_F(ControlProgramIo, FailsToForgetANameThatIsNotKnown) {
+TEST_F(ControlProgramIo, FailsToForgetUnknownName) {
   start();
   EXPECT_EQ(run({"forget", "old"}).out, "old is forgotten\n");
   const Ended result = run({"forget", "odl"});
@@ -519,11 +519,11 @@ TEST_F(ControlProgramIo, BreaksLinesOfATerminalBetweenWords) {
   std::size_t count = 0;
   for (std::string line; std::getline(lines, line, '\r'); ++count)
     EXPECT_LE(line.size(), 81U) << line;
-  EXPECT_GT(count, 6u) << "status has six lines when none is broken";
+  EXPECT_GT(count, 6u) << "status has six lines when no line is broken";
   close(terminal);
 }
 
-TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {
+TEST_F(ControlProgramIo, ReloadNamesSettingsThatNeedRestart) {
   start();
   handler.reload_answer = {R"({"in_force": "log, robots", "needs_restart": "store.*"})", {}};
   Ended result = run({"reload"});
@@ -535,7 +535,7 @@ TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {
   EXPECT_NE(result.err.find("g.json:2: log.level"), std::string::npos);
 }
 
-TEST_F(ControlProgramIo, BanKnowsTheRobotsOfOtherGateways) {
+TEST_F(ControlProgramIo, BanRecognizesRobotsOfOtherGateways) {
   start();
   const std::string configuration = directory / "g.json";
   std::ofstream(configuration) << "{}";

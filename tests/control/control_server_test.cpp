@@ -29,7 +29,7 @@ class Client {
     error_code ignored;
     boost::asio::write(socket_, boost::asio::buffer(text), ignored);
   }
-  /// Takes in what has come; true once there is a whole line, which `line` then is.
+  /// Reads the available input. Returns true once `line` holds a whole line.
   bool has_line() {
     take();
     const std::size_t end = input_.find('\n');
@@ -92,7 +92,7 @@ TEST_F(ControlServerIo, AnswersSeveralClientsSeveralTimes) {
   }
 }
 
-TEST_F(ControlServerIo, AnswersRequestsThatComeTogetherInOrder) {
+TEST_F(ControlServerIo, AnswersPipelinedRequestsInOrder) {
   start();
   Client client(io, path);
   client.write("{\"command\": \"status\"}\n{\"command\": \"robots\"}\nnonsense\n");
@@ -107,7 +107,7 @@ TEST_F(ControlServerIo, AnswersRequestsThatComeTogetherInOrder) {
   EXPECT_EQ(counter("bad_requests"), 1U);
 }
 
-TEST_F(ControlServerIo, TellsACommandsOutcomeWhenItComes) {
+TEST_F(ControlServerIo, ReturnsOutcomeOfCommandWhenItIsKnown) {
   start();
   Client client(io, path);
   client.write(R"({"command": "send", "robot": "r", "type": "cmd", "payload_hex": "0A00ecff"})"
@@ -120,7 +120,7 @@ TEST_F(ControlServerIo, TellsACommandsOutcomeWhenItComes) {
   EXPECT_EQ(client.line["result"]["outcome"], "delivered");
 }
 
-TEST_F(ControlServerIo, ForgetsAnOutcomeWhoseClientOrServerIsGone) {
+TEST_F(ControlServerIo, DropsOutcomeAfterClientOrServerHasGone) {
   start();
   const std::string request = R"({"command": "send", "robot": "r", "type": "t", "payload_hex": ""})"
                               "\n";
@@ -138,7 +138,7 @@ TEST_F(ControlServerIo, ForgetsAnOutcomeWhoseClientOrServerIsGone) {
   EXPECT_FALSE(next.has_line());
 }
 
-TEST_F(ControlServerIo, GivesWatchersWhatTheyAskedFor) {
+TEST_F(ControlServerIo, SendsWatchersOnlyEventsThatMatchTheirFilter) {
   start();
   Client all(io, path);
   Client some(io, path);
@@ -160,7 +160,7 @@ TEST_F(ControlServerIo, GivesWatchersWhatTheyAskedFor) {
   EXPECT_FALSE(some.has_line());
 }
 
-TEST_F(ControlServerIo, NoticesThatAWatcherHasGone) {
+TEST_F(ControlServerIo, NoticesDisconnectOfWatcher) {
   start();
   {
     Client client(io, path);
@@ -170,13 +170,13 @@ TEST_F(ControlServerIo, NoticesThatAWatcherHasGone) {
   EXPECT_EQ(handler.watched, (std::vector{true, false}));
 }
 
-TEST_F(ControlServerIo, TellsASlowWatcherHowManyEventsItHasLostAndKeepsTheOthers) {
+TEST_F(ControlServerIo, ReportsLostEventsToSlowWatcherAndKeepsFastOnes) {
   start({.queued_bytes = 4096});
   Client slow(io, path);
   Client reader(io, path);
   ask(slow, R"({"command": "watch"})");
   ask(reader, R"({"command": "watch"})");
-  // Each of these reaches the reader before the next; only the slow one's kernel buffer fills.
+  // Each event reaches the reader before the next; only the slow client's kernel buffer fills.
   std::uint64_t published = 0;
   while (published < 100000 && counter("events_lost") < 5) {
     server->publish(event_of("r", "update"));
@@ -191,12 +191,12 @@ TEST_F(ControlServerIo, TellsASlowWatcherHowManyEventsItHasLostAndKeepsTheOthers
     seen += 1;
   }
   EXPECT_EQ(slow.line["event"]["lost"], lost);
-  EXPECT_EQ(seen - 1 + lost, published) << "each event is told or counted";
+  EXPECT_EQ(seen - 1 + lost, published) << "each event is sent or counted as lost";
   server->publish(event_of("r", "last"));
   EXPECT_TRUE(wait_until([&] { return slow.has_line() && slow.line["event"]["type"] == "last"; }));
 }
 
-TEST_F(ControlServerIo, CutsOffAWatcherThatAsksOnAndDoesNotRead) {
+TEST_F(ControlServerIo, DisconnectsWatcherThatSendsRequestsAndDoesNotRead) {
   start({.queued_bytes = 4096});
   handler.status_answer = {{"text", std::string(2000, 'x')}};
   Client stuck(io, path);
@@ -207,7 +207,7 @@ TEST_F(ControlServerIo, CutsOffAWatcherThatAsksOnAndDoesNotRead) {
   }));
 }
 
-TEST_F(ControlServerIo, CutsOffASilentClientButNoWatcher) {
+TEST_F(ControlServerIo, DisconnectsSilentClientButNoWatcher) {
   start({.idle = std::chrono::milliseconds(20)});
   Client watcher(io, path);
   ask(watcher, R"({"command": "watch"})");
@@ -217,7 +217,7 @@ TEST_F(ControlServerIo, CutsOffASilentClientButNoWatcher) {
   EXPECT_FALSE(watcher.is_ended());
 }
 
-TEST_F(ControlServerIo, RefusesALineThatIsTooLong) {
+TEST_F(ControlServerIo, RefusesTooLongLine) {
   start({.request_bytes = 1024});
   Client client(io, path);
   client.write(std::string(2000, 'x'));
@@ -242,7 +242,7 @@ TEST_F(ControlServerIo, RefusesOneClientTooMany) {
   }));
 }
 
-TEST_F(ControlServerIo, MakesASocketForItsGroupOnlyAndRemovesIt) {
+TEST_F(ControlServerIo, CreatesSocketForOwnerAndGroupAndRemovesIt) {
   path = directory / "new/deep/control.sock";
   start();
   struct stat status {};
@@ -253,14 +253,14 @@ TEST_F(ControlServerIo, MakesASocketForItsGroupOnlyAndRemovesIt) {
   EXPECT_FALSE(std::filesystem::exists(path));
 }
 
-TEST_F(ControlServerIo, TakesTheSocketOfADeadDaemonButNotOfALivingOne) {
+TEST_F(ControlServerIo, ReplacesSocketOfDeadDaemonButNotOfRunningOne) {
   { stream_protocol::acceptor dead(io, stream_protocol::endpoint(path)); }
   ASSERT_TRUE(std::filesystem::exists(path));
   start();
   ControlServer second(io, path, handler);
   try {
     second.start();
-    FAIL() << "took a living daemon's socket";
+    FAIL() << "replaced the socket of a running daemon";
   } catch (const std::runtime_error& error) {
     EXPECT_EQ(error.what(), "control socket " + path +
                                 ": another slam-gatewayd answers there; see control.socket");
@@ -270,7 +270,7 @@ TEST_F(ControlServerIo, TakesTheSocketOfADeadDaemonButNotOfALivingOne) {
   EXPECT_TRUE(ask(client, R"({"command": "status"})").contains("result"));
 }
 
-TEST_F(ControlServerIo, LeavesAFileInItsPlaceAlone) {
+TEST_F(ControlServerIo, KeepsRegularFileAtSocketPath) {
   write_file(path, "precious");
   make_server();
   EXPECT_THROW(server->start(), std::runtime_error);

@@ -44,7 +44,7 @@ TEST_F(ControlStoreIo, ListsAllPages) {
   EXPECT_NE(result.out.find("       7 "), std::string::npos) << result.out;
   EXPECT_NE(result.out.find("ntnu-slam/robot/r1/update: not authorised\n"), std::string::npos);
   EXPECT_NE(result.out.find("t: r\n"), std::string::npos);
-  EXPECT_EQ(result.out.find('\x1b'), std::string::npos) << "robots name topics";
+  EXPECT_EQ(result.out.find('\x1b'), std::string::npos) << "a robot chooses its topic names";
   EXPECT_EQ(ordered<ListDeadLetters>(0).after, 0u);
   EXPECT_EQ(ordered<ListDeadLetters>(1).after, 9u);
   EXPECT_EQ(ordered<ListDeadLetters>(2).after, 12u);
@@ -53,13 +53,13 @@ TEST_F(ControlStoreIo, ListsAllPages) {
             "no dead letters\n");
 }
 
-TEST_F(ControlStoreIo, CountsNoOtherTopicsLettersAmongThoseOfOneTopic) {
+TEST_F(ControlStoreIo, ShowsTotalCountSeparatelyWhenListingOneTopic) {
   const Ended result = order({"list", "--topic", "t"}, {second_page_, end_});
   EXPECT_TRUE(result.out.starts_with("of this topic, of 3 dead letters, 2.0 KiB in all:\n"))
       << result.out;
 }
 
-TEST_F(ControlStoreIo, ListsAsOneDocument) {
+TEST_F(ControlStoreIo, ListsAsOneJsonDocument) {
   const Ended result = order({"list", "--json", "--topic", "t"}, {first_page_, second_page_, end_});
   const json document = json::parse(result.out, nullptr, false);
   ASSERT_FALSE(document.is_discarded()) << result.out;
@@ -68,7 +68,7 @@ TEST_F(ControlStoreIo, ListsAsOneDocument) {
   EXPECT_EQ(ordered<ListDeadLetters>(0).topic, "t");
 }
 
-TEST_F(ControlStoreIo, ExportsADocumentALineWithPayloads) {
+TEST_F(ControlStoreIo, ExportsOneDocumentPerLineWithPayloads) {
   const Ended result = order({"export"}, {first_page_, second_page_, end_});
   EXPECT_TRUE(ordered<ListDeadLetters>(0).with_payloads);
   std::istringstream lines(result.out);
@@ -77,7 +77,7 @@ TEST_F(ControlStoreIo, ExportsADocumentALineWithPayloads) {
   EXPECT_EQ(ids, (std::vector<int>{7, 9, 12}));
 }
 
-TEST_F(ControlStoreIo, SaysThatThereIsNone) {
+TEST_F(ControlStoreIo, ReportsEmptyStore) {
   const OrderAnswer none{R"({"count":0,"letters":[],"more":false})", {}};
   EXPECT_EQ(order({"list", "--topic", "t"}, {end_}).out,
             "no dead letters of this topic; of others: 3\n");
@@ -87,12 +87,12 @@ TEST_F(ControlStoreIo, SaysThatThereIsNone) {
   EXPECT_EQ(result.err, "slam-gatewayctl: no dead letters\n");
 }
 
-TEST_F(ControlStoreIo, SaysWhereResentLettersGo) {
+TEST_F(ControlStoreIo, HelpNamesOrderOfResentLetters) {
   EXPECT_NE(order({"resend", "--help"}, {}).out.find("before messages that were stored later"),
             std::string::npos);
 }
 
-TEST_F(ControlStoreIo, ResendsAndTellsWhatStays) {
+TEST_F(ControlStoreIo, ResendsAndReportsRemainingLetters) {
   Ended result = order({"resend", "7", "9"}, {{R"({"resent":2,"left":0})", {}}});
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(result.out, "2 dead letters are sent again\n");
@@ -103,14 +103,14 @@ TEST_F(ControlStoreIo, ResendsAndTellsWhatStays) {
   EXPECT_TRUE(ordered<ResendOrder>().choice.is_all);
 }
 
-TEST_F(ControlStoreIo, DiscardsWhatIsNamed) {
+TEST_F(ControlStoreIo, DiscardsLettersOfNamedTopic) {
   const Ended result = order({"discard", "--topic", "a/b"}, {{R"({"discarded":4})", {}}});
   EXPECT_EQ(result.out, "4 dead letters were discarded\n");
   EXPECT_EQ(ordered<DiscardOrder>().choice.topic, "a/b");
   EXPECT_FALSE(ordered<DiscardOrder>().choice.is_all);
 }
 
-TEST_F(ControlStoreIo, FailsWhenWhatIsNamedIsNotThere) {
+TEST_F(ControlStoreIo, FailsWhenNamedLetterDoesNotExist) {
   const std::string remedy = "; slam-gatewayctl store list shows all\n";
   Ended result = order({"discard", "99"}, {{R"({"discarded":0})", {}}});
   EXPECT_EQ(result.status, 1);
@@ -127,7 +127,7 @@ TEST_F(ControlStoreIo, FailsWhenWhatIsNamedIsNotThere) {
   EXPECT_EQ(order({"resend", "--all"}, {{R"({"resent":0,"left":0})", {}}}).status, 0);
 }
 
-TEST_F(ControlStoreIo, WantsToKnowWhich) {
+TEST_F(ControlStoreIo, RequiresExactlyOneChoiceOfLetters) {
   EXPECT_EQ(order({"discard"}, {}).status, 2);
   EXPECT_EQ(order({"resend"}, {}).status, 2);
   EXPECT_EQ(order({"discard", "7", "--all"}, {}).status, 2);
@@ -135,13 +135,13 @@ TEST_F(ControlStoreIo, WantsToKnowWhich) {
   EXPECT_TRUE(handler.store_orders.empty());
 }
 
-TEST_F(ControlStoreIo, TellsWhyNot) {
+TEST_F(ControlStoreIo, ShowsFailureOfTheDaemon) {
   const Ended result = order({"list"}, {{"", "there is no store: the disk is full"}});
   EXPECT_EQ(result.status, 1);
   EXPECT_NE(result.err.find("there is no store: the disk is full"), std::string::npos);
 }
 
-TEST(StoreWire, RefusesWhatNamesNothingOrTwoThings) {
+TEST(StoreWire, RefusesMissingInvalidOrDoubleChoice) {
   for (const char* const line :
        {R"({"command":"store discard"})", R"({"command":"store discard","ids":[]})",
         R"({"command":"store discard","ids":["1"]})", R"({"command":"store discard","ids":[-1]})",
