@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A password typed at a terminal of its own.
+// The password prompt at a pseudo-terminal.
 #include "ctl/terminal.hpp"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@
 namespace slamgw::test {
 namespace {
 
-TEST(CtlTerminal, EchoesAgainAfterCtrlCAtAPassword) {
+TEST(CtlTerminal, RestoresEchoAfterCtrlCAtPassword) {
   int keyboard = -1;
   int terminal = -1;
   ASSERT_EQ(openpty(&keyboard, &terminal, nullptr, nullptr, nullptr), 0);
@@ -76,7 +76,7 @@ bool ends_in_the_background(int terminal) {
   return WIFSIGNALED(status) && WTERMSIG(status) == SIGTERM;
 }
 
-TEST(CtlTerminal, EndsInTheBackgroundOfAShell) {
+TEST(CtlTerminal, EndsBySignalWhileInBackground) {
   int keyboard = -1;
   int terminal = -1;
   ASSERT_EQ(openpty(&keyboard, &terminal, nullptr, nullptr, nullptr), 0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pure halves of the control socket: its language and slam-gatewayctl's texts.
+// The pure parts of the control socket: its protocol, and the texts of slam-gatewayctl.
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
@@ -18,7 +18,7 @@ using nlohmann::json;
 
 const auto noon = std::chrono::system_clock::from_time_t(43200);  // 1970-01-01T12:00:00Z
 
-TEST(ControlWire, TellsWhatIsWrongWithARequest) {
+TEST(ControlWire, NamesFaultOfRequest) {
   const auto error = [](std::string_view line) {
     const auto request = control::parse_request(line);
     return request ? std::string("none") : request.error();
@@ -40,18 +40,18 @@ TEST(ControlWire, TellsWhatIsWrongWithARequest) {
               "none");
 }
 
-TEST(ControlWire, ReplacesWhatIsNotUtf8) {
+TEST(ControlWire, ReplacesInvalidUtf8) {
   EXPECT_EQ(json::parse(control::error_line("a\xff")), json({{"error", "a\ufffd"}}));
 }
 
-TEST(ControlWire, TakesOnlyHarmlessTextForPrintable) {
+TEST(ControlWire, RecognizesPrintableText) {
   EXPECT_TRUE(is_printable("Grüße 🤖"));
   EXPECT_TRUE(is_printable(""));
   for (const std::string_view text : {"a\n", "\x1b[2J", "\x7f", "\xc2\x9b", "\xff", "\xc2"})
     EXPECT_FALSE(is_printable(text));
 }
 
-TEST(CtlPayload, SaysWhatIsAllowed) {
+TEST(CtlPayload, NamesAllowedPayload) {
   EXPECT_EQ(*ctl::parse_payload("cmd", "+1,-1", false), (Bytes{1, 0, 0xff, 0xff}));
   EXPECT_EQ(*ctl::parse_payload("other", "1,2", false), to_bytes("1,2"));
   for (const std::string_view text : {"", ",", "1,", "1;2", "1, 2", "32768,0", "--1,0", "0x1,0"})
@@ -68,13 +68,13 @@ TEST(CtlText, CutsAndPadsByCharacters) {
   EXPECT_EQ(ctl::pad_left("ä", 3), "  ä");
 }
 
-TEST(CtlText, KnowsHowWideTerminalsDraw) {
+TEST(CtlText, ComputesColumnsOnTerminal) {
   EXPECT_EQ(ctl::columns("ロボ1"), 5U);
   EXPECT_EQ(ctl::columns("🤖"), 2U);
-  EXPECT_EQ(ctl::columns("e\u0301"), 1U) << "an accent of its own";
+  EXPECT_EQ(ctl::columns("e\u0301"), 1U) << "a combining accent";
   EXPECT_EQ(ctl::cut_end("ロボット", 4), "ロ~");
   EXPECT_EQ(ctl::cut_start("ロボット", 4), "~ト");
-  EXPECT_EQ(ctl::columns("\xe3\x83"), 1U) << "cut short, still harmless";
+  EXPECT_EQ(ctl::columns("\xe3\x83"), 1U) << "an incomplete character";
 }
 
 TEST(CtlShow, FitsTablesInto80Columns) {
@@ -121,7 +121,7 @@ TEST(CtlText, BreaksLongLinesAtSpaces) {
   EXPECT_EQ(ctl::wrap("   \n\n", 2), "   \n\n");
 }
 
-TEST(CtlShow, RobotsOnSeveralMeshesHaveARowForEach) {
+TEST(CtlShow, ShowsRowForEachMeshOfRobot) {
   const json robots = {{{"id", "both"},
                         {"mesh", "thread"},
                         {"address", "10.0.0.1:47193"},
@@ -138,7 +138,7 @@ TEST(CtlShow, RobotsOnSeveralMeshesHaveARowForEach) {
   EXPECT_EQ(shown.find("12"), std::string::npos) << "each mesh has its own count: " << shown;
 }
 
-TEST(CtlShow, NamesRobotsThatAreHeardAndAreNoNodes) {
+TEST(CtlShow, NamesHeardRobotsThatAreNotNodes) {
   const json robots = {{{"id", "a"}, {"mesh", "ble"}, {"state", "online"}},
                        {{"id", "b"}, {"mesh", "ble"}, {"state", "online"}},
                        {{"id", "c"}, {"mesh", "ble"}, {"state", "offline"}},
@@ -179,7 +179,7 @@ TEST(CtlShow, ColoursOnlyWhereAskedFor) {
   EXPECT_EQ(ctl::show::outcome(outcome, {true, noon}), "\033[32mdelivered\033[0m after 1 ms\n");
 }
 
-TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
+TEST(CtlShow, ShowsGatewaysAndRobotsOfFleet) {
   const json fleet = {{"gateway", "room-a"},
                       {"gateways",
                        {{{"gateway", "room-a"},
@@ -251,7 +251,7 @@ TEST(CtlShow, NamesEachTopicThatTheBrokerRefuses) {
   EXPECT_EQ(text.find("the first one"), std::string::npos) << "the list says more";
 }
 
-TEST(CtlShow, SaysWhyNoThreadRobotIsHeard) {
+TEST(CtlShow, ReportsMissingThreadNetwork) {
   const auto shown = [](const char* role) {
     return ctl::show::status({{"meshes", {{"thread", {{"state", "up"}, {"role", role}}}}}},
                              {false, noon});
@@ -261,13 +261,13 @@ TEST(CtlShow, SaysWhyNoThreadRobotIsHeard) {
   EXPECT_EQ(shown("router").find("no Thread network"), std::string::npos);
 }
 
-TEST(CtlShow, LetsNothingThroughToTheTerminal) {
+TEST(CtlShow, EscapesControlCharacters) {
   const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
   const std::string shown = ctl::show::robots(robots, {false, noon});
   EXPECT_NE(shown.find("r\\x1b[2J "), std::string::npos) << shown;
   EXPECT_EQ(shown.find('\033'), std::string::npos);
   EXPECT_EQ(shown.find("\u009b"), std::string::npos);
-  EXPECT_EQ(std::count(shown.begin(), shown.end(), '\n'), 3) << "the third line marks it";
+  EXPECT_EQ(std::count(shown.begin(), shown.end(), '\n'), 3) << "the third line warns of the name";
 }
 
 TEST(CtlShow, Clients) {
@@ -351,7 +351,7 @@ TEST(CtlShow, Topology) {
   EXPECT_NE(shown.find("gone  0x0102       -    - "), std::string::npos) << shown;
 }
 
-TEST(CtlShow, ARelayedUpdateGoesToAGroup) {
+TEST(CtlShow, ShowsGroupAddressOfRelayedUpdate) {
   const json event = {{"at", "2026-11-21T12:00:00.123456Z"},
                       {"event", "sent"},
                       {"robot", "lego-1"},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A backup brings everything back; an archive from elsewhere writes nothing.
+// A backup restores everything; a foreign archive writes nothing.
 #include "ctl/host/archives.hpp"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A program that stands before the host's in PATH.
+/// A program that precedes the host's program in PATH.
 class FakeProgram {
  public:
   FakeProgram(const fs::path& directory, const char* name, const std::string& script)
@@ -78,13 +78,13 @@ class Backup : public testing::Test {
   }
   static bool yes(const std::string&) { return true; }
   std::string restored() const { return restore(installation(), archive(), yes); }
-  /// Adds a file, as `tar` would, to a good backup.
+  /// Adds a file to a valid backup, as `tar` would.
   void add_to_archive(const fs::path& file) const {
     run_or_fail({"gunzip", archive()});
     run_or_fail({"tar", "-rf", root() / "backup.tar", "-C", root() / "evil", file.string()});
     run_or_fail({"gzip", root() / "backup.tar"});
   }
-  /// A good backup whose manifest says something else.
+  /// Changes a member of the manifest in a valid backup.
   void rewrite_manifest(const std::string& key, const std::string& value) {
     run_or_fail({"gunzip", archive()});
     const std::string tar = root() / "backup.tar";
@@ -108,9 +108,9 @@ class Backup : public testing::Test {
   test::TempDir directory_;
 };
 
-TEST_F(Backup, BringsEverythingBack) {
-  const std::string told = backup(installation(), archive());
-  EXPECT_NE(told.find(archive()), told.npos);
+TEST_F(Backup, RestoresAllFilesAndModes) {
+  const std::string output = backup(installation(), archive());
+  EXPECT_NE(output.find(archive()), output.npos);
   EXPECT_EQ(mode("backup.tar.gz"), 0600U);
   fs::remove_all(root() / "state");
   fs::remove_all(root() / "etc/gateway.d");
@@ -122,7 +122,7 @@ TEST_F(Backup, BringsEverythingBack) {
   const std::string back = restored();
   EXPECT_EQ(back.find("is called"), back.npos) << "on a host of the same name";
   stat("/", &after);
-  EXPECT_EQ(after.st_mode, before.st_mode) << "of the directories above nothing changes";
+  EXPECT_EQ(after.st_mode, before.st_mode) << "the directories above keep their modes";
   EXPECT_EQ(fs::status(root()).permissions(), mode_before);
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
   EXPECT_EQ(read("state/messages/1.log"), "messages");
@@ -132,7 +132,7 @@ TEST_F(Backup, BringsEverythingBack) {
   EXPECT_EQ(installation().state(), root() / "state");
 }
 
-TEST_F(Backup, MakesTheSitesDirectoryAgain) {
+TEST_F(Backup, RestoresEmptyDropInDirectory) {
   fs::remove(root() / "etc/gateway.d/site.json");
   backup(installation(), archive());
   fs::remove(root() / "etc/gateway.d");
@@ -140,34 +140,34 @@ TEST_F(Backup, MakesTheSitesDirectoryAgain) {
   EXPECT_EQ(mode("etc/gateway.d"), 0755U);
 }
 
-TEST_F(Backup, OverwritesNoFile) {
+TEST_F(Backup, DoesNotOverwriteExistingFile) {
   backup(installation(), archive());
   const std::string before = test::read_file(archive());
   EXPECT_THROW(backup(installation(), archive()), Failure);
   EXPECT_EQ(test::read_file(archive()), before);
 }
 
-TEST_F(Backup, KeepsWhatARestoreReplaces) {
+TEST_F(Backup, RestoreKeepsReplacedFiles) {
   backup(installation(), archive());
   write("state/messages/1.log", "newer messages");
   write("state/messages/2.log", "newer messages, too");
-  const std::string told = restored();
+  const std::string output = restored();
   EXPECT_EQ(read("state/messages/1.log"), "messages");
   EXPECT_FALSE(fs::exists(root() / "state/messages/2.log"));
-  const auto at = told.find((root() / "state").string() + ".before-restore-");
-  ASSERT_NE(at, told.npos);
-  const std::string aside = told.substr(at, told.find(" now", at) - at);
-  EXPECT_EQ(test::read_file(aside + "/messages/2.log"), "newer messages, too");
+  const auto at = output.find((root() / "state").string() + ".before-restore-");
+  ASSERT_NE(at, output.npos);
+  const std::string kept = output.substr(at, output.find(" now", at) - at);
+  EXPECT_EQ(test::read_file(kept + "/messages/2.log"), "newer messages, too");
 }
 
-TEST_F(Backup, BringsTheOldFilesBackWhenARestoreFails) {
+TEST_F(Backup, FailedRestoreRollsBack) {
   backup(installation(), archive());
   fs::remove(root() / "state/mesh.json");
   fs::create_directory(root() / "state/mesh.json");  // which no file can replace
   write("state/messages/1.log", "newer messages");
   write("etc/credentials.json", R"({"username": "new", "password": "new"})");
-  const std::string told = refusal();
-  EXPECT_NE(told.find("nothing was restored; your files are as before"), told.npos) << told;
+  const std::string output = refusal();
+  EXPECT_NE(output.find("nothing was restored; your files are as before"), output.npos) << output;
   EXPECT_EQ(read("state/messages/1.log"), "newer messages");
   EXPECT_EQ(read("etc/credentials.json"), R"({"username": "new", "password": "new"})");
   EXPECT_TRUE(installation().parsed().problems.empty());
@@ -175,24 +175,25 @@ TEST_F(Backup, BringsTheOldFilesBackWhenARestoreFails) {
     EXPECT_EQ(entry.path().string().find(".before-restore-"), std::string::npos) << entry.path();
 }
 
-TEST_F(Backup, RestoresAStateDirectoryOnAnotherFilesystem) {
+TEST_F(Backup, RestoresStateDirectoryOnAnotherFilesystem) {
   std::string other = "/dev/shm/slam-gateway-backup-XXXXXX";
   if (mkdtemp(other.data()) == nullptr) GTEST_SKIP() << "no /dev/shm";
   backup(installation(), archive());
   fs::remove_all(root() / "state");
   fs::create_symlink(other, root() / "state");
   write("state/mesh.json", "newer keys");
-  const std::string told = restored();
+  const std::string output = restored();
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
-  const auto at = told.find((root() / "state").string() + "/.before-restore-");
-  const std::string aside =
-      at == told.npos ? ""
-                      : test::read_file(told.substr(at, told.find(" now", at) - at) + "/mesh.json");
+  const auto at = output.find((root() / "state").string() + "/.before-restore-");
+  const std::string kept =
+      at == output.npos
+          ? ""
+          : test::read_file(output.substr(at, output.find(" now", at) - at) + "/mesh.json");
   fs::remove_all(other);
-  EXPECT_EQ(aside, "newer keys") << told;
+  EXPECT_EQ(kept, "newer keys") << output;
 }
 
-TEST_F(Backup, StartsTheServiceAgainAfterCtrlC) {
+TEST_F(Backup, RestartsServiceAfterCtrlC) {
   const auto systemctl = fake_systemctl("active");
   {
     const ServicePause pause(Installation{service_configuration});
@@ -205,7 +206,7 @@ TEST_F(Backup, StartsTheServiceAgainAfterCtrlC) {
   EXPECT_EQ(now.sa_handler, SIG_DFL);
 }
 
-TEST_F(Backup, StopsAServiceThatIsAboutToStart) {
+TEST_F(Backup, StopsServiceInTransition) {
   for (const char* const state : {"activating", "reloading", "deactivating"}) {
     const auto systemctl = fake_systemctl(state);
     { const ServicePause pause(Installation{service_configuration}); }
@@ -214,7 +215,7 @@ TEST_F(Backup, StopsAServiceThatIsAboutToStart) {
   }
 }
 
-TEST_F(Backup, LeavesAStoppedServiceStopped) {
+TEST_F(Backup, DoesNotStartStoppedService) {
   for (const char* const state : {"inactive", "failed"}) {
     const auto systemctl = fake_systemctl(state);
     { const ServicePause pause(Installation{service_configuration}); }
@@ -222,7 +223,7 @@ TEST_F(Backup, LeavesAStoppedServiceStopped) {
   }
 }
 
-TEST_F(Backup, ReportHasTheNewestPartOfALongJournal) {
+TEST_F(Backup, ReportHasNewestPartOfLongJournal) {
   const FakeProgram journalctl(
       root() / "bin", "journalctl",
       "head -c 6000000 /dev/zero | tr '\\0' x; echo; echo the newest line");
@@ -231,7 +232,7 @@ TEST_F(Backup, ReportHasTheNewestPartOfALongJournal) {
   EXPECT_TRUE(read("slam-gateway-report/journal.txt").ends_with("x\nthe newest line\n"));
 }
 
-TEST_F(Backup, BelongsToWhoTypedSudo) {
+TEST_F(Backup, BelongsToUserOfSudo) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   constexpr unsigned nobody = 65534;
   setenv("SUDO_UID", "65534", 1);
@@ -254,8 +255,8 @@ TEST_F(Backup, BelongsToWhoTypedSudo) {
   EXPECT_EQ(status.st_uid, 0U);
 }
 
-/// Such as a directory for uploads.
-TEST_F(Backup, MayLieInADirectoryThatIsNotReadable) {
+/// A directory for uploads, for example.
+TEST_F(Backup, WritesIntoDirectoryThatItCannotRead) {
   const test::TempDir uploads;
   chmod(uploads.path().c_str(), 0333);
   constexpr uid_t ordinary_user = 65534;
@@ -271,22 +272,22 @@ TEST_F(Backup, MayLieInADirectoryThatIsNotReadable) {
   EXPECT_TRUE(fs::exists(uploads / "file"));
 }
 
-TEST_F(Backup, FailsWhenTheDiskDoes) {
+TEST_F(Backup, FailsAndRemovesFileWhenDiskFails) {
   const test::FaultyDisk disk;
   test::FaultyDisk::fails_syncs = true;
   EXPECT_THROW(backup(installation(), archive()), Failure);
   EXPECT_FALSE(fs::exists(archive()));
 }
 
-TEST_F(Backup, SaysThatTheGatewayGetsAnotherName) {
+TEST_F(Backup, RestoreReportsDifferentGatewayName) {
   backup(installation(), archive());
   rewrite_manifest("gateway", "old-pi");
-  const std::string told = restored();
-  EXPECT_NE(told.find("in the backup it was 'old-pi'"), told.npos) << told;
-  EXPECT_NE(told.find(R"({"gateway": {"id": "old-pi"}})"), told.npos) << told;
+  const std::string output = restored();
+  EXPECT_NE(output.find("in the backup it was 'old-pi'"), output.npos) << output;
+  EXPECT_NE(output.find(R"({"gateway": {"id": "old-pi"}})"), output.npos) << output;
 }
 
-TEST_F(Backup, RefusesWhatIsNone) {
+TEST_F(Backup, RefusesInvalidArchiveAndInvalidPath) {
   write("other", "no archive");
   EXPECT_THROW(restore(installation(), root() / "other", yes), Failure);
   EXPECT_THROW(restore(installation(), root() / "missing", yes), Failure);
@@ -306,7 +307,7 @@ TEST_F(Backup, RefusesWhatIsNone) {
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
 
-TEST_F(Backup, NeedsTheConfigurationThatItIsToKeep) {
+TEST_F(Backup, FailsWithoutConfigurationFile) {
   const Installation mistyped(root() / "etc/gatway.json");
   try {
     backup(mistyped, archive());
@@ -318,7 +319,7 @@ TEST_F(Backup, NeedsTheConfigurationThatItIsToKeep) {
   EXPECT_FALSE(fs::exists(archive()));
 }
 
-TEST_F(Backup, AsksBeforeItReplaces) {
+TEST_F(Backup, AsksBeforeReplacingFiles) {
   backup(installation(), archive());
   const auto never = [](const std::string& files) -> bool {
     ADD_FAILURE() << files;
@@ -326,7 +327,7 @@ TEST_F(Backup, AsksBeforeItReplaces) {
   };
   restore(installation(), archive(), never);  // the same files
   write("state/mesh.json", "newer keys");
-  write("state/stays", "of nobody");
+  write("state/stays", "unrelated");
   std::string asked;
   const auto no = [&](const std::string& files) {
     asked = files;
@@ -350,7 +351,7 @@ TEST_F(Backup, RefusesAnArchiveThatWritesElsewhere) {
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
 
-TEST_F(Backup, RefusesAForeignStateDirectory) {
+TEST_F(Backup, RefusesStateDirectoryOfAnotherConfiguration) {
   backup(installation(), archive());
   fs::create_directories(root() / "home/.ssh");
   write("home/.ssh/authorized_keys", "the owner's");
@@ -359,7 +360,7 @@ TEST_F(Backup, RefusesAForeignStateDirectory) {
   EXPECT_EQ(read("home/.ssh/authorized_keys"), "the owner's");
 }
 
-TEST_F(Backup, WritesNothingThatTheManifestAloneNames) {
+TEST_F(Backup, RefusesFileThatOnlyManifestNames) {
   fs::create_directories(root() / "cron.d");
   fs::create_directories(fs::path(root().string() + "/evil" + root().string() + "/cron.d"));
   const std::string cron = root().string().substr(1) + "/cron.d/evil";
@@ -390,14 +391,14 @@ TEST_F(Backup, RefusesLinksAndHiddenFiles) {
 }
 
 /// The service owns its state; root restores it.
-TEST_F(Backup, FollowsNoLinkInTheState) {
+TEST_F(Backup, FollowsNoLinkInStateDirectory) {
   backup(installation(), archive());
   fs::remove_all(root() / "state/messages");
   fs::create_directory(root() / "elsewhere");
   write("elsewhere/1.log", "of another program");
   fs::create_directory_symlink(root() / "elsewhere", root() / "state/messages");
-  const std::string told = refusal();
-  EXPECT_NE(told.find("state/messages is a link"), told.npos) << told;
+  const std::string output = refusal();
+  EXPECT_NE(output.find("state/messages is a link"), output.npos) << output;
   EXPECT_EQ(read("elsewhere/1.log"), "of another program");
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
@@ -409,7 +410,7 @@ TEST_F(Backup, ReportReplacesNoDevice) {
   EXPECT_TRUE(fs::is_fifo(pipe));
 }
 
-TEST_F(Backup, GivesFilesModesOfItsOwn) {
+TEST_F(Backup, RestoresFilesWithSafeModes) {
   backup(installation(), archive());
   fs::create_directories(root() / "evil" / (root() / "state").relative_path());
   const fs::path evil = fs::path((root() / "state").string().substr(1)) / "mesh.json";
@@ -421,7 +422,7 @@ TEST_F(Backup, GivesFilesModesOfItsOwn) {
   EXPECT_EQ(mode("state/mesh.json"), 0600U);
 }
 
-TEST_F(Backup, BringsFilesBackThatTheConfigurationNames) {
+TEST_F(Backup, RestoresFilesThatConfigurationNames) {
   fs::create_directories(root() / "keys");
   write("keys/ca.pem", "a certificate");
   write("keys/note.txt", "a note");
@@ -450,7 +451,7 @@ TEST_F(Backup, ReportHasNoSecret) {
   EXPECT_EQ(text.find("hush"), text.npos);
 }
 
-TEST(Program, TellsWhatWentWrong) {
+TEST(Program, ReportsStatusAndBoundedOutput) {
   EXPECT_EQ(run_program({"slam-gateway-no-such-program"}).status, 127);
   EXPECT_EQ(run_program({"sh", "-c", "echo out; echo err >&2; exit 3"}).output, "out\nerr\n");
   EXPECT_EQ(run_program({"sh", "-c", "exit 3"}).status, 3);

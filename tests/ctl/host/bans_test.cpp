@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bans are added and removed in the site's own file; no change is lost.
+// Bans are added and removed in a drop-in file; no change is lost.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/file.h>
@@ -38,7 +38,7 @@ TEST_F(Bans, LastUntilTheyAreRemoved) {
   EXPECT_THROW(change_bans(installation, "tank", false), Failure);
 }
 
-TEST_F(Bans, LieInADirectoryThatTheServiceMayRead) {
+TEST_F(Bans, CreateDirectoryThatServiceCanRead) {
   const mode_t before = umask(0077);
   change_bans(Installation(configuration()), "tank", true);
   umask(before);
@@ -46,7 +46,7 @@ TEST_F(Bans, LieInADirectoryThatTheServiceMayRead) {
             std::filesystem::perms(0755));
 }
 
-TEST_F(Bans, LoseNoneThatIsAddedAtTheSameTime) {
+TEST_F(Bans, KeepAllWhenAddedConcurrently) {
   const Installation installation(configuration());
   std::vector<std::thread> writers;
   for (int i = 0; i < 8; ++i)
@@ -55,7 +55,7 @@ TEST_F(Bans, LoseNoneThatIsAddedAtTheSameTime) {
   EXPECT_EQ(bans().size(), 8U);
 }
 
-TEST_F(Bans, DoNotWaitForAUserWhoLocksTheDirectory) {
+TEST_F(Bans, DoNotWaitForForeignLockOfDirectory) {
   const int directory = open(directory_.path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   ASSERT_EQ(flock(directory, LOCK_EX), 0);
   change_bans(Installation(configuration()), "tank", true);
@@ -75,25 +75,26 @@ std::string failure_of(const Installation& installation) {
   }
 }
 
-TEST_F(Bans, StayWhenTheirFileHasAMistake) {
+TEST_F(Bans, RefuseToChangeInvalidFile) {
   const Installation installation(configuration());
   change_bans(installation, "mole", true);
   const std::string file = directory_ / "gateway.d/bans.json";
   test::write_file(file, R"({"bans": ["mole", "rat"})");
-  const std::string told = failure_of(installation);
-  EXPECT_NE(told.find("fix it first"), told.npos) << told;
+  const std::string output = failure_of(installation);
+  EXPECT_NE(output.find("fix it first"), output.npos) << output;
   EXPECT_EQ(test::read_file(file), R"({"bans": ["mole", "rat"})");
 }
 
-TEST_F(Bans, SayWhichFileOverrulesThem) {
+TEST_F(Bans, NameFileThatOverridesThem) {
   const Installation installation(configuration());
   change_bans(installation, "mole", true);
   const std::string file = directory_ / "gateway.d/site.json";
   test::write_file(file, R"({"bans": ["rat"]})");
-  const std::string told = failure_of(installation);
-  EXPECT_EQ(told.find(file + " sets `bans` too"), 0U) << told;
+  const std::string output = failure_of(installation);
+  EXPECT_EQ(output.find(file + " sets `bans` too"), 0U) << output;
   std::filesystem::remove(file);
-  EXPECT_EQ(bans(), (std::vector<std::string>{"rat", "tank"})) << "the bans in force, and the new";
+  EXPECT_EQ(bans(), (std::vector<std::string>{"rat", "tank"}))
+      << "the bans in force and the new one";
 }
 
 }  // namespace

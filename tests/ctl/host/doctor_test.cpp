@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `slam-gatewayctl doctor` makes of what it is told.
+// Findings of `slam-gatewayctl doctor` from given facts of a host.
 #include "ctl/host/doctor.hpp"
 
 #include <nlohmann/json.hpp>
@@ -47,12 +47,12 @@ std::string problems_of(const HostFacts& facts) {
   return steps;
 }
 
-TEST(Doctor, FindsNothingWhereAllIsWell) {
+TEST(Doctor, FindsNoProblemOnHealthyHost) {
   EXPECT_EQ(problems_of(healthy()), "");
   EXPECT_FALSE(has_problem(examine(healthy())));
 }
 
-TEST(Doctor, FindsWhatKeepsMeshdFromItsController) {
+TEST(Doctor, NamesObstacleBetweenMeshdAndController) {
   HostFacts facts = healthy();
   facts.configuration.config.ble_mesh.enabled = true;
   facts.configuration.config.ble_mesh.radio = ble::RadioChoice::bluez;
@@ -85,7 +85,7 @@ TEST(Doctor, FindsWhatKeepsMeshdFromItsController) {
   says("enable --now", [](auto& bluetooth) { bluetooth.is_meshd_active = false; });
 }
 
-TEST(Doctor, SaysWhenThisNodeHasNoThreadNetwork) {
+TEST(Doctor, ReportsNodeWithoutThreadNetwork) {
   HostFacts facts = healthy();
   json& role = facts.status["meshes"]["thread"]["role"] = "router";
   EXPECT_EQ(problems_of(facts), "");
@@ -95,7 +95,7 @@ TEST(Doctor, SaysWhenThisNodeHasNoThreadNetwork) {
   }
 }
 
-TEST(Doctor, RemindsThatAllNetworksAreServedOnPurpose) {
+TEST(Doctor, RemindsOfServingAllInterfaces) {
   HostFacts facts = healthy();
   facts.configuration.config.mqttsn.interface = "*";
   EXPECT_EQ(problems_of(facts), "thread: interface; ");
@@ -104,7 +104,7 @@ TEST(Doctor, RemindsThatAllNetworksAreServedOnPurpose) {
   EXPECT_EQ(problems_of(facts), "") << "no network reaches it";
 }
 
-TEST(Doctor, FollowsTheThreadInterfacesThatThereAre) {
+TEST(Doctor, ChecksOnlyThreadInterfacesWhileOneExists) {
   HostFacts facts = healthy();
   facts.interfaces.push_back({"eth0", true, {"192.0.2.7"}, {"ff02::1", "ff03::1"}});
   facts.interfaces[0].multicast_groups.clear();
@@ -112,10 +112,10 @@ TEST(Doctor, FollowsTheThreadInterfacesThatThereAre) {
   facts.interfaces[0].is_up = false;
   EXPECT_EQ(problems_of(facts), "thread: interface; thread: multicast; ");
   facts.interfaces.erase(facts.interfaces.begin());
-  EXPECT_EQ(problems_of(facts), "") << "then all networks are served";
+  EXPECT_EQ(problems_of(facts), "") << "without one, all networks are served";
 }
 
-TEST(Doctor, SaysHowADaemonThatHangsIsStartedAgain) {
+TEST(Doctor, NamesRestartOfHangingDaemon) {
   HostFacts facts = healthy();
   facts.status = nullptr;
   facts.status_failure = "slam-gatewayd does not answer at /run/slam-gateway/control.sock";
@@ -126,11 +126,11 @@ TEST(Doctor, SaysHowADaemonThatHangsIsStartedAgain) {
   EXPECT_NE(text.find("sudo systemctl restart slam-gateway"), std::string::npos) << text;
   EXPECT_EQ(text.find("slam-gatewayctl doctor"), std::string::npos) << text;
   EXPECT_EQ(text.find("while the broker is away"), std::string::npos) << text;
-  facts.is_silent = false;  // perhaps this user may not ask
+  facts.is_silent = false;  // the user may lack access to the socket
   EXPECT_NE(to_text(examine(facts)).find("sudo slam-gatewayctl doctor"), std::string::npos);
 }
 
-TEST(Doctor, NamesEachStepThatIsBroken) {
+TEST(Doctor, NamesEachBrokenStep) {
   HostFacts facts = healthy();
   facts.status = nullptr;
   facts.status_failure = "slam-gatewayd is not running";
@@ -139,7 +139,7 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.is_running = false;
   facts.taken_port = 47193;
   EXPECT_EQ(problems_of(facts), "daemon; thread: port; thread; ")
-      << "nothing follows from a daemon that has ended";
+      << "no other step is judged without a daemon";
 
   facts = healthy();
   facts.own_version = "1.1";
@@ -190,14 +190,15 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   EXPECT_EQ(problems_of(facts), "thread: clients; ");
   for (const Finding& finding : examine(facts)) {
     if (finding.health == Health::well) continue;
-    EXPECT_NE(finding.remedy.find("ban fd00::7"), std::string::npos) << "they have answered";
+    EXPECT_NE(finding.remedy.find("ban fd00::7"), std::string::npos)
+        << "these clients have answered";
   }
   facts.status["meshes"]["thread"]["places"] = nullptr;
   facts.status["meshes"]["thread"]["counters"]["clients"] = 8999;
   EXPECT_EQ(problems_of(facts), "");
   json& most = facts.status["meshes"]["thread"]["places"]["most_unproven"];
   most = {{"address", "fd00::/64"}, {"clients", 4000}};
-  EXPECT_EQ(problems_of(facts), "") << "a fleet that has not been sent anything yet";
+  EXPECT_EQ(problems_of(facts), "") << "nothing was sent to these clients yet";
   most["address"] = "fd00::9";
   EXPECT_EQ(problems_of(facts), "thread: clients; ");
 
@@ -215,7 +216,7 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["store"]["filled_by"] = {{"robot", "r1"}, {"bytes", 3}};
   EXPECT_EQ(problems_of(facts), "store: nearly full; ");
   facts.status["store"]["full"] = true;
-  EXPECT_EQ(problems_of(facts), "store; ") << "others may find no room";
+  EXPECT_EQ(problems_of(facts), "store; ") << "other robots may find no room";
   facts.status["store"]["full"] = false;
   facts.status["store"].erase("filled_by");
   facts.status["messages"]["lost"] = 2;
@@ -229,7 +230,7 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["store"]["dead_letters_nearly_full"] = true;
   EXPECT_TRUE(std::ranges::any_of(examine(facts), [](const Finding& finding) {
     return finding.detail.ends_with("robots that send much are not acknowledged");
-  })) << "the gateway's own messages are the most";
+  })) << "most dead letters are the gateway's own";
   facts.status["store"]["largest"] = {{"robot", "r1"}, {"bytes", 3}};
   EXPECT_TRUE(has_problem(examine(facts))) << "robots are not acknowledged";
 }
@@ -240,7 +241,7 @@ json fleet_of(std::initializer_list<std::pair<const char*, const char*>> gateway
   return {{"gateway", "room-a"}, {"gateways", std::move(rows)}, {"robots", json::array()}};
 }
 
-TEST(Doctor, LooksAtTheOtherGateways) {
+TEST(Doctor, ReportsOtherGateways) {
   HostFacts facts = healthy();
   facts.fleet = fleet_of({{"room-a", "alone"}});
   EXPECT_EQ(problems_of(facts), "");
@@ -254,10 +255,10 @@ TEST(Doctor, LooksAtTheOtherGateways) {
   EXPECT_FALSE(has_problem(examine(facts)));
   facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "gone"}});
   facts.status["broker"]["state"] = "down";
-  EXPECT_EQ(problems_of(facts), "broker; ") << "the rest follows from it";
+  EXPECT_EQ(problems_of(facts), "broker; ") << "the other problems follow from it";
 }
 
-TEST(Doctor, SaysWhenTheBrokerKeepsRobotsSessionsBack) {
+TEST(Doctor, ReportsMissingRobotSessionsAndRights) {
   HostFacts facts = healthy();
   facts.configuration.config.topics.prefix = "lab/slam";
   facts.status["fleet"] = {{"sessions", 1}};
@@ -269,13 +270,13 @@ TEST(Doctor, SaysWhenTheBrokerKeepsRobotsSessionsBack) {
   facts.status["meshes"]["thread"]["counters"]["clients_unanswered"] = 1;
   EXPECT_EQ(problems_of(facts), "") << "such a robot gets its session with its first command";
   facts.status["broker"]["state"] = "down";
-  EXPECT_EQ(problems_of(facts), "broker; ") << "without a broker nobody has a session";
+  EXPECT_EQ(problems_of(facts), "broker; ") << "without a broker no robot has a session";
   facts = healthy();
-  facts.status["fleet"] = {{"sessions", 3}};  // absent robots keep theirs
+  facts.status["fleet"] = {{"sessions", 3}};  // absent robots keep their sessions
   EXPECT_EQ(problems_of(facts), "");
 }
 
-TEST(Doctor, NamesTheDropInThatRaisesMosquittosLimitOfFiles) {
+TEST(Doctor, NamesDropInThatRaisesMosquittosFileLimit) {
   HostFacts facts = healthy();
   facts.configuration.config.broker.host = "127.0.0.1";
   facts.brokers.mosquitto_files = 1024;
@@ -301,7 +302,7 @@ TEST(Doctor, NamesTheDropInThatRaisesMosquittosLimitOfFiles) {
   EXPECT_TRUE(has_problem(examine(facts)));
 }
 
-TEST(Doctor, SaysThatClustersOfEjabberdAreNotSupported) {
+TEST(Doctor, ReportsUnsupportedEjabberdCluster) {
   HostFacts facts = healthy();
   facts.interfaces[0].addresses.emplace_back("192.0.2.1");
   facts.configuration.config.broker.host = "192.0.2.1";
@@ -312,7 +313,7 @@ TEST(Doctor, SaysThatClustersOfEjabberdAreNotSupported) {
   EXPECT_EQ(problems_of(facts), "broker: ejabberd; ");
 }
 
-TEST(Doctor, TellsOfRobotsWhoseNameAnotherClientUses) {
+TEST(Doctor, ReportsRobotsWhoseNameAnotherClientUses) {
   HostFacts facts = healthy();
   facts.status["robots"]["contested"] = 2;
   EXPECT_EQ(problems_of(facts), "robots: contested; ");
@@ -325,8 +326,8 @@ TEST(Doctor, TellsOfRobotsWhoseNameAnotherClientUses) {
             std::string::npos);
 }
 
-/// The fleet's rights come with the others (StatusCollector::broker).
-TEST(Doctor, NamesTheLineThatGrantsWhatIsMissing) {
+/// Rights of the fleet are among the missing rights (StatusCollector::broker).
+TEST(Doctor, NamesLineThatGrantsMissingRight) {
   HostFacts facts = healthy();
   const std::string grant = "topic readwrite p/fleet/#";
   facts.status["broker"]["missing_rights"] = {{{"what", "not heard"}, {"grant", grant}}};
@@ -334,7 +335,7 @@ TEST(Doctor, NamesTheLineThatGrantsWhatIsMissing) {
   EXPECT_NE(to_text(examine(facts)).find(grant), std::string::npos);
 }
 
-TEST(Doctor, TakesAnyAnswerOfTheDaemon) {
+TEST(Doctor, SurvivesAnyAnswerOfTheDaemon) {
   HostFacts facts = healthy();
   for (const json& status :
        {json(5), json::array(), json::object(), json("x"),
@@ -347,7 +348,7 @@ TEST(Doctor, TakesAnyAnswerOfTheDaemon) {
   EXPECT_FALSE(examine_robot("r", {json(3), json(4), "x", json(5)}, {}).empty());
 }
 
-TEST(Doctor, TellsWhatIsKnownOfOneRobot) {
+TEST(Doctor, ShowsStateOfOneRobot) {
   ParseResult configuration;
   configuration.config.robots = {{"r1", 0x100, std::nullopt}};
   RobotFacts facts;
@@ -370,7 +371,7 @@ TEST(Doctor, TellsWhatIsKnownOfOneRobot) {
   EXPECT_NE(to_text(elsewhere).find("is served by gateway room-b"), std::string::npos);
 }
 
-TEST(Doctor, TellsWhyARobotNeverSpoke) {
+TEST(Doctor, NamesReasonWhyRobotWasNeverHeard) {
   RobotFacts facts;
   facts.robots = json::array();
   facts.nodes = {{{"robot", "r1"},
@@ -396,18 +397,18 @@ TEST(Doctor, TellsWhyARobotNeverSpoke) {
             text.npos);
 }
 
-TEST(DoctorOfARobot, NamesABanByTheNameThatLiftsIt) {
+TEST(DoctorOfARobot, NamesBanByTheNameThatLiftsIt) {
   RobotName robot;
   robot.id = "r1";
   robot.mqttsn_client_id = "NRF_5";
   ParseResult configuration;
   configuration.config.robots = {robot};
-  const auto told = [&] { return to_text(examine_robot("r1", {}, configuration)); };
-  EXPECT_EQ(told().find("is banned"), std::string::npos);
+  const auto text = [&] { return to_text(examine_robot("r1", {}, configuration)); };
+  EXPECT_EQ(text().find("is banned"), std::string::npos);
   configuration.config.bans = {"NRF_5"};
-  EXPECT_NE(told().find("sudo slam-gatewayctl unban NRF_5"), std::string::npos) << told();
+  EXPECT_NE(text().find("sudo slam-gatewayctl unban NRF_5"), std::string::npos) << text();
   configuration.config.bans = {"r1"};
-  EXPECT_NE(told().find("sudo slam-gatewayctl unban r1"), std::string::npos) << told();
+  EXPECT_NE(text().find("sudo slam-gatewayctl unban r1"), std::string::npos) << text();
 }
 
 /// A robot chooses its name, and an operator copies the command.

@@ -31,7 +31,7 @@ std::vector<ctl::RecordedMessage> read(const std::string& text) {
   return ctl::read_recording(in, "file");
 }
 
-TEST(Recording, HoldsRobotsMessagesWithTheirTiming) {
+TEST(Recording, KeepsMessagesOfRobotsWithTiming) {
   TraceEvent command = arrival(1s, "p/server/r/cmd");
   command.kind = StepKind::command;
   std::string text;
@@ -51,16 +51,16 @@ TEST(Recording, HoldsRobotsMessagesWithTheirTiming) {
   EXPECT_EQ(messages[1].message.topic, "p/robot/r/b");
 }
 
-/// A recorder that was killed, or whose disk was full.
-TEST(Recording, LeavesOutALineThatWasCut) {
+/// The recorder was killed, or its disk was full.
+TEST(Recording, LeavesOutTruncatedLine) {
   const std::string line = control::to_json(arrival(0us, "p/robot/r/a")).dump();
   EXPECT_EQ(read(line + "\n" + line.substr(0, 40)).size(), 1u);
-  EXPECT_EQ(read(line).size(), 1u) << "whole, though without its end of line";
-  EXPECT_THROW(read(line.substr(0, 40)), ctl::Failure) << "a file that is none";
-  EXPECT_EQ(read(line.substr(0, 40) + "\n" + line).size(), 1u) << "continued";
+  EXPECT_EQ(read(line).size(), 1u) << "a whole line without line feed";
+  EXPECT_THROW(read(line.substr(0, 40)), ctl::Failure) << "not a recording";
+  EXPECT_EQ(read(line.substr(0, 40) + "\n" + line).size(), 1u) << "continued after the cut";
 }
 
-TEST(Recording, RefusesAClockThatWasSetMeanwhile) {
+TEST(Recording, RefusesClockStepDuringRecording) {
   const auto text = [](std::chrono::microseconds at) {
     return control::to_json(arrival(at, "p/robot/r/a")).dump() + "\n";
   };
@@ -69,7 +69,7 @@ TEST(Recording, RefusesAClockThatWasSetMeanwhile) {
   EXPECT_THROW(read(text(0us) + text(-365 * 24h)), ctl::Failure);
 }
 
-TEST(Recording, LeavesOutWhatBecameOfMessages) {
+TEST(Recording, LeavesOutLaterStepsOfMessages) {
   TraceEvent event = arrival(0us, "t");
   for (const auto kind :
        {StepKind::published, StepKind::acknowledged, StepKind::repeat, StepKind::outcome}) {
@@ -78,13 +78,13 @@ TEST(Recording, LeavesOutWhatBecameOfMessages) {
   }
 }
 
-TEST(Recording, LeavesOutWhatWasNotPublishedAsItCame) {
+TEST(Recording, LeavesOutRejectedPayloads) {
   TraceEvent event = arrival(0us, "p/robot/r/update");
   event.why = "not a valid update";
   EXPECT_TRUE(read(control::to_json(event).dump() + "\n").empty());
 }
 
-TEST(Recording, NamesTheLineThatIsNone) {
+TEST(Recording, NamesInvalidLine) {
   const std::string good = control::to_json(arrival(0us, "t")).dump() + "\n";
   EXPECT_TRUE(read("").empty());
   for (const std::string_view bad :

@@ -28,8 +28,8 @@ BrokerSettings at_port(std::uint16_t port) {
   return settings;
 }
 
-/// A full disk cuts a line; the operator makes room and records on.
-TEST(Recording, GoesOnAfterALineThatWasCut) {
+/// A full disk truncates a line; the operator frees space and continues.
+TEST(Recording, AppendsAfterTruncatedLine) {
   const TempDir directory;
   const std::string path = directory / "recording";
   const auto line = [](char robot) {
@@ -63,8 +63,8 @@ TEST(Replay, PublishesTopicsAndOctetsNoSoonerThanRecorded) {
                                                           "1 p/robot/a/y 22"}));
 }
 
-/// Many more than may be under way at once, all due at once.
-TEST(Replay, LosesNoneOfABurst) {
+/// All messages are due at once; their number is far above the receive maximum.
+TEST(Replay, LosesNoMessageOfBurst) {
   constexpr std::size_t count = 500;
   Mosquitto broker;
   const Subscriber subscriber(broker, "p/#", "%x");
@@ -80,7 +80,7 @@ TEST(Replay, LosesNoneOfABurst) {
   EXPECT_EQ(subscriber.lines(), expected);
 }
 
-TEST(Replay, GoesToTheFirstBrokerOfTheListThatIsThere) {
+TEST(Replay, UsesFirstBrokerInListThatAnswers) {
   Mosquitto broker;
   BrokerSettings settings = at_port(free_tcp_port());
   settings.others.push_back({settings.host, broker.port(), false});
@@ -88,7 +88,7 @@ TEST(Replay, GoesToTheFirstBrokerOfTheListThatIsThere) {
             1u);
 }
 
-TEST(Replay, SaysWhatToDoAboutARefusedUser) {
+TEST(Replay, NamesRemedyForRefusedUser) {
   const Mosquitto broker({}, "robots", "right");
   const auto complaint = [&](std::optional<Credentials> credentials, bool is_typed) {
     BrokerSettings settings = at_port(broker.port());
@@ -108,11 +108,11 @@ TEST(Replay, SaysWhatToDoAboutARefusedUser) {
             std::string::npos);
 }
 
-TEST(Replay, SaysThatNoBrokerIsThere) {
+TEST(Replay, FailsWhenNoBrokerAnswers) {
   const std::uint16_t port = free_tcp_port();
   try {
     ctl::replay({recorded(0us, "p/t", {1}, Qos::at_least_once)}, at_port(port), 1);
-    FAIL() << "replayed to nobody";
+    FAIL() << "replayed without a broker";
   } catch (const ctl::Failure& failure) {
     EXPECT_NE(std::string(failure.what()).find(std::to_string(port)), std::string::npos);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `slam-gatewayctl check` tells of habits that cost a robot messages, air time or battery.
+// Findings of `slam-gatewayctl check`: habits that cost a robot messages, air time or battery.
 #include <gtest/gtest.h>
 
 #include <fmt/format.h>
@@ -45,7 +45,7 @@ Health health_of(const WatchedRobot& robot, const std::string& step) {
   return finding->health;
 }
 
-TEST(RobotCheck, HasNothingToSayOfAGoodRobot) {
+TEST(RobotCheck, FindsNoProblemOfHealthyRobot) {
   for (const Finding& finding : judge_robot(steady()))
     EXPECT_EQ(finding.health, Health::well) << finding.step << finding.detail;
 }
@@ -71,7 +71,7 @@ TEST(RobotCheck, NamesEndlessRepeats) {
   EXPECT_EQ(health_of(robot, "repeats"), Health::problem);
 }
 
-TEST(RobotCheck, NamesRepeatsWithoutDupThatWentUp) {
+TEST(RobotCheck, NamesPublishedRepeatsWithoutDup) {
   WatchedRobot robot;
   for (int i = 0; i < 20; ++i)
     for (int copy = 0; copy < 3; ++copy)
@@ -84,7 +84,7 @@ TEST(RobotCheck, NamesRepeatsWithoutDupThatWentUp) {
   EXPECT_EQ(health_of(robot, "DUP"), Health::unknown);
 }
 
-TEST(RobotCheck, BlamesTheRadioForRepeats) {
+TEST(RobotCheck, AttributesRepeatsToRadio) {
   WatchedRobot robot;
   for (int i = 0; i < 40; ++i) robot.events.push_back(arrived(i + (i % 3 == 0 ? 0.9 : 0)));
   for (int i = 0; i < 10; ++i)
@@ -99,7 +99,7 @@ TEST(RobotCheck, NamesMessagesThatAskForNoAcknowledgement) {
   EXPECT_EQ(health_of(robot, "acknowledgement"), Health::warning);
 }
 
-TEST(RobotCheck, NamesAStrayOctetAndPayloadsThatAreNone) {
+TEST(RobotCheck, NamesStrayOctetAndInvalidPayload) {
   WatchedRobot robot = steady();
   robot.events.push_back(arrived(60, {{"stray_octet", true}}));
   robot.events.push_back(arrived(61, {{"why", "not a valid update: published under rejected/"}}));
@@ -107,7 +107,7 @@ TEST(RobotCheck, NamesAStrayOctetAndPayloadsThatAreNone) {
   EXPECT_EQ(health_of(robot, "payload"), Health::problem);
 }
 
-TEST(RobotCheck, NamesRefusalsAndNotMoreThanAFew) {
+TEST(RobotCheck, NamesFewOfManyRefusals) {
   WatchedRobot robot = steady();
   for (int i = 0; i < 100; ++i)
     robot.events.push_back({{"event", "refused"}, {"why", fmt::format("topic {}", i)}});
@@ -134,7 +134,7 @@ TEST(RobotCheck, NamesSegmentsToAGroup) {
   EXPECT_EQ(health_of(robot, "segments to a group"), Health::problem);
 }
 
-TEST(RobotCheck, NamesCommandsAndRegisterWithoutAnAnswer) {
+TEST(RobotCheck, NamesUnansweredCommandsAndRegister) {
   WatchedRobot robot = steady();
   const std::string topic = "ntnu-slam/server/r1/cmd";
   robot.events.push_back({{"event", "outcome"}, {"outcome", "timeout"}, {"topic", topic}});
@@ -144,7 +144,7 @@ TEST(RobotCheck, NamesCommandsAndRegisterWithoutAnAnswer) {
   EXPECT_NE(find(findings, "commands")->remedy.find("REGACK"), std::string::npos);
 }
 
-TEST(RobotCheck, NamesAKeepAliveThatIsTooShortOrNone) {
+TEST(RobotCheck, NamesShortOrMissingKeepAlive) {
   WatchedRobot robot = steady();
   robot.client["keep_alive_s"] = 3;
   EXPECT_EQ(health_of(robot, "keep-alive"), Health::warning);

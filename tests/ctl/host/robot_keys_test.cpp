@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The file of robots' keys is made, changed and read; no change is lost and no key shows twice.
+// The file of robot keys is created, changed and read; no change is lost, a key is shown once.
 #include "ctl/host/robot_keys.hpp"
 
 #include <gtest/gtest.h>
@@ -44,17 +44,17 @@ class RobotKeysFile : public testing::Test {
   test::TempDir directory_;
 };
 
-TEST_F(RobotKeysFile, ShowsAKeyAsACodeOnATerminalOnly) {
+TEST_F(RobotKeysFile, ShowsQrCodeOnTerminalOnly) {
   const auto answer = add("tank");
   const std::string finder = "    █▀▀▀▀▀█ ";  // ISO/IEC 18004: the upper corner, in the quiet zone
   EXPECT_NE(text_of_keys(answer, true).find(finder), std::string::npos);
   EXPECT_EQ(text_of_keys(answer).find("█"), std::string::npos);
   EXPECT_NE(text_of_keys(answer, true).find(qr_code("tank-client\n" + std::string(answer["key"]))),
             std::string::npos);
-  EXPECT_EQ(qr_code(std::string(4000, 'x')), "") << "no code holds it";
+  EXPECT_EQ(qr_code(std::string(4000, 'x')), "") << "too long for a QR code";
 }
 
-TEST_F(RobotKeysFile, GetsAFreshKeyForEachRobot) {
+TEST_F(RobotKeysFile, AddsDistinctKeyForEachRobot) {
   std::set<std::string> keys;
   for (const char* robot : {"r1", "r2", "tank"}) {
     const auto answer = add(robot);
@@ -68,7 +68,7 @@ TEST_F(RobotKeysFile, GetsAFreshKeyForEachRobot) {
   EXPECT_EQ(keys.size(), 3U);
   EXPECT_EQ(mode(), 0600U);
   const auto listed = list();
-  EXPECT_EQ(text_of_keys(listed), "r1\nr2\ntank-client\n") << "a robot speaks as its client id";
+  EXPECT_EQ(text_of_keys(listed), "r1\nr2\ntank-client\n") << "keys are stored by client id";
   for (const std::string& key : keys)
     EXPECT_EQ(listed.dump().find(key), std::string::npos) << "names only";
   EXPECT_EQ(installation().parsed().config.robot_keys.size(), 3U);
@@ -86,7 +86,7 @@ TEST_F(RobotKeysFile, KeepsAKeyUntilItIsRemoved) {
   EXPECT_THROW(add("no/level"), Failure);
 }
 
-TEST_F(RobotKeysFile, RemovesAKeyWhoseClientIdHasBecomeTheNameOfAnotherRobot) {
+TEST_F(RobotKeysFile, RemovesOnlyKeysOfTheNamedRobot) {
   add("r1");
   add("tank");
   write_file(directory_ / "gateway.json",
@@ -102,14 +102,14 @@ TEST_F(RobotKeysFile, RemovesAKeyWhoseClientIdHasBecomeTheNameOfAnotherRobot) {
   EXPECT_EQ(text_of_keys(list()), "tank-client\n");
 }
 
-TEST_F(RobotKeysFile, LosesNoKeyThatIsAddedAtTheSameTime) {
+TEST_F(RobotKeysFile, KeepsAllKeysAddedConcurrently) {
   std::vector<std::thread> writers;
   for (int i = 0; i < 8; ++i) writers.emplace_back([&, i] { add("r" + std::to_string(i)); });
   for (std::thread& writer : writers) writer.join();
   EXPECT_EQ(list()["robots"].size(), 8U);
 }
 
-TEST_F(RobotKeysFile, IsNotUsedWhenOthersCanReadItOrItIsBroken) {
+TEST_F(RobotKeysFile, IsNotChangedWhenOthersCanReadItOrItIsInvalid) {
   write_file(file(), "{}", 0640);
   EXPECT_THROW(add("r1"), Failure);
   EXPECT_EQ(read_file(file()), "{}");
@@ -117,17 +117,17 @@ TEST_F(RobotKeysFile, IsNotUsedWhenOthersCanReadItOrItIsBroken) {
   chmod(file().c_str(), 0600);
   try {
     add("r2");
-    ADD_FAILURE() << "written over";
+    ADD_FAILURE() << "overwrote an invalid file";
   } catch (const Failure& failure) {
     EXPECT_EQ(std::string(failure.what()).find("secret"), std::string::npos) << failure.what();
   }
 }
 
-TEST_F(RobotKeysFile, SaysHowKeysBegin) {
+TEST_F(RobotKeysFile, NamesSettingToAddWithoutKeysFile) {
   write_file(directory_ / "gateway.json", "{}");
   try {
     add("r1");
-    ADD_FAILURE() << "there is no file of keys";
+    ADD_FAILURE() << "added a key without a keys file";
   } catch (const Failure& failure) {
     EXPECT_NE(std::string(failure.what()).find("gateway.d/dtls.json"), std::string::npos);
   }
