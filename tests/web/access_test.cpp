@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Host, Origin and the token; and that every answer carries the headers that confine the page.
+// Checks of Host and Origin, and the answers to HTTP requests.
 #include "web/server/access.hpp"
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 namespace slamgw::web::test {
 namespace {
 
-TEST(WebAccess, AnAddressIsRightAndANameOnlyWhenItIsKnown) {
+TEST(WebAccess, AcceptsAnyAddressAndConfiguredNamesAsHost) {
   const AccessRules access({"Slam.Example.org"});
   for (const char* host :
        {"127.0.0.1:8321", "127.0.0.1", "[::1]:8321", "192.168.1.7:80", "localhost:8321",
@@ -23,7 +23,7 @@ TEST(WebAccess, AnAddressIsRightAndANameOnlyWhenItIsKnown) {
     EXPECT_FALSE(access.is_own_host(host)) << host;
 }
 
-TEST(WebAccess, OriginIsThisHostAndNoOther) {
+TEST(WebAccess, AcceptsOriginOfThisHostOnly) {
   EXPECT_TRUE(AccessRules::is_own_origin("", "127.0.0.1:8321"));
   EXPECT_TRUE(AccessRules::is_own_origin("http://127.0.0.1:8321", "127.0.0.1:8321"));
   EXPECT_TRUE(AccessRules::is_own_origin("https://slam.example.org", "slam.example.org"));
@@ -45,7 +45,7 @@ class WebAnswers : public testing::Test {
   }
 };
 
-TEST_F(WebAnswers, GiveThePageItsFilesAndTheMetrics) {
+TEST_F(WebAnswers, ServePageAndMetrics) {
   EXPECT_EQ(answers.to(get("/")).content_type, "text/html; charset=utf-8");
   EXPECT_EQ(answers.to(get("/?x=1")).status, 200u);
   EXPECT_TRUE(answers.to(get("/metrics")).is_metrics);
@@ -70,10 +70,10 @@ TEST_F(WebAnswers, RefuseForeignHostOriginAndMethods) {
   request = get("/");
   request.method = "POST";
   EXPECT_EQ(answers.to(request).status, 405u);
-  EXPECT_EQ(answers.to(get("/api")).status, 426u) << "a WebSocket only";
+  EXPECT_EQ(answers.to(get("/api")).status, 426u) << "only a WebSocket is served there";
 }
 
-TEST_F(WebAnswers, CompressForWhoTakesItAndSayWhatIsKnown) {
+TEST_F(WebAnswers, CompressOnRequestAndAnswerNotModified) {
   Request request = get("/");
   const Answer plain = answers.to(request);
   request.accept_encoding = "gzip, br";

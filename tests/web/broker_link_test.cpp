@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page's own connection, at a real Mosquitto.
+// The connection of slam-gateway-web to a real Mosquitto.
 #include "web/server/io/broker_link.hpp"
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 namespace slamgw::web {
 namespace {
 
-/// The first reason that the broker is away.
+/// Returns the first reason why the broker cannot be reached.
 std::string refusal_of(const test::Mosquitto& broker,
                        std::optional<std::string> credentials_file = {}, bool tls = false) {
   BrokerSettings settings;
@@ -31,7 +31,7 @@ std::string refusal_of(const test::Mosquitto& broker,
   return refusal;
 }
 
-TEST(WebBrokerLink, PassesOnWhoSendsACommandAndWhereAMessageCameFrom) {
+TEST(WebBrokerLink, PassesSenderOfCommandAndOriginOfMessage) {
   const test::Mosquitto broker;
   const test::Subscriber robot(broker, "a/server/#", "%t %x %P", "mqttv5");
   BrokerSettings settings;
@@ -43,7 +43,7 @@ TEST(WebBrokerLink, PassesOnWhoSendsACommandAndWhereAMessageCameFrom) {
   listener.on_state = [&](bool is_there, const std::string&) { is_up = is_there; };
   listener.on_message = [&](const BrokerMessage& message) { heard.push_back(message); };
   BrokerLink link(io, settings, {"a/robot/#"}, listener);
-  EXPECT_FALSE(link.publish({"a/server/r/run", "stop", "ada"})) << "the broker is away";
+  EXPECT_FALSE(link.publish({"a/server/r/run", "stop", "ada"})) << "the broker is offline";
   ASSERT_TRUE(test::eventually(io, [&] { return is_up; }));
   ASSERT_TRUE(link.publish({"a/server/r/run", "stop", "ada, page at 192.0.2.1"}));
   ASSERT_TRUE(test::eventually(io, [&] { return robot.lines().size() == 1; }));
@@ -55,7 +55,7 @@ TEST(WebBrokerLink, PassesOnWhoSendsACommandAndWhereAMessageCameFrom) {
   for (const auto& each : {user_property("mesh", "ble"), user_property("gateway", "pi"),
                            user_property("received_at", "2026-11-21T13:57:43.613Z")})
     arguments.insert(arguments.end(), each.begin(), each.end());
-  // The subscription may come after the first ones.
+  // The first messages may come before the subscription.
   ASSERT_TRUE(test::eventually(io, [&] {
     if (heard.empty()) test::mosquitto_publish(broker, arguments);
     return !heard.empty();
@@ -65,7 +65,7 @@ TEST(WebBrokerLink, PassesOnWhoSendsACommandAndWhereAMessageCameFrom) {
   EXPECT_EQ(heard.front().received_at, "2026-11-21T13:57:43.613Z");
 }
 
-TEST(WebBrokerLink, NamesTheUserThatTheBrokerRefusesAndTheFile) {
+TEST(WebBrokerLink, NamesRefusedUserAndFile) {
   const test::Mosquitto broker({}, "page", "right");
   const test::TempDir directory;
   const std::string file = directory / "web-credentials.json";
@@ -78,7 +78,7 @@ TEST(WebBrokerLink, NamesTheUserThatTheBrokerRefusesAndTheFile) {
       << none;
 }
 
-TEST(WebBrokerLink, NamesWhatIsWrongWithTls) {
+TEST(WebBrokerLink, NamesTlsFailure) {
   const test::Mosquitto broker;
   const std::string why = refusal_of(broker, std::nullopt, true);
   EXPECT_NE(why.find("TLS"), why.npos) << why;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A browser whose clock is not the program's shows how long ago a robot was heard all the same.
+// The page shows how long ago a robot was heard, even if the browser's clock differs from the program's.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Model } from '../../web/page/model.js';
@@ -23,7 +23,7 @@ for (const [name, aheads] of Object.entries({
   'ahead, and set right while the page is open': [HOUR_MS, 0],
   'right, and set back while the page is open': [0, -HOUR_MS],
 }))
-  test(`the program's clock is ${name}`, () => {
+  test(`ages are right when the program's clock is ${name}`, () => {
     const model = modelWithPrefix();
     for (const ahead of aheads) {
       const { ago, freshness } = hear(model, ahead);
@@ -38,7 +38,7 @@ test('a state that a gateway sent hours ago does not move the clock', () => {
   assert.ok(Math.abs(model.now() - Date.now()) < 1000);
 });
 
-test('the greeting tells the time of the program', () => {
+test('the greeting carries the time of the program', () => {
   const model = new Model();
   model.takeOwn('hello', { prefix: 'p', origins: {}, gateway: 'g', now: Date.now() + HOUR_MS });
   assert.ok(Math.abs(model.now() - HOUR_MS - Date.now()) < 1000);

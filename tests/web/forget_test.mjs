@@ -45,7 +45,7 @@ test('ends the commands that this page has sent it', () => {
   assert.deepEqual(ends, [['a', 'no outcome', 'it was forgotten']]);
 });
 
-test('leaves room on a full page, and is not taken for its namesake that comes later', () => {
+test('leaves room on a full page, and is not confused with a later robot of its name', () => {
   const model = modelWith(...Array.from({ length: MAX_ROBOTS }, (_, i) => `r${i}`));
   talk(model, 'x'); // replaces the robot that was silent longest
   const [replaced] = model.leftOut.keys();

@@ -35,41 +35,41 @@ class WebHistory : public testing::Test {
       history.update(roster, now);
     }
   }
-  json told(const std::string& robot = "r") { return json::parse(history.text(robot, now)); }
+  json shown(const std::string& robot = "r") { return json::parse(history.text(robot, now)); }
 };
 
-TEST_F(WebHistory, TellsHowLongARobotWasOnline) {
+TEST_F(WebHistory, ShowsShareOfTimeOnline) {
   say("state", {{"state", "online"}});
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   pass(15 * minute);
   say("robots/r", {{"state", "offline"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   pass(15 * minute - 1);
-  const json told = this->told();
-  EXPECT_EQ(told["from"], now - 3 * History::slot_ms);
-  EXPECT_EQ(told["online"], (json{100, 50, 0, nullptr})) << told;
+  const json shown = this->shown();
+  EXPECT_EQ(shown["from"], now - 3 * History::slot_ms);
+  EXPECT_EQ(shown["online"], (json{100, 50, 0, nullptr})) << shown;
 }
 
-TEST_F(WebHistory, OfAGatewayThatIsGoneNothingIsKnown) {
+TEST_F(WebHistory, ShowsNullWhileGatewayIsGone) {
   say("state", {{"state", "online"}});
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   pass(10 * minute);
   say("state", {{"state", "offline"}});
   pass(10 * minute);
-  EXPECT_EQ(told()["online"], (json{100, nullptr, nullptr})) << told();
+  EXPECT_EQ(shown()["online"], (json{100, nullptr, nullptr})) << shown();
 }
 
-TEST_F(WebHistory, KeepsSignalLatencyAndWhatWasCountedInEachSlot) {
+TEST_F(WebHistory, KeepsSignalLatencyAndCountsOfEachSlot) {
   say("state", {{"state", "online"}});
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   count(5);
   pass(minute);
   count(9);
-  count(2);  // its gateway has started again
+  count(2);  // its gateway has restarted
   count(3);
-  EXPECT_EQ(told()["repeats"], json{5});
-  EXPECT_EQ(told()["gaps"], json{0});
-  EXPECT_EQ(told()["rssi_dbm"], json{-60});
-  EXPECT_EQ(told()["latency_us"], json{1900});
+  EXPECT_EQ(shown()["repeats"], json{5});
+  EXPECT_EQ(shown()["gaps"], json{0});
+  EXPECT_EQ(shown()["rssi_dbm"], json{-60});
+  EXPECT_EQ(shown()["latency_us"], json{1900});
 }
 
 TEST_F(WebHistory, CountsOnlyAtTheGatewayThatServesTheRobot) {
@@ -81,28 +81,28 @@ TEST_F(WebHistory, CountsOnlyAtTheGatewayThatServesTheRobot) {
     count(100, "h");
   }
   pass(minute);
-  EXPECT_EQ(told()["repeats"], json{3});
+  EXPECT_EQ(shown()["repeats"], json{3});
   say("robots/r", {{"state", "offline"}, {"last_seen", "2027-01-15T08:00:00Z"}}, "g");
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:01Z"}}, "h");
   for (const int repeats : {101, 102}) {
     count(8, "g");
     count(repeats, "h");
   }
-  EXPECT_EQ(told()["repeats"], json{4}) << "counts of two gateways are not compared";
+  EXPECT_EQ(shown()["repeats"], json{4}) << "counts of two gateways are not compared";
 }
 
-TEST_F(WebHistory, IsADayLong) {
+TEST_F(WebHistory, CoversOneDay) {
   say("state", {{"state", "online"}});
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   pass(10 * minute);
   now += 3 * 24 * 60 * minute;
   pass(10 * minute);
-  const json told = this->told();
-  EXPECT_EQ(told["online"].size(), History::slots);
-  EXPECT_EQ(told["online"].front(), nullptr) << "what was three days ago is forgotten";
+  const json shown = this->shown();
+  EXPECT_EQ(shown["online"].size(), History::slots);
+  EXPECT_EQ(shown["online"].front(), nullptr) << "slots of three days ago are forgotten";
 }
 
-TEST_F(WebHistory, BeginsAgainWhenTheClockIsSetBack) {
+TEST_F(WebHistory, StartsOverWhenClockIsSetBack) {
   constexpr std::int64_t year = 365 * 24 * 60 * minute;
   say("state", {{"state", "online"}});
   for (const char* const robot : {"robots/r", "robots/leaves"})
@@ -115,9 +115,9 @@ TEST_F(WebHistory, BeginsAgainWhenTheClockIsSetBack) {
   now -= year;
   const std::int64_t set_back = now / History::slot_ms * History::slot_ms;
   pass(60 * minute);
-  const json told = this->told();
-  EXPECT_EQ(told["from"], set_back);
-  EXPECT_EQ(told["online"], (json{100, 100, 100, 100, 100, 100, 100})) << told;
+  const json shown = this->shown();
+  EXPECT_EQ(shown["from"], set_back);
+  EXPECT_EQ(shown["online"], (json{100, 100, 100, 100, 100, 100, 100})) << shown;
   EXPECT_EQ(history.size(), 1u) << "a robot that left is not kept for a year";
 }
 
@@ -128,14 +128,14 @@ TEST_F(WebHistory, IsBoundedAndForgetsRobotsThatAreGone) {
         {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   history.update(roster, now);
   EXPECT_EQ(history.size(), History::max_robots);
-  EXPECT_EQ(told("nobody")["online"], json{nullptr});
+  EXPECT_EQ(shown("unknown")["online"], json{nullptr});
   roster.on_broker_found();
   now += 25 * 60 * minute;
   history.update(roster, now);
   EXPECT_EQ(history.size(), 0u);
 }
 
-TEST_F(WebHistory, TakesNonsenseForNothing) {
+TEST_F(WebHistory, IgnoresInvalidDocuments) {
   say("state", {{"state", "online"}});
   say("robots/r", {{"state", "online"}, {"last_seen", "2027-01-15T08:00:00Z"}});
   for (const char* payload :
@@ -143,7 +143,7 @@ TEST_F(WebHistory, TakesNonsenseForNothing) {
         R"({"robots":{"r":{"rssi_dbm":"x","latency_p50_us":-1,"repeats":-5,"gaps":1e300}}})",
         R"({"robots":{"r":{"rssi_dbm":99999,"repeats":18446744073709551615}}})"})
     history.on_numbers(roster, "g", payload, now);
-  EXPECT_EQ(told()["repeats"], json{nullptr});
+  EXPECT_EQ(shown()["repeats"], json{nullptr});
 }
 
 }  // namespace

@@ -100,7 +100,7 @@ function robotNamed(id, origin = null) {
   return robot;
 }
 
-test('places and points come back, in metres, with the heading of the last step', () => {
+test('places and points are read back in metres, with the heading of the last step', () => {
   const { profile, messages, schemas } = read([robotNamed('robot1')]);
   assert.equal(profile, 'ros2');
   assert.deepEqual([...schemas.values()].map(({ name }) => name), ['geometry_msgs/msg/PoseStamped', 'sensor_msgs/msg/PointCloud2']);
@@ -142,7 +142,7 @@ test('messages of all robots are in the order of time, and count up in each chan
     messages.filter(({ channel }) => channel === id).forEach(({ sequence }, i) => assert.equal(sequence, i));
 });
 
-test('topics are names that ROS 2 allows, no two alike, and the channel has the robot’s own', () => {
+test('topics are distinct names that ROS 2 allows, and the channel has the robot’s own name', () => {
   const ids = ['lego-1', 'lego_1', '5', 'robot_5', 'ø', 'a.b'];
   const { channels } = read(ids.map((id) => robotNamed(id)));
   const poses = [...channels.values()].filter(({ topic }) => topic.endsWith('/pose'));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The metrics from what gateways publish, as recorded of a running one. `promtool check metrics`
-// reads the real thing in ./dev browser-test.
+// Metrics from documents of gateways, as recorded from a running one. `promtool check metrics`
+// reads those of the built program in ./dev browser-test.
 #include "web/server/metrics.hpp"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ class WebMetrics : public testing::Test {
   }
 };
 
-TEST_F(WebMetrics, CountTheMessagesOfEachMesh) {
+TEST_F(WebMetrics, CountMessagesOfEachMesh) {
   hear("g/state", R"({"state":"online"})");
   hear("g/stats", R"({"messages":{"up":7,"down":5},
                       "meshes":{"ble":{"state":"up","messages":{"up":3,"down":1}},
@@ -51,7 +51,7 @@ TEST_F(WebMetrics, CountTheMessagesOfEachMesh) {
       << "no mesh carried them";
 }
 
-TEST_F(WebMetrics, TellTheGatewaysStats) {
+TEST_F(WebMetrics, ShowStatsOfGateway) {
   hear("g/state", R"({"state":"online"})");
   hear(
       "g/stats",
@@ -81,10 +81,10 @@ slamgw_latency_seconds_sum{gateway="g",mesh="thread"} 0.0025
 slamgw_latency_seconds_count{gateway="g",mesh="thread"} 5
 )"),
             std::string::npos)
-      << "and none of the BLE mesh, whose buckets are nonsense: " << text();
+      << "no histogram of the BLE mesh, whose buckets are invalid: " << text();
 }
 
-TEST_F(WebMetrics, TellThatABrokerThatRefusesATopicIsUp) {
+TEST_F(WebMetrics, ShowRefusingBrokerAsUp) {
   hear("g/state", R"({"state":"online"})");
   for (const auto& [state, value] : {std::pair{"up", '1'}, {"refusing", '1'}, {"down", '0'}}) {
     hear("g/stats", std::string(R"({"broker":{"state":")") + state + "\"}}");
@@ -92,7 +92,7 @@ TEST_F(WebMetrics, TellThatABrokerThatRefusesATopicIsUp) {
   }
 }
 
-TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
+TEST_F(WebMetrics, ShowNumbersOfRobotsInBaseUnits) {
   hear("g/robots/r", R"({"state":"online","mesh":"ble"})");
   hear("g/numbers",
        R"({"robots":{"r":{"up":70,"down":2,"repeats":1,"rate_hz":5.1,"latency_p50_us":1500,
@@ -113,7 +113,7 @@ TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
   EXPECT_TRUE(has(R"(slamgw_robot_online{gateway="g",robot="r",mesh="ble"} 1)"));
 }
 
-TEST_F(WebMetrics, TellWhenARobotWasHeardByItsMessages) {
+TEST_F(WebMetrics, ShowTimeOfLastMessageOfRobot) {
   hear("g/robots/r", R"({"state":"online","mesh":"thread"})");
   hear("g/numbers",
        R"({"robots":{"r":{"last_heard":"2026-11-21T13:57:43.500Z","mesh":"thread"}}})");
@@ -125,16 +125,16 @@ TEST_F(WebMetrics, TellWhenARobotWasHeardByItsMessages) {
   hear_robot("g", "2026-11-21T13:57:49.250Z");
   EXPECT_TRUE(is_heard_at("1795269469.25")) << text();
   hear_robot("g", "2026-11-21T13:57:40Z");
-  EXPECT_TRUE(is_heard_at("1795269463.5")) << "an old one that came out of the store";
+  EXPECT_TRUE(is_heard_at("1795269463.5")) << "an old message from the store";
   hear_robot("another", "2026-11-21T13:57:49.250Z");
-  EXPECT_TRUE(is_heard_at("1795269463.5")) << "nothing is known of that gateway";
+  EXPECT_TRUE(is_heard_at("1795269463.5")) << "that gateway is unknown";
   hear_robot("", "");
-  EXPECT_TRUE(is_heard_at("1795269500")) << "when this program got it";
+  EXPECT_TRUE(is_heard_at("1795269500")) << "the time of receipt";
   hear("g/robots/r", R"({"state":"offline","mesh":"thread"})");
-  EXPECT_TRUE(is_heard_at("1795269463.5")) << "a last will is no sign of life";
+  EXPECT_TRUE(is_heard_at("1795269463.5")) << "a last will does not count as heard";
 }
 
-TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {
+TEST_F(WebMetrics, ShowOnlyAbsenceOfGoneGateway) {
   hear("g/state", R"({"state":"offline"})");
   hear("g/stats", R"({"uptime_s":12})");
   hear("g/numbers", R"({"robots":{"r":{"up":70}}})");
@@ -143,7 +143,7 @@ TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {
   EXPECT_EQ(text().find("slamgw_robot_"), std::string::npos);
 }
 
-TEST_F(WebMetrics, TellAClockThatIsWrongAndCorrectTimesByIt) {
+TEST_F(WebMetrics, ShowClockOffsetAndCorrectTimesByIt) {
   hear("g/state", R"({"state":"online","since":"2026-11-21T16:58:20Z"})");
   hear("g/robots/r", R"({"state":"online","mesh":"ble","last_seen":"2026-11-21T16:58:20Z"})");
   hear("g/numbers", R"({"robots":{"r":{"mesh":"ble","last_heard":"2026-11-21T16:58:20Z"}}})");
@@ -153,13 +153,13 @@ TEST_F(WebMetrics, TellAClockThatIsWrongAndCorrectTimesByIt) {
       << text();
 }
 
-TEST_F(WebMetrics, EscapeWhatRobotsAreCalled) {
+TEST_F(WebMetrics, EscapeNamesOfRobots) {
   hear("g/numbers", R"({"robots":{"a\"b\\c\nd":{"meshes":{"ble":{"up":1}}}}})");
   EXPECT_TRUE(has(
       R"(slamgw_robot_messages_total{gateway="g",robot="a\"b\\c\nd",mesh="ble",direction="up"} 1)"));
 }
 
-TEST_F(WebMetrics, TakeNonsenseForNothing) {
+TEST_F(WebMetrics, IgnoreInvalidDocuments) {
   for (const char* payload : {"", "x", "[]", "1", R"({"robots":[1]})", R"({"robots":{"r":5}})",
                               R"({"robots":{"r":{"up":"many","last_heard":7}}})",
                               R"({"messages":[],"meshes":4,"broker":null})",
@@ -177,7 +177,7 @@ TEST_F(WebMetrics, TakeNonsenseForNothing) {
   EXPECT_TRUE(outcomes.counts().empty());
 }
 
-TEST_F(WebMetrics, ManyRobotsAreAllTold) {
+TEST_F(WebMetrics, ShowEachOfThousandRobots) {
   hear("g/state", R"({"state":"online"})");
   for (int i = 0; i < 1000; ++i)
     hear("g/robots/r" + std::to_string(i), R"({"state":"online","mesh":"ble"})");
@@ -186,7 +186,7 @@ TEST_F(WebMetrics, ManyRobotsAreAllTold) {
 }
 
 /// Names come from the broker; any client that may publish there can make many and long ones.
-TEST(WebExposition, LeavesOutWhatDoesNotFit) {
+TEST(WebExposition, LeavesOutSamplesBeyondItsBound) {
   Exposition out;
   const std::string name(1 << 20, 'x');
   for (int i = 0; i < 26; ++i) out.add("slamgw_x", "X.", {{"robot", name}}, i);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What pages get of an MQTT message, read back by a JSON parser that is not ours.
+// What pages receive of an MQTT message, read by an independent JSON parser.
 #include "web/server/mirror.hpp"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ json mirrored(const std::string& topic, const std::string& payload) {
   return text ? json::parse(*text) : json();
 }
 
-TEST(WebTopics, AreToldApart) {
+TEST(WebTopics, AreClassifiedAndOnlyCommandsMayBePublished) {
   const Topics topics("a/b");
   EXPECT_EQ(topics.kind_of("a/b/robot/r/update"), TopicKind::robot);
   EXPECT_EQ(topics.kind_of("a/b/server/r/cmd"), TopicKind::command);
@@ -41,7 +41,7 @@ TEST(WebTopics, AreToldApart) {
     EXPECT_FALSE(topics.may_publish(topic)) << topic;
 }
 
-TEST(WebMirror, GatewaysDocumentsAreJsonValues) {
+TEST(WebMirror, PassesGatewayDocumentsAsJson) {
   const json message = mirrored("ntnu-slam/gateway/g/state", R"({"state":"online"})");
   EXPECT_EQ(message["payload"]["state"], "online");
   EXPECT_EQ(message["encoding"], "json");
@@ -49,7 +49,7 @@ TEST(WebMirror, GatewaysDocumentsAreJsonValues) {
   EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", "{broken")["encoding"], "text");
 }
 
-TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
+TEST(WebMirror, LeavesOutMembersOfWrongType) {
   struct Case {
     const char* topic;
     const char* said;
@@ -80,7 +80,7 @@ TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
   }
 }
 
-TEST(WebMirror, PassesOnAsManyRobotsOfAGatewayAsItMayList) {
+TEST(WebMirror, BoundsListedRobotsOfGateway) {
   json robots = json::object();
   for (int i = 0; i < 30'000; ++i) robots["r" + std::to_string(i)] = {{"up", 1}};
   const std::string topic = "ntnu-slam/gateway/g/numbers";
@@ -91,7 +91,7 @@ TEST(WebMirror, PassesOnAsManyRobotsOfAGatewayAsItMayList) {
   EXPECT_EQ(payload["left_out"], 29'005);
 }
 
-TEST(WebLastKnown, KeepsItsOwnGatewayBesideAFlood) {
+TEST(WebLastKnown, KeepsOwnGatewayWhenTopicsFill) {
   const auto text = std::make_shared<const std::string>("{}");
   LastKnown known("p/gateway/own/");
   for (std::size_t i = 0; i < LastKnown::max_topics; ++i)
@@ -100,9 +100,9 @@ TEST(WebLastKnown, KeepsItsOwnGatewayBesideAFlood) {
   EXPECT_TRUE(known.keep("p/gateway/own/state", text));
 }
 
-/// Our parser stops at a NUL and skips a byte order mark; a browser's does neither, and closes the
-/// connection for what is no UTF-8.
-TEST(WebMirror, WhatOnlyBeginsLikeJsonDoesNotBreakTheMessage) {
+/// Our parser stops at a NUL and skips a byte order mark; a browser's does neither. A browser
+/// closes the connection for invalid UTF-8.
+TEST(WebMirror, PassesInvalidJsonAsTextOrHex) {
   for (const std::string& payload :
        {"{\"state\":\"online\"}\0\xff{{{"s, "1\0"s, "\xef\xbb\xbf{}"s, "\"\xc3\x28\""s}) {
     const auto text =
@@ -115,7 +115,7 @@ TEST(WebMirror, WhatOnlyBeginsLikeJsonDoesNotBreakTheMessage) {
   }
 }
 
-TEST(WebMirror, DeepJsonIsText) {
+TEST(WebMirror, PassesDeepJsonAsText) {
   const auto nested = [](std::size_t depth) {
     return R"({"[[\"{{":)" + std::string(depth, '[') + std::string(depth, ']') + "}";
   };
@@ -123,28 +123,28 @@ TEST(WebMirror, DeepJsonIsText) {
   EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", nested(20'000))["encoding"], "text");
 }
 
-TEST(WebMirror, RobotsOctetsAreHexAndTheirWordsText) {
+TEST(WebMirror, PassesBinaryOfRobotsAsHexAndTextAsText) {
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "\x0a\0\xec\xff"s)["payload"], "0a00ecff");
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "    ")["encoding"], "hex")
-      << "positions stay octets where they look like text";
+      << "positions are octets even if they look like text";
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", R"({"x":1,"y":2})")["encoding"], "text");
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/adv", "h\"i\\")["payload"], "h\"i\\");
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/adv", "\xff\xfe")["payload"], "fffe");
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/adv", "")["encoding"], "hex");
 }
 
-TEST(WebMirror, ARobotsJsonIsTextSoThatItCannotPassForAGateways) {
+TEST(WebMirror, PassesJsonOfRobotsAsText) {
   EXPECT_TRUE(mirrored("ntnu-slam/robot/r/adv", R"({"__proto__":1})")["payload"].is_string());
 }
 
-TEST(WebMirror, TopicsWithMarkupAndControlCharactersStayJson) {
+TEST(WebMirror, EscapesMarkupAndControlCharactersInTopics) {
   const std::string topic = "ntnu-slam/robot/<img src=x onerror=alert(1)>\"\\\n/adv";
   EXPECT_EQ(mirrored(topic, "x")["topic"], topic);
-  EXPECT_TRUE(mirrored("ntnu-slam/robot/\xff/adv", "x").is_null()) << "no UTF-8";
+  EXPECT_TRUE(mirrored("ntnu-slam/robot/\xff/adv", "x").is_null()) << "not UTF-8";
 }
 
-/// Several messages travel in one, a line feed between them.
-TEST(WebMirror, AMessageIsOneLine) {
+/// One WebSocket message carries several messages, separated by line feeds.
+TEST(WebMirror, WritesMessageOnOneLine) {
   const std::string pretty = "{\n  \"state\": \"on\\nline\",\r\n\t\"since\": [\n]\n}";
   const auto text =
       to_page({"ntnu-slam/gateway/g/state", pretty, 0, false, {}, {}, {}}, TopicKind::state);
@@ -159,32 +159,32 @@ TEST(WebMirror, AMessageIsOneLine) {
 }
 
 /// Ids have 64 octets at most; a broker takes topics of 64 KiB, and a page keeps thousands.
-TEST(WebMirror, LongTopicsAreNotPassedOn) {
+TEST(WebMirror, DropsTooLongTopics) {
   const std::string head = "ntnu-slam/robot/r/";
   EXPECT_FALSE(mirrored(head + std::string(max_topic - head.size(), 'a'), "x").is_null());
   EXPECT_TRUE(mirrored(head + std::string(max_topic, 'a'), "x").is_null());
 }
 
-TEST(WebMirror, LongPayloadsAreOnlyCounted) {
+TEST(WebMirror, ReplacesLongPayloadByItsSize) {
   const json message = mirrored("ntnu-slam/robot/r/adv", std::string(max_robot_payload + 1, 'a'));
   EXPECT_EQ(message["payload"], "");
   EXPECT_EQ(message["bytes"], max_robot_payload + 1);
 }
 
-TEST(WebMirror, OnlyNumbersMayBeLong) {
+TEST(WebMirror, PassesLongPayloadOfNumbersOnly) {
   const std::string value = "\"" + std::string(100'000, 'a') + "\"";
   EXPECT_EQ(mirrored("ntnu-slam/gateway/g/numbers", value)["encoding"], "json");
   for (const char* rest : {"state", "stats", "robots/r", "commands/r", "rejected/r/update"})
     EXPECT_EQ(mirrored("ntnu-slam/gateway/g/"s + rest, value)["bytes"], value.size()) << rest;
 }
 
-TEST(WebLastKnown, IsBoundedAndForgets) {
+TEST(WebLastKnown, IsBoundedAndForgetsOnRequest) {
   LastKnown known;
   const auto text = std::make_shared<const std::string>(std::string(1 << 20, 'x'));
   int kept = 0;
   for (int i = 0; i < 100; ++i) kept += known.keep(std::to_string(i), text) ? 1 : 0;
   EXPECT_LT(kept, 17);
-  EXPECT_TRUE(known.keep("0", text)) << "a newer word takes the older one's room";
+  EXPECT_TRUE(known.keep("0", text)) << "a newer value replaces the older one";
   const auto longer = std::make_shared<const std::string>(std::string(17 << 20, 'x'));
   EXPECT_FALSE(known.keep("0", longer));
   EXPECT_EQ(known.topics().at("0"), text) << "until the caller withdraws it";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whom a Thread border router hears, and which of them are robots.
+// Neighbours of a Thread border router, and which of them are robots.
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
@@ -7,7 +7,7 @@ import { extendedAddressOf, Model } from '../../web/page/model.js';
 
 const said = JSON.parse(readFileSync(new URL('../vectors/thread_border_router.json', import.meta.url)));
 
-test('knows an extended address by a link-local address alone', () => {
+test('derives an extended address from a link-local address only', () => {
   assert.equal(extendedAddressOf('[fe80::1322:3344:5566:7788%4]:47193'), '1122334455667788');
   assert.equal(extendedAddressOf('[fe80::f:0:0:1]:1'), '020f000000000001');
   assert.equal(extendedAddressOf('FE80:0:0:0:d0e1:5a0c:b0a:908'), 'd2e15a0c0b0a0908');
@@ -15,7 +15,7 @@ test('knows an extended address by a link-local address alone', () => {
     assert.equal(extendedAddressOf(other), null, other);
 });
 
-test('gives a robot the neighbour that it is, with its signal over time', () => {
+test('matches a robot with its neighbour entry and keeps the signal over time', () => {
   const model = new Model();
   model.prefix = 'p';
   const take = (rest, payload) => model.take({ topic: `p/gateway/pi/${rest}`, payload, encoding: payload === '' ? 'text' : 'json', at: 1 });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An outcome names robot and type only. The page gives it to the command that it belongs to, whoever sent that.
+// An outcome names robot and type only. The page assigns it to its command, from any sender.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Model } from '../../web/page/model.js';
@@ -12,8 +12,8 @@ class Page {
     this.model = new Model();
     this.model.now = () => this.at + BEGIN;
     this.at = 0;
-    this.told = []; // the outcomes of this page's own commands
-    this.model.onOutcome = (robot, command) => this.told.push([command.words, command.outcome]);
+    this.ended = []; // the outcomes of this page's own commands
+    this.model.onOutcome = (robot, command) => this.ended.push([command.words, command.outcome]);
     this.model.takeOwn('hello', { prefix: 'p', origins: {}, gateway: 'g' });
     this.take('gateway/g/state', { state: 'online' }, 'json');
     this.take('robot/r/update', '0a00ecff', 'hex');
@@ -50,7 +50,7 @@ test('a command that was lost does not take the outcome of a later one', () => {
   page.end('timeout', 70000);
   page.model.expire();
   assert.deepEqual(page.outcomes, ['no outcome', 'delivered', 'timeout']);
-  assert.deepEqual(page.told, []);
+  assert.deepEqual(page.ended, []);
 });
 
 test("an outcome of another sender's command does not end this page's", () => {
@@ -61,7 +61,7 @@ test("an outcome of another sender's command does not end this page's", () => {
   assert.equal(mine.outcome, undefined);
   page.hear('63006300', 10);
   page.end('delivered', 20);
-  assert.deepEqual(page.told, [['63006300', 'delivered']]);
+  assert.deepEqual(page.ended, [['63006300', 'delivered']]);
   assert.deepEqual(page.outcomes, ['superseded', 'delivered']);
 });
 
@@ -72,27 +72,27 @@ test('outcomes follow the order in which the broker passes commands on', () => {
   page.hear('63006300', 6);
   page.end('superseded', 8);
   page.end('delivered', 9);
-  assert.deepEqual(page.told, [['63006300', 'delivered']]);
+  assert.deepEqual(page.ended, [['63006300', 'delivered']]);
 });
 
-test("this page's command ends without an outcome, too", () => {
+test("a command of this page whose outcome is lost ends without one", () => {
   const page = new Page();
   const lost = page.click('01000100', 0);
   page.hear('01000100', 10);
   page.click('02000200', 36000);
   page.hear('02000200', 36010);
   page.end('delivered', 36020);
-  assert.deepEqual(page.told, [['02000200', 'delivered']]);
+  assert.deepEqual(page.ended, [['02000200', 'delivered']]);
   page.model.expire();
   assert.equal(lost.outcome, 'no outcome');
-  assert.equal(page.told.length, 2);
+  assert.equal(page.ended.length, 2);
 });
 
-test('where the broker lets the page read outcomes only, its own commands have theirs', () => {
+test('a page that may read outcomes only assigns them to its own commands', () => {
   const page = new Page();
   page.click('01000100', 0);
   page.end('delivered', 9);
-  assert.deepEqual(page.told, [['01000100', 'delivered']]);
+  assert.deepEqual(page.ended, [['01000100', 'delivered']]);
 });
 
 test('a refusal ends a command that the broker has not passed on', () => {
@@ -102,7 +102,7 @@ test('a refusal ends a command that the broker has not passed on', () => {
   page.click('02000200', 6);
   page.model.takeOwn('refused', { topic: 'p/server/r/cmd', why: 'no' });
   page.end('delivered', 9);
-  assert.deepEqual(page.told, [['02000200', 'refused'], ['01000100', 'delivered']]);
+  assert.deepEqual(page.ended, [['02000200', 'refused'], ['01000100', 'delivered']]);
 });
 
 test('each of many commands at once has its own outcome, and the list stays bounded', () => {
@@ -119,9 +119,9 @@ test('each of many commands at once has its own outcome, and the list stays boun
   assert.equal(page.outcomes.length, 20);
 });
 
-test('commands of the past stand before those that came live', () => {
+test('past commands stand before live commands', () => {
   const page = new Page();
-  page.model.liveFrom = Infinity; // as for a page that connects again
+  page.model.liveFrom = Infinity; // as on a page that reconnects
   page.hear('02000200', 60000);
   const event = (topic, payload, encoding, at) => ({ topic: `p/${topic}`, payload, encoding, at: BEGIN + at });
   page.model.takeOwn('past', { events: [event('server/r/cmd', '01000100', 'hex', 50000), event('gateway/g/commands/r', { type: 'cmd', outcome: 'timeout' }, 'json', 59000)] });

@@ -9,7 +9,7 @@
 namespace slamgw::web {
 namespace {
 
-TEST(PageHub, MakesMetricsForAFewClientsAtATime) {
+TEST(PageHub, BoundsConcurrentMetricsRequests) {
   boost::asio::io_context io;
   Config config;
   config.broker.port = test::free_tcp_port();  // no broker listens there

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A page that takes what it gets slowly, or not at all.
+// The queue of a page that reads slowly or not at all.
 #include "web/server/page_queue.hpp"
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ TEST(WebQueue, KeepsTheOrderOfEvents) {
   EXPECT_EQ(queue.pop(), nullptr);
 }
 
-TEST(WebQueue, OfAStateOnlyTheNewestWaits) {
+TEST(WebQueue, KeepsOnlyNewestValueOfState) {
   PageQueue queue;
   for (int i = 0; i < 1000; ++i) queue.push_state("stats", text(std::to_string(i)));
   queue.push_state("state", text("online"));
@@ -31,7 +31,7 @@ TEST(WebQueue, OfAStateOnlyTheNewestWaits) {
   EXPECT_EQ(*queue.pop(), "new");
 }
 
-TEST(WebQueue, DropsTheOldestEventsAndSaysHowMany) {
+TEST(WebQueue, DropsOldestEventsAndReportsTheirNumber) {
   PageQueue queue;
   queue.push_state("state", text("online"));
   constexpr std::size_t size = 1000;
@@ -42,13 +42,13 @@ TEST(WebQueue, DropsTheOldestEventsAndSaysHowMany) {
   EXPECT_EQ(dropped, 10u);
   EXPECT_EQ(*queue.pop(), R"({"topic":"$web/dropped","payload":{"messages":10}})");
   EXPECT_EQ(*queue.pop(), "online") << "a state is not dropped";
-  EXPECT_TRUE(queue.pop()->ends_with("110")) << "the eleventh is the oldest now";
+  EXPECT_TRUE(queue.pop()->ends_with("110")) << "the eleventh event is the oldest now";
   std::size_t left = 0;
   while (queue.pop()) ++left;
   EXPECT_EQ(left, fitting - 1);
 }
 
-TEST(WebQueue, WhatWaitedBeforeAllComesAnewIsDropped) {
+TEST(WebQueue, ResetDropsWaitingStatesAndKeepsEvents) {
   PageQueue queue;
   queue.push_state("ghost", text("old"));
   queue.push_state("stats", text("old"));
@@ -59,7 +59,7 @@ TEST(WebQueue, WhatWaitedBeforeAllComesAnewIsDropped) {
   EXPECT_EQ(queue.pop(), nullptr);
 }
 
-TEST(WebQueue, ThePastIsNotDroppedBecauseItDoesNotComeAgain) {
+TEST(WebQueue, ResetKeepsPast) {
   PageQueue queue;
   queue.push_state("ghost", text("old"));
   for (const char* topic : {"$web/past", "$web/past/r"}) queue.push_state(topic, text(topic));
@@ -67,19 +67,19 @@ TEST(WebQueue, ThePastIsNotDroppedBecauseItDoesNotComeAgain) {
   EXPECT_EQ(queue.take(), "$web/past\n$web/past/r\nhello");
 }
 
-/// Topics that are made and taken back, each a state of its own, must not fill the memory.
-TEST(WebQueue, APageThatTakesNoStatesIsGivenUp) {
+/// Topics that are published and withdrawn must not fill the memory.
+TEST(WebQueue, RefusesNewStatesWhenFull) {
   PageQueue queue;
   const SharedText large = text(std::string(1000, 'x'));
   std::size_t number = 0;
   while (queue.push_state("topic" + std::to_string(number), large)) ASSERT_LT(++number, 100'000u);
-  EXPECT_GT(number, LastKnown::max_topics) << "all that is known fits";
-  EXPECT_TRUE(queue.push_state("topic0", large)) << "what waits already may be renewed";
+  EXPECT_GT(number, LastKnown::max_topics) << "all known topics fit";
+  EXPECT_TRUE(queue.push_state("topic0", large)) << "a waiting state may be replaced";
   for (int i = 0; i < 5; ++i) EXPECT_EQ(queue.pop(), large);
   EXPECT_TRUE(queue.push_state("new", large));
 }
 
-TEST(WebQueue, GivesWhatWaitsTogetherALineEach) {
+TEST(WebQueue, TakesWaitingMessagesTogetherOnePerLine) {
   PageQueue queue;
   EXPECT_EQ(queue.take(), "");
   queue.push_event(text("event"));
@@ -88,7 +88,7 @@ TEST(WebQueue, GivesWhatWaitsTogetherALineEach) {
   EXPECT_EQ(queue.take(), "");
 }
 
-TEST(WebQueue, GivesNotAllOfMuchAtOnce) {
+TEST(WebQueue, TakesBoundedBatch) {
   PageQueue queue;
   constexpr std::size_t size = 1000;
   for (int i = 0; i < 200; ++i) queue.push_event(text(std::string(size, 'x')));
@@ -100,7 +100,7 @@ TEST(WebQueue, GivesNotAllOfMuchAtOnce) {
   EXPECT_GT(octets, 200 * size);
 }
 
-TEST(WebQueue, OneLargeEventPassesAlone) {
+TEST(WebQueue, PassesSingleEventBeyondItsBound) {
   PageQueue queue;
   queue.push_event(text(std::string(PageQueue::max_event_bytes * 2, 'x')));
   EXPECT_EQ(queue.pop()->size(), PageQueue::max_event_bytes * 2);

@@ -23,7 +23,7 @@ class WebSession : public testing::Test {
   static constexpr const char* stop = R"({"topic":"ntnu-slam/server/r/run","payload":"stop"})";
 };
 
-TEST_F(WebSession, OnlyWatchesUntilItHasToldTheToken) {
+TEST_F(WebSession, SendsNoCommandBeforeToken) {
   EXPECT_FALSE(say(stop).publish);
   EXPECT_NE(say(stop).reply.find("$web/refused"), std::string::npos);
   EXPECT_NE(say(right).reply.find("\"accepted\":true"), std::string::npos);
@@ -34,7 +34,7 @@ TEST_F(WebSession, OnlyWatchesUntilItHasToldTheToken) {
   EXPECT_EQ(reaction.publish->sender, "operator, page at 192.0.2.1");
 }
 
-TEST_F(WebSession, PayloadsInHexAreOctets) {
+TEST_F(WebSession, DecodesHexPayloads) {
   say(right);
   const auto reaction =
       say(R"({"topic":"ntnu-slam/server/r/cmd","payload":"0a00ecff","encoding":"hex"})");
@@ -42,7 +42,7 @@ TEST_F(WebSession, PayloadsInHexAreOctets) {
   EXPECT_EQ(reaction.publish->payload, std::string("\x0a\0\xec\xff", 4));
 }
 
-TEST_F(WebSession, LetsRobotsInAsItSendsCommands) {
+TEST_F(WebSession, PermitsJoiningWithTokenOnly) {
   constexpr const char* open =
       R"({"topic":"ntnu-slam/gateway/pi/request/permit_join","payload":"{\"seconds\":300}"})";
   EXPECT_FALSE(say(open).publish);
@@ -60,7 +60,7 @@ TEST_F(WebSession, PublishesNothingButCommands) {
     EXPECT_FALSE(say(R"({"payload":"1","topic":")" + std::string(topic) + "\"}").publish) << topic;
 }
 
-TEST_F(WebSession, BadMessagesAreRefusedAndHarmNothing) {
+TEST_F(WebSession, RefusesInvalidMessagesAndGoesOn) {
   say(right);
   for (const std::string text :
        {"", "{", "[]", "null", R"({"topic":1,"payload":2})", R"({"topic":"a"})",
@@ -84,13 +84,13 @@ TEST_F(WebSession, EndsAfterThreeWrongTokens) {
   EXPECT_FALSE(say(stop).publish);
 }
 
-TEST_F(WebSession, AWrongTokenTakesTheRightBack) {
+TEST_F(WebSession, WrongTokenRevokesRight) {
   say(right);
   say(R"({"topic":"$web/token","payload":""})");
   EXPECT_FALSE(say(stop).publish);
 }
 
-TEST_F(WebSession, NobodyKnowsATokenThatIsNotSet) {
+TEST_F(WebSession, AcceptsNoTokenWhenNoneIsSet) {
   const Tokens none;
   PageSession watching(topics, none, guesses, {"192.0.2.1"});
   watching.on_text(R"({"topic":"$web/token","payload":""})", now);
@@ -107,7 +107,7 @@ class WebRoles : public WebSession {
   static constexpr const char* of_bob = R"({"topic":"$web/token","payload":"fedcba9876543210"})";
 };
 
-TEST_F(WebRoles, AViewerWatchesAndSendsNothing) {
+TEST_F(WebRoles, ViewerMayWatchButNotSend) {
   EXPECT_NE(say(of_bob).reply.find(R"("name":"bob","role":"viewer")"), std::string::npos);
   EXPECT_TRUE(session.may_watch());
   const auto reaction = say(stop);
@@ -115,20 +115,20 @@ TEST_F(WebRoles, AViewerWatchesAndSendsNothing) {
   EXPECT_NE(reaction.reply.find("bob may watch, but not send commands"), std::string::npos);
 }
 
-TEST_F(WebRoles, OnlyAnOperatorReadsTheNote) {
+TEST_F(WebRoles, OperatorAloneReadsNote) {
   tokens.set_note("MQTT: user slam-server\n");
   EXPECT_EQ(say(of_bob).reply.find("slam-server"), std::string::npos);
   EXPECT_NE(say(right).reply.find(R"("note":"MQTT: user slam-server\n")"), std::string::npos);
 }
 
-TEST_F(WebRoles, AnOperatorsCommandTellsWhoSentIt) {
+TEST_F(WebRoles, NamesSenderOfCommand) {
   say(right);
   const auto reaction = say(stop);
   ASSERT_TRUE(reaction.publish);
   EXPECT_EQ(reaction.publish->sender, "ada, page at 192.0.2.1");
 }
 
-TEST_F(WebRoles, NobodyWatchesWithoutATokenOnceThereIsAViewer) {
+TEST_F(WebRoles, RequireTokenForWatchingWhenViewerIsConfigured) {
   EXPECT_FALSE(session.may_watch());
   say(wrong);
   EXPECT_FALSE(session.may_watch());
@@ -138,13 +138,13 @@ TEST_F(WebRoles, NobodyWatchesWithoutATokenOnceThereIsAViewer) {
   EXPECT_FALSE(session.may_watch());
 }
 
-TEST_F(WebSession, EverybodyWatchesWhereNoViewerIsNamed) {
+TEST_F(WebSession, WatchesWithoutTokenWhenNoViewerIsConfigured) {
   EXPECT_TRUE(session.may_watch());
   say(wrong);
   EXPECT_TRUE(session.may_watch());
 }
 
-/// Each guess comes on a connection of its own, as guesses do that want to be quick.
+/// Sends each guess on a connection of its own, as a fast attacker does.
 class WebTokenGuesses : public WebSession {
  protected:
   PageSession::Reaction guess(std::string client = "192.0.2.1") {
@@ -155,7 +155,7 @@ class WebTokenGuesses : public WebSession {
   }
 };
 
-TEST_F(WebTokenGuesses, GetLaterAnswersAfterFiveWrongOnesFromOneAddress) {
+TEST_F(WebTokenGuesses, DelayAnswersAfterFiveWrongTokensFromOneAddress) {
   for (int i = 0; i < 5; ++i) EXPECT_EQ(guess().delay, 0s);
   for (const auto delay : {1s, 2s, 4s, 8s, 16s, 30s, 30s}) EXPECT_EQ(guess().delay, delay);
   guess_times(100);
@@ -163,7 +163,7 @@ TEST_F(WebTokenGuesses, GetLaterAnswersAfterFiveWrongOnesFromOneAddress) {
   EXPECT_EQ(guess("192.0.2.2").delay, 0s) << "another address";
 }
 
-TEST_F(WebTokenGuesses, AreForgottenAfterAMinuteWithoutOne) {
+TEST_F(WebTokenGuesses, AreForgottenAfterQuietMinute) {
   guess_times(20);
   now += ClientCounts::quiet_time;
   EXPECT_EQ(guess().delay, 30s);
@@ -181,28 +181,28 @@ TEST_F(WebTokenGuesses, AreReportedOnceWithAddressAndNumber) {
   EXPECT_FALSE(guess().report.empty()) << "a new burst";
 }
 
-TEST_F(WebTokenGuesses, DoNotDelayARightTokenWhichEndsTheDelays) {
+TEST_F(WebTokenGuesses, DoNotDelayRightTokenWhichEndsTheDelays) {
   guess_times(20);
   const auto late = say(wrong);
   EXPECT_EQ(late.delay, 30s);
   const auto reaction = say(right);
   EXPECT_EQ(reaction.delay, 0s);
-  EXPECT_TRUE(reaction.drops_delayed_reply) << "else the page would hear that it was wrong";
+  EXPECT_TRUE(reaction.drops_delayed_reply) << "else the page would show the token as wrong";
   EXPECT_FALSE(reaction.ends);
   EXPECT_TRUE(say(stop).publish);
   EXPECT_EQ(guess().delay, 0s);
 }
 
-TEST_F(WebTokenGuesses, EndTheConnectionThatDoesNotWaitForTheAnswer) {
+TEST_F(WebTokenGuesses, EndConnectionThatDoesNotWaitForDelayedAnswer) {
   guess_times(5);
   EXPECT_FALSE(say(wrong).ends);
   const auto reaction = say(wrong);
   EXPECT_TRUE(reaction.ends);
   EXPECT_EQ(reaction.delay, 0s);
-  EXPECT_EQ(guesses.total(), 7u) << "it counts too";
+  EXPECT_EQ(guesses.total(), 7u) << "this guess counts, too";
 }
 
-TEST(WebClientCounts, ForgetTheClientThatWasQuietLongest) {
+TEST(WebClientCounts, ForgetClientThatWasQuietLongest) {
   ClientCounts counts;
   ClientCounts::TimePoint now{};
   for (std::size_t i = 0; i < 3 * ClientCounts::max_clients; ++i) {
@@ -214,7 +214,7 @@ TEST(WebClientCounts, ForgetTheClientThatWasQuietLongest) {
   EXPECT_EQ(counts.add({"0"}, now), 1u);
 }
 
-TEST_F(WebSession, SendsSoManyCommandsASecond) {
+TEST_F(WebSession, BoundsCommandsPerSecond) {
   say(right);
   int sent = 0;
   for (int i = 0; i < 1000; ++i) sent += say(stop).publish ? 1 : 0;

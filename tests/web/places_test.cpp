@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who gets a place, who gives way, and what counts as one client.
+// Which client gets a place, which connection yields, and which addresses count as one client.
 #include "web/server/places.hpp"
 
 #include <arpa/inet.h>
@@ -35,7 +35,7 @@ class WebPlaces : public testing::Test {
   using Room = Places::Room;
   Places places{16};
   std::vector<HeldPlace> held;
-  std::string gave_way;  ///< names, each with a space
+  std::string yielded;  ///< names of connections, each with a space
   const Client one = client_at("192.0.2.1");
   const Client loopback = client_at("127.0.0.1");
 
@@ -44,12 +44,12 @@ class WebPlaces : public testing::Test {
   }
   HeldPlace take_waiting(const Client& client, const std::string& name) {
     held.push_back(places.take(client));
-    places.set_waiting(held.back(), [this, name] { gave_way += name + " "; });
+    places.set_waiting(held.back(), [this, name] { yielded += name + " "; });
     return held.back();
   }
 };
 
-TEST_F(WebPlaces, OneAddressTakesAQuarterAndTheOthersFindRoom) {
+TEST_F(WebPlaces, OneAddressMayTakeQuarter) {
   take(one, 4);
   EXPECT_EQ(places.room_for(one), Room::share_is_taken);
   EXPECT_FALSE(places.make_room_for(one));
@@ -65,20 +65,20 @@ TEST_F(WebPlaces, AddressesOfASlash64ShareAQuarter) {
   EXPECT_EQ(places.room_for(client_at("fd00:0:0:1::5")), Room::free);
 }
 
-TEST_F(WebPlaces, AShareIsNeverLessThanTwo) {
+TEST_F(WebPlaces, ShareIsNeverBelowTwo) {
   EXPECT_EQ(Places(3).share_of(one), 2u);
   EXPECT_EQ(Places(32).share_of(one), 8u);
   EXPECT_EQ(Places(256).share_of(one), 64u);
 }
 
-TEST_F(WebPlaces, LoopbackTakesThreeQuartersForAllComeFromThereBehindAProxy) {
+TEST_F(WebPlaces, LoopbackMayTakeThreeQuartersForProxy) {
   take(loopback, 12);
   EXPECT_EQ(places.room_for(loopback), Room::share_is_taken);
   EXPECT_EQ(places.room_for(one), Room::free);
   EXPECT_FALSE(places.make_room_for(loopback)) << "none of them waits for a request";
 }
 
-TEST_F(WebPlaces, TheLongestWaitingGivesWayWhenAllAreTaken) {
+TEST_F(WebPlaces, LongestWaitingConnectionYieldsWhenAllAreTaken) {
   take(loopback, 13);
   take_waiting(loopback, "first");
   const HeldPlace busy = take_waiting(loopback, "busy");
@@ -86,23 +86,23 @@ TEST_F(WebPlaces, TheLongestWaitingGivesWayWhenAllAreTaken) {
   places.set_waiting(busy, nullptr);
   EXPECT_TRUE(places.make_room_for(one));
   take(one);
-  EXPECT_EQ(gave_way, "first ");
+  EXPECT_EQ(yielded, "first ");
   EXPECT_TRUE(places.make_room_for(one));
   take(one);
-  EXPECT_EQ(gave_way, "first later ");
+  EXPECT_EQ(yielded, "first later ");
   EXPECT_FALSE(places.make_room_for(one));
 }
 
-TEST_F(WebPlaces, AnAddressAtItsShareMakesRoomAtItsOwnCost) {
+TEST_F(WebPlaces, AddressAtItsShareReplacesItsOwnConnection) {
   take_waiting(client_at("192.0.2.2"), "other");
   take_waiting(one, "own");
   take(one, 3);
   EXPECT_TRUE(places.make_room_for(one));
-  EXPECT_EQ(gave_way, "own ");
+  EXPECT_EQ(yielded, "own ");
   EXPECT_EQ(places.room_for(one), Room::free);
 }
 
-TEST_F(WebPlaces, HalfRequestsNeverShutOutANewOne) {
+TEST_F(WebPlaces, IncompleteRequestsDoNotBlockNewConnection) {
   for (int i = 0; i < 1000; ++i) {
     ASSERT_TRUE(places.make_room_for(loopback));
     take_waiting(loopback, std::to_string(i));
@@ -110,7 +110,7 @@ TEST_F(WebPlaces, HalfRequestsNeverShutOutANewOne) {
   EXPECT_TRUE(places.make_room_for(one));
 }
 
-TEST_F(WebPlaces, APlaceThatGaveWayCountsOnceWhenItsConnectionEnds) {
+TEST_F(WebPlaces, YieldedPlaceIsFreedOnce) {
   take(loopback, 15);
   HeldPlace first = take_waiting(loopback, "first");
   EXPECT_TRUE(places.make_room_for(one));

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The built slam-gateway-web: how it ends when it cannot serve, and that it serves on beside
-// clients that take what they can. All of them come from loopback, where one address may take
-// everything.
+// The built slam-gateway-web: how it exits when it cannot serve, and its answers beside clients
+// that take many places. All clients come from loopback.
 #include <gtest/gtest.h>
 
 #include <boost/asio/io_context.hpp>
@@ -25,7 +24,7 @@ namespace {
 
 using boost::asio::ip::tcp;
 
-TEST(WebProgram, SaysInOneSentenceThatItsAddressIsInUse) {
+TEST(WebProgram, NamesAddressInUse) {
   boost::asio::io_context io;
   const tcp::acceptor other(io, {boost::asio::ip::address_v4::loopback(), 0});
   const std::string address = "127.0.0.1:" + std::to_string(other.local_endpoint().port());
@@ -35,22 +34,23 @@ TEST(WebProgram, SaysInOneSentenceThatItsAddressIsInUse) {
   slamgw::test::ChildProcess web({SLAMGW_WEB, "--config", directory / "gateway.json"},
                                  directory / "out", directory / "err");
   EXPECT_EQ(web.wait(), 1);
-  const std::string told = slamgw::test::read_file(directory / "err");
-  EXPECT_NE(told.find("web.listen: can't use " + address + ": Address already in use\n"), told.npos)
-      << told;
+  const std::string output = slamgw::test::read_file(directory / "err");
+  EXPECT_NE(output.find("web.listen: can't use " + address + ": Address already in use\n"),
+            output.npos)
+      << output;
 }
 
-TEST(WebProgram, NamesThePortThatTheSystemChose) {
+TEST(WebProgram, NamesPortChosenBySystem) {
   const slamgw::test::TempDir directory;
   slamgw::test::write_file(directory / "gateway.json", R"({"web": {"listen": "127.0.0.1:0"}})");
   const slamgw::test::ChildProcess web({SLAMGW_WEB, "--config", directory / "gateway.json"},
                                        directory / "out", directory / "err");
-  std::string told;
+  std::string output;
   EXPECT_TRUE(slamgw::test::eventually([&] {
-    told = slamgw::test::read_file(directory / "err");
-    return told.find("the page is at http://127.0.0.1:") != told.npos;
+    output = slamgw::test::read_file(directory / "err");
+    return output.find("the page is at http://127.0.0.1:") != output.npos;
   }));
-  EXPECT_EQ(told.find("http://127.0.0.1:0/"), told.npos) << told;
+  EXPECT_EQ(output.find("http://127.0.0.1:0/"), output.npos) << output;
 }
 
 class WebProgramUnderLoad : public testing::Test {
@@ -97,7 +97,7 @@ class WebProgramUnderLoad : public testing::Test {
     return page;
   }
   static void say(Page& page, const std::string& text) { page.write(boost::asio::buffer(text)); }
-  /// Everything up to the message with this text.
+  /// Reads up to the message that contains this text.
   static std::string hear(Page& page, const std::string& text) {
     std::string heard;
     while (heard.find(text) == heard.npos) {
@@ -115,14 +115,14 @@ class WebProgramUnderLoad : public testing::Test {
   std::optional<slamgw::test::ChildProcess> web_;
 };
 
-TEST_F(WebProgramUnderLoad, AnswersBesideMoreHalfRequestsThanItHasPlacesFor) {
+TEST_F(WebProgramUnderLoad, AnswersBesideMoreIncompleteRequestsThanPlaces) {
   std::list<tcp::socket> half;
   for (int i = 0; i < 300; ++i) half.push_back(ask("GET / HTTP/1.1\r\nHo"));
   EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
   EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
 }
 
-TEST_F(WebProgramUnderLoad, AnswersAllButWrongTokensAtOnceBesideThem) {
+TEST_F(WebProgramUnderLoad, DelaysOnlyWrongTokens) {
   std::list<Page> guessing;
   for (int i = 0; i < 11; ++i) {
     Page& page = guessing.emplace_back(open_page());
@@ -131,11 +131,11 @@ TEST_F(WebProgramUnderLoad, AnswersAllButWrongTokensAtOnceBesideThem) {
     const std::string heard = hear(page, "$web/refused");
     EXPECT_EQ(heard.find(R"("accepted":false)") == heard.npos, i >= 5) << i;
   }
-  // The last guess would be answered in half a minute. A right token is answered in its place.
+  // The answer to the last guess is due in half a minute. The right token replaces it.
   say(guessing.back(), right);
   EXPECT_EQ(hear(guessing.back(), R"("accepted":)").find(R"("accepted":false)"), std::string::npos);
-  const std::string told = slamgw::test::read_file(directory_ / "err");
-  EXPECT_NE(told.find("6 wrong tokens from 127.0.0.1"), told.npos) << told;
+  const std::string output = slamgw::test::read_file(directory_ / "err");
+  EXPECT_NE(output.find("6 wrong tokens from 127.0.0.1"), output.npos) << output;
   // The others still wait for their answers when the program ends.
   web_->send_signal(SIGTERM);
   EXPECT_EQ(web_->wait(), 0);
@@ -147,7 +147,7 @@ class WebProgramWithAViewer : public WebProgramUnderLoad {
   static constexpr const char* of_bob = R"({"topic":"$web/token","payload":"fedcba9876543210"})";
 };
 
-TEST_F(WebProgramWithAViewer, TellsNothingWithoutAToken) {
+TEST_F(WebProgramWithAViewer, SendsNothingWithoutToken) {
   Page page = open_page();
   say(page, wrong);
   const std::string heard = hear(page, R"("accepted":false)");
@@ -160,7 +160,7 @@ TEST_F(WebProgramWithAViewer, TellsNothingWithoutAToken) {
   hear(page, "bob may watch, but not send commands");
 }
 
-TEST_F(WebProgramWithAViewer, GivesTheMetricsToWhoHoldsAToken) {
+TEST_F(WebProgramWithAViewer, ServesMetricsWithTokenOnly) {
   EXPECT_EQ(status_of("/metrics"), "HTTP/1.1 401");
   EXPECT_EQ(status_of("/metrics", "Authorization: Bearer guess\r\n"), "HTTP/1.1 401");
   EXPECT_EQ(status_of("/metrics", "Authorization: Bearer fedcba9876543210\r\n"), "HTTP/1.1 200");

@@ -6,7 +6,7 @@ import { test } from 'node:test';
 import { Grid } from '../../web/page/grid.js';
 import { rosMap } from '../../web/page/rosmap.js';
 
-test('a wall, what is free before it, and what nobody has seen', () => {
+test('draws a wall, free cells before it, and unknown cells', () => {
   const grid = new Grid();
   grid.ray(1, 1, 21, 1, 1); // from cell 0 to cell 10
   grid.ray(1, -3, 1, -3, 1); // a wall in the tile below
@@ -22,7 +22,7 @@ test('a wall, what is free before it, and what nobody has seen', () => {
   assert.equal(yaml, 'image: room.pgm\nresolution: 0.02\norigin: [0.00, -1.28, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n');
 });
 
-test('no picture of nothing, nor of what lies kilometres apart', () => {
+test('makes no picture of an empty grid, nor of points kilometres apart', () => {
   const grid = new Grid();
   assert.equal(rosMap(grid, 'room'), null);
   grid.ray(0, 0, 0, 0, 1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who is alive, from documents as gateways publish them, when gateways die, stall, move robots, or
-// have a wrong clock.
+// States of gateways and robots from published documents, when gateways die, stall, have a wrong
+// clock, or when robots move.
 #include "web/server/roster.hpp"
 
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ class WebRoster : public testing::Test {
     roster.on_document({gateway, rest}, document.dump(), now, is_retained);
     roster.update(now);
   }
-  /// A gateway and its robot, both alive, by a clock that is ahead by so much.
+  /// Publishes a gateway and its robot as online, by a clock that is `ahead`.
   void start(const std::string& gateway, const std::string& robot, std::int64_t ahead = 0) {
     hear(gateway, "state", {{"state", "online"}, {"since", iso(now + ahead)}});
     hear(gateway, "robots/" + robot,
@@ -44,7 +44,7 @@ class WebRoster : public testing::Test {
   }
 };
 
-TEST_F(WebRoster, RobotsOfAGatewayThatDiesAreUnknownSinceThen) {
+TEST_F(WebRoster, RobotsOfDeadGatewayAreUnknownSinceItsDeath) {
   start("pi", "r");
   EXPECT_EQ(roster.robot("r").state, "online");
   EXPECT_EQ(roster.robot("r").mesh, "ble");
@@ -60,7 +60,7 @@ TEST_F(WebRoster, RobotsOfAGatewayThatDiesAreUnknownSinceThen) {
   EXPECT_EQ(roster.robot("r").heard_ms, died - 10 * second);
 }
 
-TEST_F(WebRoster, AGatewayThatWasGoneBeforeIsGoneWithoutATime) {
+TEST_F(WebRoster, GatewayGoneBeforeStartHasNoTime) {
   hear("pi", "state", {{"state", "offline"}}, true);
   hear("pi", "robots/r", {{"state", "online"}, {"last_seen", iso(now - hour)}}, true);
   EXPECT_EQ(roster.gateway("pi").state, "gone");
@@ -69,7 +69,7 @@ TEST_F(WebRoster, AGatewayThatWasGoneBeforeIsGoneWithoutATime) {
   EXPECT_EQ(roster.robot("r").since_ms, now - hour) << "when it was heard last";
 }
 
-TEST_F(WebRoster, AGatewayThatSendsNothingIsSilent) {
+TEST_F(WebRoster, GatewayWithoutMessagesBecomesSilent) {
   start("pi", "r");
   hear("pi", "stats", {{"uptime_s", 1}});
   const std::int64_t last = now;
@@ -83,27 +83,27 @@ TEST_F(WebRoster, AGatewayThatSendsNothingIsSilent) {
   EXPECT_EQ(roster.robot("r").state, "online");
 }
 
-TEST_F(WebRoster, ARetainedStateIsNoSignOfLifeForEver) {
+TEST_F(WebRoster, RetainedStateDoesNotKeepGatewayOnline) {
   hear("pi", "state", {{"state", "online"}}, true);
   EXPECT_EQ(roster.gateway("pi").state, "online");
   pass(Roster::silent_after_ms + 1);
   EXPECT_EQ(roster.gateway("pi").state, "silent");
 }
 
-TEST_F(WebRoster, TheGatewayThatIsThereTellsWhereARobotIs) {
+TEST_F(WebRoster, TakesStateOfRobotFromOnlineGateway) {
   start("a", "r");
   pass(second);
   start("b", "r");
   hear("a", "robots/r", {{"state", "offline"}, {"last_seen", iso(now)}});
   EXPECT_EQ(roster.robot("r").gateway, "b");
   hear("b", "state", {{"state", "offline"}});
-  EXPECT_EQ(roster.robot("r").gateway, "a") << "it knows that the robot is not with it";
+  EXPECT_EQ(roster.robot("r").gateway, "a") << "a is online and shows it as offline";
   EXPECT_EQ(roster.robot("r").state, "offline");
   hear("a", "state", {{"state", "offline"}});
   EXPECT_EQ(roster.robot("r").state, "unknown");
 }
 
-TEST_F(WebRoster, NothingIsKnownWithoutTheBroker) {
+TEST_F(WebRoster, EverythingIsUnknownWithoutBroker) {
   start("pi", "r");
   roster.on_broker_lost(now);
   pass(second);
@@ -115,7 +115,7 @@ TEST_F(WebRoster, NothingIsKnownWithoutTheBroker) {
   EXPECT_EQ(roster.robot("r").state, "online");
 }
 
-TEST_F(WebRoster, AClockThatIsAheadIsToldAndCorrected) {
+TEST_F(WebRoster, DetectsAndCorrectsClockThatIsAhead) {
   start("pi", "r", 3 * hour);
   EXPECT_EQ(roster.gateway("pi").clock_ahead_ms, 3 * hour);
   EXPECT_EQ(roster.robot("r").heard_ms, now);
@@ -125,17 +125,17 @@ TEST_F(WebRoster, AClockThatIsAheadIsToldAndCorrected) {
   EXPECT_EQ(roster.robot("r").heard_ms, now);
   hear("pi", "state", {{"state", "offline"}});
   pass(hour);
-  EXPECT_EQ(roster.gateway("pi").clock_ahead_ms, 3 * hour) << "nothing new shows otherwise";
+  EXPECT_EQ(roster.gateway("pi").clock_ahead_ms, 3 * hour) << "no newer document corrects it";
   EXPECT_EQ(roster.robot("r").heard_ms, now - hour);
 }
 
-TEST_F(WebRoster, ATimeInTheFutureOfARetainedDocumentTellsTheClockToo) {
+TEST_F(WebRoster, DetectsClockByRetainedTimeInFuture) {
   hear("pi", "state", {{"state", "offline"}}, true);
   hear("pi", "robots/r", {{"state", "online"}, {"last_seen", iso(now + 2 * hour)}}, true);
   EXPECT_EQ(roster.gateway("pi").clock_ahead_ms, 2 * hour);
 }
 
-TEST_F(WebRoster, AClockThatIsBehindNeedsMessagesAndStatsToSayIt) {
+TEST_F(WebRoster, DetectsClockThatIsBehindByMessagesAndStats) {
   start("pi", "r", -hour);
   EXPECT_EQ(roster.gateway("pi").clock_ahead_ms, 0) << "a robot may have been silent for an hour";
   roster.on_robot_message("r", "pi", iso(now - hour), now);
@@ -146,7 +146,7 @@ TEST_F(WebRoster, AClockThatIsBehindNeedsMessagesAndStatsToSayIt) {
   EXPECT_EQ(roster.robot("r").heard_ms, now);
 }
 
-TEST_F(WebRoster, AClockThatWasSetRightIsRight) {
+TEST_F(WebRoster, TrustsClockThatWasCorrected) {
   start("pi", "r", -3 * hour);
   hear("pi", "stats", {{"uptime_s", 0}});
   roster.on_robot_message("r", "pi", iso(now), now);
@@ -154,33 +154,33 @@ TEST_F(WebRoster, AClockThatWasSetRightIsRight) {
   EXPECT_EQ(roster.gateway("pi").clock_ahead_ms, 0) << "its start was before the step";
 }
 
-TEST_F(WebRoster, MessagesThatCameHereAreSignsOfLife) {
+TEST_F(WebRoster, CountsDirectMessageAsHeard) {
   start("pi", "r");
   pass(20 * second);
   roster.on_robot_message("r", "", "", now);
   EXPECT_EQ(roster.last_heard_ms("r"), now);
 }
 
-TEST_F(WebRoster, TellsOnlyWhatHasChanged) {
+TEST_F(WebRoster, ReturnsOnlyChanges) {
   start("pi", "r");
   EXPECT_TRUE(roster.update(now).empty());
   roster.on_document({"pi", "state"}, R"({"state":"offline"})", now, false);
   const auto changes = roster.update(now);
   ASSERT_EQ(changes.size(), 2u);
-  const json told = json::parse(*changes.at("robot/r"));
-  EXPECT_EQ(told["topic"], "$web/robot/r");
-  EXPECT_EQ(told["payload"],
+  const json change = json::parse(*changes.at("robot/r"));
+  EXPECT_EQ(change["topic"], "$web/robot/r");
+  EXPECT_EQ(change["payload"],
             (json{{"state", "unknown"}, {"since", now}, {"heard", now}, {"gateway", "pi"}}));
   EXPECT_EQ(json::parse(*roster.texts().at("gateway/pi"))["payload"]["state"], "gone");
 }
 
-TEST_F(WebRoster, NamesDoNotBreakTheText) {
+TEST_F(WebRoster, EscapesNames) {
   start("p\"i", "\"r\n");
   EXPECT_EQ(json::parse(*roster.texts().at("robot/\"r\n"))["topic"], "$web/robot/\"r\n");
   EXPECT_EQ(json::parse(*roster.texts().at("robot/\"r\n"))["payload"]["gateway"], "p\"i");
 }
 
-TEST_F(WebRoster, ForgetsWhatIsTakenBack) {
+TEST_F(WebRoster, ForgetsWithdrawnDocuments) {
   start("pi", "r");
   roster.on_document({"pi", "robots/r"}, "", now, false);
   roster.on_document({"pi", "state"}, "", now, false);
@@ -188,7 +188,7 @@ TEST_F(WebRoster, ForgetsWhatIsTakenBack) {
   EXPECT_TRUE(roster.texts().empty());
 }
 
-TEST_F(WebRoster, ForgetsWhenAWithdrawnGatewayHeardARobot) {
+TEST_F(WebRoster, ForgetsTimesOfWithdrawnGateway) {
   start("pi", "r");
   const std::int64_t heard = now;
   for (const std::string withdrawn : {"numbers", "state"}) {
@@ -203,7 +203,7 @@ TEST_F(WebRoster, ForgetsWhenAWithdrawnGatewayHeardARobot) {
   }
 }
 
-TEST_F(WebRoster, IsBoundedWhateverNamesGatewaysHave) {
+TEST_F(WebRoster, BoundsGateways) {
   constexpr int names = 30'000;
   const auto publish = [&](const std::string& rest, const char* payload) {
     for (int i = 0; i < names; ++i) {
@@ -222,7 +222,7 @@ TEST_F(WebRoster, IsBoundedWhateverNamesGatewaysHave) {
   EXPECT_EQ(roster.gateway("pi").state, "online");
 }
 
-TEST_F(WebRoster, IsBoundedWhateverNamesRobotsHave) {
+TEST_F(WebRoster, BoundsRobots) {
   start("pi", "r");
   for (int i = 0; i < 30'000; ++i)
     roster.on_document({"pi", "robots/r" + std::to_string(i)}, R"({"state":"online"})", now, false);
@@ -230,7 +230,7 @@ TEST_F(WebRoster, IsBoundedWhateverNamesRobotsHave) {
   EXPECT_EQ(roster.robot("r").state, "online");
 }
 
-TEST_F(WebRoster, TakesWhenARobotWasHeardOnlyFromGatewaysThatShowIt) {
+TEST_F(WebRoster, TakesLastHeardOnlyFromGatewaysThatShowRobot) {
   start("pi", "r");
   const std::int64_t heard = now;
   pass(hour);
@@ -238,7 +238,7 @@ TEST_F(WebRoster, TakesWhenARobotWasHeardOnlyFromGatewaysThatShowIt) {
   EXPECT_EQ(roster.robot("r").heard_ms, heard);
 }
 
-TEST_F(WebRoster, TakesNonsenseForNothing) {
+TEST_F(WebRoster, IgnoresInvalidDocuments) {
   for (const char* payload : {"x", "[]", "1", R"({"robots":[1]})", R"({"robots":{"r":5}})",
                               R"({"state":5,"since":[],"uptime_s":"x"})",
                               R"({"state":"up","since":"9999-99-99T99:99:99Z"})",
@@ -251,7 +251,7 @@ TEST_F(WebRoster, TakesNonsenseForNothing) {
   }
 }
 
-TEST(WebTimes, AreReadAsTheyAreWritten) {
+TEST(WebTimes, AreParsedFromIso8601) {
   EXPECT_EQ(unix_ms("2026-11-21T13:57:43.613Z"), 1795269463613);
   EXPECT_EQ(unix_ms("1970-01-01T00:00:00Z"), 0);
   for (const char* text : {"", "2026", "2026-11-21", "2026-13-21T00:00:00Z"})

@@ -8,7 +8,7 @@ import { Model } from '../../web/page/model.js';
 import { problems } from '../../web/page/robots.js';
 import { shown } from '../../web/page/shown.js';
 
-test('shows what hides or deceives', () => {
+test('escapes hidden and deceptive characters', () => {
   const cases = JSON.parse(readFileSync(new URL('../vectors/shown.json', import.meta.url)));
   for (const [text, wanted] of cases) assert.equal(shown(text), wanted);
   assert.equal(shown('a\u001b[2J\u009b'), 'a\\u001b[2J\\u009b');

@@ -44,13 +44,13 @@ TEST_F(WebStartup, OnlyWatchesWhenNoTokenIsSet) {
   EXPECT_EQ(load().parsed.config.web.listen, "127.0.0.1:8321");
 }
 
-TEST_F(WebStartup, UsesLibmosquittoWhateverTheGatewayUses) {
+TEST_F(WebStartup, UsesLibmosquittoForAnyClientOfGateway) {
   write("gateway.json", R"({"broker": {"client": "paho"}})");
   EXPECT_EQ(problem(), "");
   EXPECT_EQ(load().parsed.config.broker.client, MqttClient::mosquitto);
 }
 
-TEST_F(WebStartup, TakesTheTokensOneLine) {
+TEST_F(WebStartup, ReadsTokenFile) {
   write("gateway.json", R"({"web": {"token_file": "token"}})");
   write("token", std::string(token) + "\n");
   EXPECT_EQ(problem(), "");
@@ -69,7 +69,7 @@ TEST_F(WebStartup, RefusesATokenThatOthersCanRead) {
   EXPECT_EQ(problem(), "");
 }
 
-TEST_F(WebStartup, TakesANoteThatOthersCannotRead) {
+TEST_F(WebStartup, ReadsNoteThatOthersCannotRead) {
   write("gateway.json", R"({"web": {"note_file": "note"}})");
   EXPECT_NE(problem().find("a text is needed"), std::string::npos) << problem();
   write("note", "password: x", 0644);
@@ -85,7 +85,7 @@ TEST_F(WebStartup, TakesANoteThatOthersCannotRead) {
   EXPECT_EQ(load().tokens.note(), "user: é\npassword: x\n");
 }
 
-TEST_F(WebStartup, RefusesATokenOfAStranger) {
+TEST_F(WebStartup, RefusesTokenOwnedByAnotherUser) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
   write("gateway.json", R"({"web": {"token_file": "token"}})");
   write("token", token);
@@ -96,7 +96,7 @@ TEST_F(WebStartup, RefusesATokenOfAStranger) {
   EXPECT_TRUE(load().tokens.empty());
 }
 
-TEST_F(WebStartup, IsOpenToOtherHostsWithATokenOnly) {
+TEST_F(WebStartup, ListensForOtherHostsWithTokenOnly) {
   for (const std::string listen : {"0.0.0.0:8321", "[::]:8321", "192.168.1.20:8321"}) {
     write("gateway.json", R"({"web": {"listen": ")" + listen + "\"}}");
     EXPECT_EQ(problem(), path("gateway.json") + ":1: web.listen: " + listen +
@@ -112,7 +112,7 @@ TEST_F(WebStartup, IsOpenToOtherHostsWithATokenOnly) {
   }
 }
 
-TEST_F(WebStartup, RefusesWhatIsNoTokenAndNeverShowsIt) {
+TEST_F(WebStartup, RefusesInvalidTokenAndNeverShowsIt) {
   write("gateway.json", R"({"web": {"token_file": "token"}})");
   EXPECT_NE(problem().find("cannot be read"), std::string::npos) << "it is missing";
   for (const std::string text : {"", "\n", "short-secret", "two words of a secret",
@@ -125,11 +125,11 @@ TEST_F(WebStartup, RefusesWhatIsNoTokenAndNeverShowsIt) {
   EXPECT_NE(problem().find("token:1: the token is not 16 to 256"), std::string::npos) << problem();
 }
 
-TEST_F(WebStartup, HasCredentialsOfItsOwnAndLeavesTheDaemonsAlone) {
+TEST_F(WebStartup, UsesOwnCredentialsAndNotThoseOfDaemon) {
   write("gateway.json",
         R"({"broker": {"credentials_file": "of-the-daemon.json", "uri": "mqtts://broker",
             "tls": {"certificate_file": "of-the-daemon.pem", "key_file": "of-the-daemon.key"}}})");
-  EXPECT_EQ(problem(), "") << "the daemon's files are not looked at";
+  EXPECT_EQ(problem(), "") << "the daemon's files are not read";
   EXPECT_FALSE(load().parsed.config.broker.credentials);
   EXPECT_FALSE(load().parsed.config.broker.key_file) << "it cannot be read";
   write("web-credentials.json", R"({"username": "page", "password": "p"})");
@@ -139,7 +139,7 @@ TEST_F(WebStartup, HasCredentialsOfItsOwnAndLeavesTheDaemonsAlone) {
   EXPECT_NE(problem().find("can be read or changed by others"), std::string::npos);
 }
 
-TEST_F(WebStartup, RefusesFilesWithWhichNoTlsConnectionIsPossible) {
+TEST_F(WebStartup, RefusesUnusableTlsFiles) {
   const slamgw::test::Certificates good("broker");
   const slamgw::test::Certificates other("broker");
   const auto use = [&](const std::string& ca, const std::string& key) {
@@ -158,12 +158,12 @@ TEST_F(WebStartup, RefusesFilesWithWhichNoTlsConnectionIsPossible) {
   EXPECT_NE(problem().find("does not belong to certificate_file"), std::string::npos) << problem();
 }
 
-TEST_F(WebStartup, RefusesCredentialsBehindSystemdsCopyThatOthersCanRead) {
+TEST_F(WebStartup, RefusesReadableSourceOfSystemdCredential) {
   write("gateway.json", "{}");
   std::filesystem::create_directory(path("copies"));
   write("copies/broker", R"({"username": "page", "password": "p"})");
   setenv("CREDENTIALS_DIRECTORY", path("copies").c_str(), 1);
-  EXPECT_EQ(problem(), "") << "the service may not be allowed to look at the file itself";
+  EXPECT_EQ(problem(), "") << "the service may lack access to the source";
   write("web-credentials.json", R"({"username": "page", "password": "p"})", 0644);
   EXPECT_NE(problem().find("web-credentials.json:1: file: can be read or changed by others"),
             std::string::npos);
@@ -172,7 +172,7 @@ TEST_F(WebStartup, RefusesCredentialsBehindSystemdsCopyThatOthersCanRead) {
   unsetenv("CREDENTIALS_DIRECTORY");
 }
 
-TEST_F(WebStartup, TellsTheGatewaysProblemsToo) {
+TEST_F(WebStartup, ReportsProblemsOfWholeConfiguration) {
   write("gateway.json", R"({"web": {"listn": "127.0.0.1:1"}})");
   EXPECT_NE(problem().find("did you mean"), std::string::npos) << problem();
   EXPECT_NE(load_startup(path("missing.json")).parsed.problems.size(), 0u);

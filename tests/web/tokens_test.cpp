@@ -22,7 +22,7 @@ Tokens::Problem bad(std::string_view text) {
 constexpr const char* two =
     "# who may do what\n\nada operator 0123456789abcdef\r\n  bob\tviewer  fedcba9876543210";
 
-TEST(WebTokens, NameTheirHoldersAndRoles) {
+TEST(WebTokens, NameHoldersAndRoles) {
   const Tokens tokens = good(two);
   ASSERT_TRUE(tokens.find("0123456789abcdef"));
   EXPECT_EQ(tokens.find("0123456789abcdef")->name, "ada");
@@ -32,7 +32,7 @@ TEST(WebTokens, NameTheirHoldersAndRoles) {
   EXPECT_TRUE(tokens.guard_watching());
 }
 
-TEST(WebTokens, OneTokenAloneIsAnOperators) {
+TEST(WebTokens, SingleTokenBelongsToOperator) {
   const Tokens tokens = good("0123456789abcdef\n");
   ASSERT_TRUE(tokens.find("0123456789abcdef"));
   EXPECT_EQ(tokens.find("0123456789abcdef")->role, Role::operator_);
@@ -40,16 +40,16 @@ TEST(WebTokens, OneTokenAloneIsAnOperators) {
   EXPECT_FALSE(good("ada operator 0123456789abcdef\n").guard_watching()) << "no viewer is named";
 }
 
-TEST(WebTokens, AreComparedWhole) {
+TEST(WebTokens, MatchOnlyAsWhole) {
   const Tokens tokens = good(two);
   for (const char* offered :
        {"", "0123456789abcde", "0123456789abcdeF", "0123456789abcdef0",
         "0123456789abcdef0123456789abcdef", "0123456789abcdef ", "ada", "operator"})
     EXPECT_FALSE(tokens.find(offered)) << offered;
-  EXPECT_FALSE(Tokens().find("")) << "no token is set: nobody knows it";
+  EXPECT_FALSE(Tokens().find("")) << "no token is set";
 }
 
-TEST(WebTokens, ALineThatIsNoneIsToldByItsNumberAndNotShown) {
+TEST(WebTokens, InvalidLineIsNamedByNumberAndNotShown) {
   const std::string first = "ada operator 0123456789abcdef\n";
   for (const std::string line :
        {"bob viewer", "bob viewer secret-6543210-x more", "bob owner secret-6543210-x",
@@ -73,7 +73,7 @@ TEST(WebTokens, AreBounded) {
   bad("n viewer " + std::string(257, 'x'));
 }
 
-TEST(WebTokens, ComeInABearerHeader) {
+TEST(WebTokens, AreReadFromBearerHeader) {
   for (const char* header : {"Bearer 0123456789abcdef", "bearer 0123456789abcdef"})
     EXPECT_EQ(bearer_token(header), "0123456789abcdef") << header;
   for (const char* header : {"", "Bearer", "Bearer ", "Basic 0123456789abcdef"})

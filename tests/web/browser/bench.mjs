@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ./dev browser-test --bench [--soak-minutes N]: 100 robots at 5/s with 2000 obstacle points each on the map. Frames a
 // second in headless Chromium, CPU and memory of slam-gateway-web and of the page, octets of the page. Prints one JSON
-// object; no test. With --soak-minutes the page stays open so long, and memory is told once a minute: it must stay flat.
+// object; not a test. With --soak-minutes N the page stays open for N minutes and prints memory each minute: it must stay flat.
 import { readFileSync } from 'node:fs';
 import { setTimeout as sleep } from 'node:timers/promises';
 import { World } from './world.mjs';

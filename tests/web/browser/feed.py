@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""feed.py PORT ROBOTS: publishes updates of so many robots, five a second each, over one plain MQTT 3.1.1 connection."""
+"""feed.py PORT ROBOTS: publishes five updates a second of each of ROBOTS robots over one plain MQTT 3.1.1 connection."""
 import math
 import random
 import socket

@@ -124,7 +124,7 @@ pageTest('the occupied cells of the grid are the ring, those inside are free', {
   assert.ok(cells.freeInside > 500 && cells.freeOutside === 0, JSON.stringify([cells.freeInside, cells.freeOutside]));
 });
 
-pageTest('* who reloads, or comes later, sees what the first one sees', { unlocked: true }, async (page) => {
+pageTest('* a page that reloads or opens later shows the same as the first', { unlocked: true }, async (page) => {
   await manyPoints(page);
   await choose(page, 'robot1');
   await page.click('#stop');
@@ -314,7 +314,7 @@ const choose = (page, name) => page.locator('#list li', { hasText: name }).locat
 const outcome = (page, words) => until(page, (text) => document.querySelector('#outcomes li')?.textContent.includes(text), words);
 
 for (const [robot, mesh] of [['robot1', 'Thread'], ['robot5', 'BLE Mesh']]) {
-  pageTest(`* a click on the map sends a robot on ${mesh} there, and its outcome is told`, { unlocked: true }, async (page) => {
+  pageTest(`* a click on the map sends a robot on ${mesh} there, and its outcome is shown`, { unlocked: true }, async (page) => {
     await manyPoints(page);
     const sent = await world.subscribe(`ntnu-slam/server/${robot}/cmd`);
     await choose(page, robot);
@@ -340,13 +340,13 @@ pageTest('Stop and Start reach the robot as `run`', { unlocked: true }, async (p
   assert.deepEqual(sent.lines.map((line) => Buffer.from(line.split(' ')[1], 'hex').toString()), ['stop', 'start']);
 });
 
-pageTest('a robot that no gateway serves is told before anybody waits for it', { unlocked: true }, async (page) => {
+pageTest('the page says that no gateway serves the chosen robot', { unlocked: true }, async (page) => {
   await world.update('ghost', 0, 0);
   await page.locator('#list li', { hasText: 'ghost' }).locator('button').click();
   await until(page, () => document.querySelector('#pilot-hint').textContent.startsWith('No gateway serves it'));
 });
 
-pageTest('without a token set the page only watches, whatever it says', () => ({ url: world.watchingUrl }), async (page) => {
+pageTest('without a token set the program publishes no command of a page', () => ({ url: world.watchingUrl }), async (page) => {
   await until(page, () => document.querySelector('#unlock').textContent === 'Only watching');
   assert.equal(await page.isDisabled('#unlock'), true);
   const sent = await world.subscribe('ntnu-slam/server/#');
@@ -356,13 +356,13 @@ pageTest('without a token set the page only watches, whatever it says', () => ({
     socket.onmessage = ({ data }) => data.includes('$web/refused') && resolve(data);
   }));
   assert.match(refused, /only watches/);
-  await world.publish('ntnu-slam/server/robot1/end', 'x'); // what came before it has arrived
+  await world.publish('ntnu-slam/server/robot1/end', 'x'); // earlier messages have arrived
   await eventually('the end', () => sent.lines.some((line) => line.includes('/end')));
   sent.stop();
   assert.equal(sent.lines.length, 1);
 });
 
-pageTest('a wrong token is told, and three end the connection', {}, async (page) => {
+pageTest('a wrong token is reported, and three end the connection', {}, async (page) => {
   await page.click('#unlock');
   await page.fill('#token', 'a-wrong-token-of-somebody');
   await page.click('#token-form .main');
@@ -376,7 +376,7 @@ pageTest('a wrong token is told, and three end the connection', {}, async (page)
   assert.ok(code >= 1000);
 });
 
-test('the token is in no URL, stays over a reload, and in its tab', async () => {
+test('the token is in no URL, survives a reload, and stays in its tab', async () => {
   const page = await world.open();
   const urls = [];
   page.on('request', (request) => urls.push(request.url()));
@@ -456,7 +456,7 @@ pageTest('a script that somehow got into the page does not run', {}, async (page
     try { document.body.innerHTML += '<b>markup</b>'; return true; } catch { return Boolean(window.wasRun); }
   });
   assert.equal(ran, false);
-  page.errors.length = 0; // the browser tells of what it refused
+  page.errors.length = 0; // the browser reports what it refused
 });
 
 // ---- robots and gateways
@@ -481,7 +481,7 @@ pageTest('the table and the picture show which robot is on which gateway over wh
   await shot(page, 'robots.png');
 });
 
-pageTest('* the picture shows whom a Thread border router hears, and which of them is a robot', { view: 'robots' }, async (page) => {
+pageTest('* the picture shows the neighbours of a Thread border router, and which one is a robot', { view: 'robots' }, async (page) => {
   const document = JSON.parse(readFileSync(new URL('../../vectors/thread_border_router.json', import.meta.url)));
   const at = 'ntnu-slam/gateway/pi/';
   await world.publish(at + 'state', '{"state":"online"}', '-r');
@@ -606,7 +606,7 @@ pageTest('no motion where the system asks for none', { reducedMotion: 'reduce' }
 
 // ---- metrics
 
-test('* promtool finds nothing to say about the metrics', async () => {
+test('* promtool accepts the metrics', async () => {
   await eventually('stats have come', () => world.metric('slamgw_gateway_uptime_seconds'));
   const { text, headers } = await ask('/metrics', {});
   assert.match(headers['content-type'], /^text\/plain; version=0\.0\.4/);
@@ -669,7 +669,7 @@ pageTest('a first visitor without robots has a list of steps, each with its comm
   assert.equal((await marks()).Gateway, 'todo systemctl status slam-gateway');
 });
 
-pageTest('* new BLE robots are let in with a button: one by name, then whoever comes', { view: 'robots' }, async (page) => {
+pageTest('* a button lets new BLE robots join: one by name, then any', { view: 'robots' }, async (page) => {
   const words = (pattern) => until(page, (source) => new RegExp(source).test(document.querySelector('#join-words').textContent), pattern);
   const ready = (pattern) => until(page, (source) => [...document.querySelectorAll('#join-events .good')].some((line) => new RegExp(source).test(line.textContent)), pattern);
   world.startClosedMesh();
@@ -756,7 +756,7 @@ pageTest('a name with a quotation mark is quoted in the lines to copy, and one t
   await until(page, () => document.querySelector('#robot-state').textContent.startsWith('No robot of this name'));
 });
 
-pageTest('nonsense on the topics harms nothing', {}, async (page) => {
+pageTest('invalid documents on the topics harm nothing', {}, async (page) => {
   for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', '{"broker":{"missing_rights":[1,null,{"what":{}}]}}', '{"broker":{"missing_rights":{"a":1}}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}', '{"x":1e22,"y":0,"obstacles":[{"x":-1e300,"y":1}]}',
     Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}', `{"state":${'['.repeat(30000)}${']'.repeat(30000)}}`]) {
     for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/thread', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
@@ -780,12 +780,12 @@ pageTest('of more than a thousand robots the least recently heard makes room, an
   });
   const kept = await page.evaluate(() => ({ size: window.slamgw.model.robots.size, names: [...window.slamgw.model.robots.keys()] }));
   assert.equal(kept.size, 1000);
-  for (let i = 1; i <= 6; i++) assert.ok(kept.names.includes(`robot${i}`), 'who speaks stays');
+  for (let i = 1; i <= 6; i++) assert.ok(kept.names.includes(`robot${i}`), 'robots that send stay');
   await page.click('#tab-robots');
   await until(page, () => document.querySelector('#problems').textContent.includes('more robots are not shown'));
 });
 
-pageTest('a message of megabytes stays with the broker', {}, async (page) => {
+pageTest('payloads that are too large do not reach the page', {}, async (page) => {
   await world.publish('ntnu-slam/gateway/huge/state', `{"state":"${'x'.repeat(5 << 20)}"}`);
   await world.publish('ntnu-slam/gateway/large/state', `{"state":"${'x'.repeat(100000)}"}`);
   await world.publish('ntnu-slam/gateway/small/state', '{"state":"online"}');
@@ -799,7 +799,7 @@ pageTest('a message of megabytes stays with the broker', {}, async (page) => {
   await until(page, () => document.querySelector('#link').textContent === 'Live');
 });
 
-test('a subscription that the broker refuses is told, with the line that grants it', async () => {
+test('a refused subscription is shown with the line that grants it', async () => {
   const page = await world.open({ url: await world.startStrict(), view: 'robots' });
   await until(page, () => /does not let this page read ntnu-slam\/robot\/#/.test(document.querySelector('#problems').textContent));
   assert.match(await page.textContent('#problems'), /topic read ntnu-slam\/gateway\/#/);
@@ -811,7 +811,7 @@ test('a subscription that the broker refuses is told, with the line that grants 
 
 const handshake = (socket) => socket.write(`GET /api HTTP/1.1\r\nHost: 127.0.0.1:${world.ports.web}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n`);
 
-test('a page that reads nothing loses messages, and no other does', async () => {
+test('messages to a page that reads nothing are dropped, and other pages stay live', async () => {
   const before = await world.metric('slamgw_web_dropped_messages_total');
   const page = await world.open();
   const slow = net.connect(world.ports.web, '127.0.0.1');
@@ -849,7 +849,7 @@ test('more pages than there is room for are refused', async () => {
   await eventually('their room is free again', async () => await world.metric('slamgw_web_pages') === 0);
 });
 
-test('garbage for HTTP ends its connection only', async () => {
+test('invalid HTTP ends its own connection only', async () => {
   for (const garbage of ['\0\0\0\0', 'GET', `GET / HTTP/1.1\r\n${'X: y\r\n'.repeat(5000)}\r\n`, 'GET /api HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\n\r\n']) {
     const socket = net.connect(world.ports.web, '127.0.0.1');
     socket.on('error', () => {});
@@ -869,7 +869,7 @@ test('the metrics of nineteen thousand robots do not hold up the page', async ()
   ]);
   assert.equal(order[0], 200, 'the file first, though it was asked for later');
   assert.ok(order[1] >= 19000, String(order));
-  // Nobody else gets one while two are made or read; all ends in order.
+  // At most two clients get the metrics at a time; the others are refused.
   const statuses = (await Promise.all(Array.from({ length: 6 }, () => ask('/metrics', {})))).map(({ status }) => status);
   assert.ok(statuses.includes(200) && statuses.every((status) => [200, 503].includes(status)), statuses.join());
   assert.equal((await ask('/metrics', {})).status, 200);
@@ -877,9 +877,9 @@ test('the metrics of nineteen thousand robots do not hold up the page', async ()
   await world.startWeb();
 });
 
-// ---- what goes and comes back
+// ---- absent brokers and gateways
 
-pageTest('* the broker goes and comes back; a command meanwhile is refused at once', { unlocked: true }, async (page) => {
+pageTest('* without the broker commands are refused at once; afterwards the page is live again', { unlocked: true }, async (page) => {
   await manyPoints(page);
   await world.publish('ntnu-slam/gateway/ghost/state', '{"state":"online"}', '-r');
   await until(page, () => window.slamgw.model.gateways.has('ghost'));
@@ -893,20 +893,20 @@ pageTest('* the broker goes and comes back; a command meanwhile is refused at on
   await shot(page, 'trouble.png');
   await world.startBroker();
   await until(page, () => document.querySelector('#link').textContent === 'Live');
-  await until(page, () => window.slamgw.model.gateways.has('here') && !window.slamgw.model.gateways.has('ghost')); // this broker keeps nothing
+  await until(page, () => window.slamgw.model.gateways.has('here') && !window.slamgw.model.gateways.has('ghost')); // this broker stores no retained messages
   const before = await page.evaluate(() => window.slamgw.model.robots.get('robot1').messages);
   await until(page, (count) => window.slamgw.model.robots.get('robot1').messages > count + 3, before);
 });
 
-pageTest('slam-gateway-web goes and comes back, and the page is still unlocked', { unlocked: true }, async (page) => {
+pageTest('the page stays unlocked over a restart of slam-gateway-web', { unlocked: true }, async (page) => {
   await world.end('web', 'SIGKILL');
   await until(page, () => document.querySelector('#link').textContent === 'No connection');
   await world.startWeb();
   await until(page, () => document.querySelector('#link').textContent === 'Live' && window.slamgw.model.maySend);
-  page.errors.length = 0; // the browser tells of each try
+  page.errors.length = 0; // the browser reports each attempt
 });
 
-pageTest('* of a gateway that died nothing is shown as alive: its robots are unknown since then', { view: 'robots' }, async (page) => {
+pageTest('* robots of a dead gateway are unknown since its death', { view: 'robots' }, async (page) => {
   await until(page, () => document.querySelector('#gateways tbody').textContent.includes('MiB'));
   await world.end('daemon', 'SIGKILL');
   await until(page, () => /^Gateway here is gone since \d\d:\d\d.*systemctl status slam-gateway/.test(document.querySelector('#problems li').textContent));
@@ -927,7 +927,7 @@ pageTest('* of a gateway that died nothing is shown as alive: its robots are unk
   await until(page, () => window.slamgw.model.robots.get('robot1').state === 'online');
 });
 
-pageTest('a gateway whose clock is 3 h ahead is told so, and its robots have been silent for no time', { view: 'robots' }, async (page) => {
+pageTest('a clock that is 3 h ahead is reported, and robots of its gateway have the right age', { view: 'robots' }, async (page) => {
   const ahead = new Date(Date.now() + 3 * 3600e3).toISOString();
   await world.publish('ntnu-slam/gateway/fast/state', JSON.stringify({ state: 'online', since: ahead }), '-r');
   await world.publish('ntnu-slam/gateway/fast/robots/early', JSON.stringify({ state: 'online', mesh: 'ble', since: ahead, last_seen: ahead }), '-r');
@@ -938,7 +938,7 @@ pageTest('a gateway whose clock is 3 h ahead is told so, and its robots have bee
   await until(page, () => document.querySelector('#link').textContent === 'Live');
 });
 
-test('every program has ended well at the end, with pages open', async () => {
+test('slam-gateway-web exits with 0 on SIGTERM while pages are open', async () => {
   const web = world.processes.get('web');
   const page = await world.open();
   const slow = net.connect(world.ports.web, '127.0.0.1', () => handshake(slow));

@@ -106,7 +106,7 @@ export class World {
     this.spawn(name, join(bin, 'slam-gateway-web'), ['--config', join(this.directory, file)]);
     await eventually('slam-gateway-web listens', () => answers(this.ports[name]));
   }
-  // A broker that refuses subscriptions in so many words, and the program on it.
+  // Starts a broker that refuses subscriptions in SUBACK, and the program on it.
   async startStrict() {
     this.write('rights.json', JSON.stringify({ defaultACLAccess: { publishClientSend: true, publishClientReceive: true, subscribe: false, unsubscribe: true } }));
     const plugin = ['/usr/lib/x86_64-linux-gnu', '/usr/lib/aarch64-linux-gnu', '/usr/lib'].map((place) => `${place}/mosquitto_dynamic_security.so`).find(existsSync);
