@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What otbr-agent knows of the Thread mesh, from its bus to the broker and to operators.
+// State of the Thread mesh, from otbr-agent's bus to the broker and to operators.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -16,7 +16,7 @@ using nlohmann::json;
 
 constexpr const char* thread_topic = "ntnu-slam/gateway/test/thread";
 
-TEST(BorderRouter, IsRetainedWhileItIsThere) {
+TEST(BorderRouter, RetainsDocumentWhileAgentRuns) {
   Mosquitto broker;
   TempDir directory;
   const PrivateBus bus(directory / "bus");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // config/mosquitto.example.conf as an operator takes it over: with its passwords and its access
-// control list the gateway works, and nobody can do what is not theirs.
+// control list the gateway works, and other users are restricted to their topics.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -43,7 +43,7 @@ class BrokerExample : public testing::Test {
       throw std::runtime_error("no broker: " + read_file(directory_ / "broker.log"));
   }
 
-  /// As docs/broker.md has it: sed -n 's/^#   //p'.
+  /// Does the same as docs/broker.md: sed -n 's/^#   //p'.
   void write_acl(const std::string& example) {
     std::string acl;
     std::istringstream lines(example);
@@ -69,7 +69,7 @@ class BrokerExample : public testing::Test {
     return run_program(command).status == 0;
   }
 
-  /// All of `filter` that `user` gets goes to the file of the user's name.
+  /// Writes the messages of `filter` that `user` receives to the file of the user's name.
   void listen(const std::string& user, const std::string& filter) {
     std::vector<std::string> command{"stdbuf", "-oL"};
     for (const std::string& word : client("mosquitto_sub", user)) command.push_back(word);
@@ -95,7 +95,7 @@ class BrokerExample : public testing::Test {
   std::vector<std::unique_ptr<ChildProcess>> listeners_;
 };
 
-TEST_F(BrokerExample, LetsTheGatewayDoAllItDoes) {
+TEST_F(BrokerExample, GrantsEveryRightThatGatewayUses) {
   ASSERT_TRUE(publish("slam-gateway", "ntnu-slam/gateway/test/robots/ghost",
                       R"({"state":"online"})", true));
   listen("slam-server", "#");
@@ -108,13 +108,13 @@ TEST_F(BrokerExample, LetsTheGatewayDoAllItDoes) {
   EXPECT_TRUE(publish("slam-server", "ntnu-slam/server/robot1/run", "1"));
   EXPECT_TRUE(eventually([&] { return hears("slam-server", "gateway/test/commands/robot1"); }))
       << gateway.log();
-  // What it needs to find robots that a killed daemon left as online.
+  // The gateway reads this to find robots that a killed daemon left as online.
   listen("slam-gateway", "ntnu-slam/gateway/test/robots/+");
   EXPECT_TRUE(eventually([&] { return hears("slam-gateway", "gateway/test/robots/ghost"); }));
   EXPECT_FALSE(gateway.logs("access control list")) << gateway.log();
 }
 
-TEST_F(BrokerExample, KeepsTheOthersToTheirOwnTopics) {
+TEST_F(BrokerExample, RestrictsOtherUsersToTheirTopics) {
   listen("slam-gateway", "#");
   for (const char* topic : {"ntnu-slam/gateway/test/state", "ntnu-slam/robot/robot1/update",
                             "ntnu-slam/gateway/test/robots/robot1", "elsewhere"})

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What operators and servers learn about their commands, with a robot that answers as the test
-// says.
+// Outcomes of commands for operators and servers, with a robot that the test controls.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,7 +15,7 @@ namespace {
 using nlohmann::json;
 using sim::sn::Type;
 
-class CommandFates : public OverEitherVersion {
+class CommandOutcomes : public OverEitherVersion {
  protected:
   static constexpr std::uint8_t accepted = 0;
   static constexpr std::uint8_t not_supported = 3;
@@ -42,9 +41,9 @@ class CommandFates : public OverEitherVersion {
   Device device{gateway.mqttsn_address()};
 };
 
-INSTANTIATE_TEST_SUITE_P(Over, CommandFates, either_version, CommandFates::name);
+INSTANTIATE_TEST_SUITE_P(Over, CommandOutcomes, either_version, CommandOutcomes::name);
 
-TEST_P(CommandFates, OfAnOperatorBesideThoseOfTheServerHaveTheirOwnOutcome) {
+TEST_P(CommandOutcomes, ReachOperatorBesideCommandsOfServer) {
   for (const char* text : {"one", "two"})
     mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", text});
   ASSERT_TRUE(is_queue(2)) << gateway.log();
@@ -60,32 +59,32 @@ TEST_P(CommandFates, OfAnOperatorBesideThoseOfTheServerHaveTheirOwnOutcome) {
 }
 
 /// `r1` is the only robot of a gateway that is alone on the broker.
-TEST_P(CommandFates, OfRobotsThatNobodyKnowsAreToldAndThoseOfTheOthersOnce) {
+TEST_P(CommandOutcomes, AreRefusedForUnknownRobotsAndPublishedOncePerCommand) {
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%t %p");
   const auto say = [&](const std::string& topic, const std::string& text) {
     mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/" + topic, "-m", text});
   };
-  say("nobody/cmd", "go");
+  say("ghost/cmd", "go");
   say("another-gateway/probe", "1-1");
   for (int i = 0; i < 2; ++i) say("r1/cmd", "the same");
   for (int i = 0; i < 2; ++i) answer(accepted);
   ASSERT_TRUE(eventually([&] { return outcomes.lines().size() >= 3; })) << gateway.log();
-  say("nobody/run", "last");
+  say("ghost/run", "last");
   ASSERT_TRUE(eventually([&] { return outcomes.lines().size() >= 4; })) << gateway.log();
-  std::vector<std::string> told;
+  std::vector<std::string> ended;
   for (const std::string& line : outcomes.lines()) {
     const json outcome = json::parse(line.substr(line.find('{')));
-    told.push_back(
+    ended.push_back(
         line.substr(line.find("/commands/") + 10, line.find(' ') - line.find("/commands/") - 10) +
         " " + outcome["type"].get<std::string>() + " " + outcome["outcome"].get<std::string>());
   }
-  std::sort(told.begin(), told.end());
-  EXPECT_EQ(told, (std::vector<std::string>{"nobody cmd refused", "nobody run refused",
-                                            "r1 cmd delivered", "r1 cmd delivered"}));
-  EXPECT_TRUE(device.is_silent()) << "a copy of the broker is no command";
+  std::sort(ended.begin(), ended.end());
+  EXPECT_EQ(ended, (std::vector<std::string>{"ghost cmd refused", "ghost run refused",
+                                             "r1 cmd delivered", "r1 cmd delivered"}));
+  EXPECT_TRUE(device.is_silent()) << "a duplicate from the broker is not delivered";
 }
 
-TEST_P(CommandFates, AreLoggedWithTheirSender) {
+TEST_P(CommandOutcomes, AreLoggedWithSender) {
   mosquitto_publish(broker, {"-V", "5", "-D", "publish", "user-property", "sender", "planner", "-q",
                              "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "go"});
   answer(accepted);
@@ -99,11 +98,11 @@ TEST_P(CommandFates, AreLoggedWithTheirSender) {
   ASSERT_TRUE(eventually([&] { return gateway.logs("reload: done; asked by SIGHUP"); }))
       << gateway.log();
   gateway.ctl({"forget", "r8"});
-  EXPECT_TRUE(gateway.logs("forget r8: done")) << "an operator's order is written at any level";
+  EXPECT_TRUE(gateway.logs("forget r8: done")) << "orders of operators are logged at any level";
 }
 
-/// RabbitMQ and HiveMQ do so too.
-TEST(CommandsOfABrokerWithoutCopies, AreAllCarriedOut) {
+/// RabbitMQ and HiveMQ send no duplicates either.
+TEST(CommandsOfABrokerWithoutCopies, AreAllDelivered) {
   BrokerOfVersion broker(MqttVersion::v3_1_1, "allow_duplicate_messages false");
   GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Device device(gateway.mqttsn_address());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The daemon is killed right after an answer, and a second one takes its place: it knows each robot
-// that was answered (docs/topics.md, promise 7). The parameter is how long after the answer.
+// The daemon is killed right after an answer and restarted: it still has the session of each robot
+// that was answered (docs/topics.md, promise 7). The parameter is the time after the answer.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -41,7 +41,7 @@ class CrashAfterAnAnswer : public testing::TestWithParam<std::chrono::millisecon
   Device device{gateway.mqttsn_address()};
 };
 
-TEST_P(CrashAfterAnAnswer, LeavesConnectedRobotsConnected) {
+TEST_P(CrashAfterAnAnswer, KeepsRobotConnected) {
   Device late(gateway.mqttsn_address());
   late.send(sim::sn::connect("r2", 60, sim::sn::flag_clean_session));
   late.expect(Type::connack);
@@ -49,14 +49,14 @@ TEST_P(CrashAfterAnAnswer, LeavesConnectedRobotsConnected) {
   late.insist(sim::sn::pingreq(""), Type::pingresp);
 }
 
-TEST_P(CrashAfterAnAnswer, LeavesRegisteredTopicsRegistered) {
+TEST_P(CrashAfterAnAnswer, KeepsTopicRegistered) {
   const auto topic = ask(sim::sn::register_topic(1, "ntnu-slam/robot/r1/adv"), Type::regack);
   crash();
   const auto answer = device.insist(sim::sn::publish(1, topic.topic_id, 2, {}), Type::puback);
   EXPECT_EQ(answer.return_code, sim::sn::accepted);
 }
 
-TEST_P(CrashAfterAnAnswer, LeavesSubscribersSubscribed) {
+TEST_P(CrashAfterAnAnswer, KeepsSubscription) {
   device.subscribe("ntnu-slam/server/r1/cmd");
   crash();
   device.insist(sim::sn::pingreq(""), Type::pingresp);
@@ -64,7 +64,7 @@ TEST_P(CrashAfterAnAnswer, LeavesSubscribersSubscribed) {
   EXPECT_EQ(device.expect(Type::publish).payload.size(), 2U);
 }
 
-TEST_P(CrashAfterAnAnswer, LetsSleepersSleep) {
+TEST_P(CrashAfterAnAnswer, KeepsSleepingRobotAsleep) {
   device.subscribe("ntnu-slam/server/r1/cmd");
   device.send(sim::sn::disconnect(60));
   device.expect(Type::disconnect);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One robot on the Thread mesh, by hand: speaks with the simulator's codec, which shares nothing
-// with the daemon's.
+// One robot on the Thread mesh, controlled step by step. It uses the simulator's codec, which
+// shares no code with the daemon's.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -25,14 +25,13 @@ class Device {
     socket_.non_blocking(true);
   }
 
-  /// False when the kernel tells that the message before was refused: no daemon listens.
+  /// Returns false if the kernel reports that the previous message was refused: no daemon listens.
   bool send(const std::vector<std::uint8_t>& octets) {
     boost::system::error_code refused;
     socket_.send(boost::asio::buffer(octets), 0, refused);
     return !refused;
   }
-  /// The next message; its type must be `type`. What insist() has asked for may come again before
-  /// it.
+  /// Returns the next message, which must be of `type`. Skips repeated answers to insist().
   sim::sn::Packet expect(sim::sn::Type type) {
     std::optional<sim::sn::Packet> packet;
     const bool has_come = eventually([&] {
@@ -61,8 +60,8 @@ class Device {
     insisted_ = type;
     return packet.value_or(sim::sn::Packet{});
   }
-  /// A session that goes on, with a will on ntnu-slam/robot/<robot>/gone. Only an exchange like
-  /// that of the will proves its address to the gateway.
+  /// Connects without CleanSession, with a will on ntnu-slam/robot/<robot>/gone. An exchange like
+  /// that of the will proves the address to the gateway.
   void connect_with_will(const std::string& robot) {
     constexpr std::uint8_t keep_alive_s = 60;
     insist(sim::sn::connect(robot, keep_alive_s, sim::sn::flag_will), sim::sn::Type::willtopicreq);
@@ -75,7 +74,7 @@ class Device {
     send(sim::sn::subscribe(1, 2, topic));
     EXPECT_EQ(expect(sim::sn::Type::suback).return_code, sim::sn::accepted);
   }
-  /// Takes a command on a topic whose id it does not know yet.
+  /// Takes a command on a topic whose id is not registered yet.
   void obey() {
     const auto topic = expect(sim::sn::Type::register_topic);
     send(sim::sn::regack(topic.topic_id, topic.msg_id, sim::sn::accepted));
@@ -95,7 +94,7 @@ class Device {
   boost::asio::io_context io_;
   boost::asio::ip::udp::socket socket_;
   std::array<std::uint8_t, 2000> buffer_{};
-  std::optional<sim::sn::Type> insisted_;  ///< the answer to what was sent more than once
+  std::optional<sim::sn::Type> insisted_;  ///< type of the answer that may come repeatedly
 };
 
 }  // namespace slamgw::test

@@ -15,7 +15,7 @@ namespace {
 
 using nlohmann::json;
 
-/// tshark on loopback, one line a datagram: source port, message type, "malformed" or nothing.
+/// Runs tshark on loopback. One line per datagram: source port, message type, "malformed" or empty.
 class Dissector {
  public:
   explicit Dissector(const std::string& port)
@@ -23,13 +23,13 @@ class Dissector {
                   "udp.port==" + port + ",mqttsn", "-T", "fields", "-E", "separator=,", "-e",
                   "udp.srcport", "-e", "mqttsn.msg.type", "-e", "_ws.malformed"},
                  directory_ / "out", directory_ / "err") {}
-  /// When it is killed, its dumpcap stays.
+  /// Ends tshark by SIGTERM, because a killed tshark leaves its dumpcap running.
   ~Dissector() {
     process_.send_signal(SIGTERM);
     process_.wait();
   }
 
-  /// False when there is no tshark, or it may not capture.
+  /// Returns false if tshark is missing or may not capture.
   bool is_capturing() {
     eventually([&] { return !process_.is_running() || errors().find("Capture started") != npos; });
     return process_.is_running();
@@ -48,7 +48,7 @@ class Dissector {
   ChildProcess process_;
 };
 
-TEST(EndToEnd, AnIndependentDissectorReadsWhatTheGatewaySends) {
+TEST(EndToEnd, TsharkFindsNoMalformedMqttSnMessage) {
   Mosquitto broker;
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
   const std::string address = gateway.mqttsn_address();
@@ -75,7 +75,7 @@ TEST(EndToEnd, AnIndependentDissectorReadsWhatTheGatewaySends) {
   for (const std::string& line : dissector.lines()) {
     const std::string malformed = line.substr(line.rfind(',') + 1);
     EXPECT_TRUE(malformed.empty()) << line;
-    EXPECT_EQ(line.find(",,"), std::string::npos) << "no MQTT-SN message: " << line;
+    EXPECT_EQ(line.find(",,"), std::string::npos) << "not an MQTT-SN message: " << line;
   }
 }
 

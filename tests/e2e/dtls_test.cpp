@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot that is not our code, `openssl s_client`, proves who it is with a key of `key add`; it
-// loses its connection when the key is removed.
+// A robot in foreign code, `openssl s_client`, authenticates with a key of `key add`. It loses its
+// connection when the key is removed.
 #include <gtest/gtest.h>
 
 #include <fmt/format.h>
@@ -19,7 +19,7 @@ using sim::sn::Type;
 
 class OpensslClient {
  public:
-  /// Sends one message, whose octets are given as printf(1) takes them, and stays.
+  /// Sends one message, given in the syntax of printf(1), and stays connected.
   OpensslClient(std::uint16_t port, const std::string& identity, const std::string& key,
                 const std::string& message)
       : process_({"sh", "-c",
@@ -41,7 +41,7 @@ constexpr const char* connect_as_r2 = R"(\010\004\004\001\000\074r2)";
 const std::string connack_accepted("\x03\x05\x00", 3);
 const std::string connack_refused("\x03\x05\x03", 3);
 
-TEST(Dtls, AForeignProgramSpeaksAsTheRobotWhoseKeyItHas) {
+TEST(Dtls, OpensslClientConnectsOnlyAsRobotOfItsKey) {
   Mosquitto broker;
   const TempDir keys;
   write_file(keys / "keys.json", "{}", 0600);
@@ -59,7 +59,7 @@ TEST(Dtls, AForeignProgramSpeaksAsTheRobotWhoseKeyItHas) {
   const json added = key("add", "r2");
   ASSERT_TRUE(added.is_object()) << gateway.log();
   const std::string secret = added["key"];
-  EXPECT_TRUE(key("add", "r2").is_null()) << "it has one";
+  EXPECT_TRUE(key("add", "r2").is_null()) << "r2 has a key already";
   const std::string other = key("add", "r1")["key"];
 
   OpensslClient robot(port, "r2", secret, connect_as_r2);
@@ -76,8 +76,8 @@ TEST(Dtls, AForeignProgramSpeaksAsTheRobotWhoseKeyItHas) {
       << gateway.log();
 
   ASSERT_TRUE(key("remove", "r2").is_object());
-  EXPECT_TRUE(eventually([&] { return !robot.is_running(); })) << "its connection has ended";
-  EXPECT_TRUE(liar.is_running()) << "the key of r1 is there still";
+  EXPECT_TRUE(eventually([&] { return !robot.is_running(); })) << "the connection of r2 has ended";
+  EXPECT_TRUE(liar.is_running()) << "the key of r1 still exists";
   EXPECT_TRUE(eventually([&] { return gateway.logs("r2 is offline"); })) << gateway.log();
   EXPECT_EQ(gateway.ctl({"key", "list", "--config", gateway / "gateway.json"})["robots"],
             json::array({"r1"}));

@@ -64,7 +64,7 @@ class FirmwareEndToEnd : public testing::Test {
   FirmwareRobot robot;
 };
 
-TEST_F(FirmwareEndToEnd, PublishesObeysAndLeavesItsWill) {
+TEST_F(FirmwareEndToEnd, PublishesExecutesCommandsAndLeavesItsWill) {
   ASSERT_TRUE(eventually([&] { return robots.lines().size() >= 3; }))
       << gateway.log() << robot.output();
   EXPECT_EQ(robots.lines()[0], "ntnu-slam/robot/fw-1/update 1c001c0046004600");
@@ -87,9 +87,9 @@ TEST_F(FirmwareEndToEnd, PublishesObeysAndLeavesItsWill) {
       << gateway.log();
 }
 
-/// The daemon keeps its sessions over a restart, so the store is taken away: the robot is a
-/// stranger then, and has to connect anew.
-TEST_F(FirmwareEndToEnd, ComesBackToAGatewayThatHasForgottenIt) {
+/// The daemon keeps sessions over a restart, so the test deletes the store: the robot has no
+/// session then and must send CONNECT.
+TEST_F(FirmwareEndToEnd, ReconnectsToGatewayThatLostItsSession) {
   ASSERT_TRUE(eventually([&] { return robot.says("ready"); })) << gateway.log() << robot.output();
   gateway.process().send_signal(SIGTERM);
   gateway.process().wait();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rights of docs/fleet.md, taken out of that page as they stand there, at a real Mosquitto and
-// a real NATS: with these rights gateways hold robots' sessions, take them from each other and from
-// a dead gateway. Other users reach no robot's mailbox, and no gateway speaks for another.
+// The rights of docs/fleet.md, read from that page, at a real Mosquitto and a real NATS. With these
+// rights gateways open robots' sessions and take them from each other and from a dead gateway.
+// Other users reach no robot's mailbox, and no gateway publishes for another.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -19,7 +19,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* any_password = "...";  // as the page has it
+constexpr const char* any_password = "...";  // as on the page
 
 std::string with_all_replaced(std::string text, std::string_view what, std::string_view by) {
   for (auto at = text.find(what); at != text.npos; at = text.find(what, at + by.size()))
@@ -27,7 +27,7 @@ std::string with_all_replaced(std::string text, std::string_view what, std::stri
   return text;
 }
 
-/// The first block of code below `lead` in docs/fleet.md.
+/// Returns the first block of code below `lead` in docs/fleet.md.
 std::string block_below(std::string_view lead) {
   const std::string page = read_file(SLAMGW_FLEET_PAGE);
   const auto begin = page.find("\n```\n", page.find(lead));
@@ -42,7 +42,7 @@ class GuardedBroker {
  public:
   virtual ~GuardedBroker() = default;
   virtual std::uint16_t port() const = 0;
-  /// The lines of its log that refuse something.
+  /// Returns the lines of its log about refusals.
   virtual std::string refusals() const = 0;
 
  protected:
@@ -77,7 +77,7 @@ class GuardedMosquitto : public GuardedBroker {
   }
 
  private:
-  /// As docs/broker.md has it: sed -n 's/^#   //p'.
+  /// Does the same as docs/broker.md: sed -n 's/^#   //p'.
   static std::string rights_of_example() {
     std::istringstream example(read_file(SLAMGW_BROKER_EXAMPLE));
     std::string list;
@@ -96,7 +96,7 @@ class GuardedNats : public GuardedBroker {
   std::string refusals() const override { return lines_with(server_.log(), "Violation"); }
 
  private:
-  /// The page's users, and as it says one more for each other gateway.
+  /// Returns the users of the page and one more for each other gateway, as the page says.
   static std::string accounts() {
     std::string text = block_below("NATS maps levels");
     const auto begin = text.find("{ user: room-a");
@@ -135,7 +135,7 @@ class FleetRights : public testing::TestWithParam<std::string> {
     command.insert(command.end(), {"-t", topic, "-m", text});
     run_program(command);
   }
-  /// What `user` gets of `filters` goes to the file of the user's name.
+  /// Writes the messages of `filters` that `user` receives to the file of the user's name.
   void listen(const std::string& user, const std::vector<std::string>& filters) {
     std::vector<std::string> command{"stdbuf", "-oL"};
     for (const std::string& word : client("mosquitto_sub", user)) command.push_back(word);
@@ -167,7 +167,7 @@ class FleetRights : public testing::TestWithParam<std::string> {
 INSTANTIATE_TEST_SUITE_P(At, FleetRights, testing::Values("Mosquitto", "Nats"),
                          [](const auto& engine) { return engine.param; });
 
-/// Whether it was refused nothing, as far as it knows.
+/// Expects that neither log nor status of the gateway mentions a refusal.
 void expect_no_refusal(const GatewayProcess& gateway) {
   for (const char* refusal : {"access control list", "refuse", "rights"})
     EXPECT_FALSE(gateway.logs(refusal)) << gateway.log();
@@ -190,7 +190,7 @@ void FleetRights::serve_robots(const std::string& user_of_a, const std::string& 
     })) << gateway->log();
   SimulatorProcess robots({"thread", "--gateway", a.mqttsn_address(), "--robots", "1"});
 
-  // One session after the other, with the robot's note.
+  // The robot moves, and its session with the note moves along.
   Device at_a{a.mqttsn_address()};
   at_a.connect_with_will("r1");
   at_a.subscribe("ntnu-slam/server/r1/cmd");
@@ -218,20 +218,20 @@ void FleetRights::serve_robots(const std::string& user_of_a, const std::string& 
   EXPECT_EQ(broker->refusals(), "");
 }
 
-TEST_P(FleetRights, LetTheGatewaysDoAllTheyDo) { serve_robots("room-a", "room-b"); }
+TEST_P(FleetRights, GrantEveryRightThatGatewaysUse) { serve_robots("room-a", "room-b"); }
 
 using FleetRightsOfTheExample = FleetRights;
 INSTANTIATE_TEST_SUITE_P(At, FleetRightsOfTheExample, testing::Values("Mosquitto"),
                          [](const auto& engine) { return engine.param; });
 
-TEST_P(FleetRightsOfTheExample, LetSeveralGatewaysUseOneUser) {
+TEST_P(FleetRightsOfTheExample, AllowSeveralGatewaysWithOneUser) {
   serve_robots("slam-gateway", "slam-gateway");
 }
 
-TEST_P(FleetRights, LetNobodyElseIntoMailboxesAndNoGatewaySpeakForAnother) {
+TEST_P(FleetRights, DenyMailboxesToOthersAndForgedGatewayTopics) {
   listen("room-b", {"ntnu-slam/fleet/all/+", "ntnu-slam/fleet/robots/#", "ntnu-slam/gateway/#",
                     "ntnu-slam/server/#"});
-  // `$MQTT/msgs/` is where NATS keeps messages of QoS 1: what is written there is delivered.
+  // NATS stores messages of QoS 1 under `$MQTT/msgs/` and delivers what is published there.
   for (const std::string place : {"", "$MQTT/msgs/"}) {
     for (const char* user : {"slam-server", "robot", "room-a"})
       for (const char* topic : {"fleet/all/room-b", "fleet/all/robot", "gateway/room-b/state",

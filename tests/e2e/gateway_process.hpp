@@ -28,16 +28,16 @@ class GatewayProcess {
   void start(const std::vector<std::string>& launcher = {});
   /// Writes a configuration changed by `change`, for the next start.
   void configure(const std::function<void(nlohmann::json&)>& change);
-  /// SIGHUP with such a configuration.
+  /// Writes such a configuration and sends SIGHUP.
   void reload(const std::function<void(nlohmann::json&)>& change);
   std::string log() const;
   bool logs(const std::string& text) const { return log().find(text) != std::string::npos; }
   ChildProcess& process() { return *process_; }
-  /// `slam-gatewayctl --json COMMAND...`; null when it fails.
+  /// Runs `slam-gatewayctl --json COMMAND...`. Returns null when it fails.
   nlohmann::json ctl(const std::vector<std::string>& command) const;
 
   std::string mqttsn_address() const;
-  /// The gateway that serves the robot, by `slam-gatewayctl fleet` of this one; empty: none.
+  /// Returns the gateway that serves the robot by `slam-gatewayctl fleet`; empty: none.
   std::string place_in_fleet(const std::string& robot) const;
   std::string tty() const { return directory_ / "board"; }
   std::string operator/(std::string_view name) const { return directory_ / name; }
@@ -60,7 +60,7 @@ Finished run_program(const std::vector<std::string>& arguments);
 class SimulatorProcess {
  public:
   explicit SimulatorProcess(const std::vector<std::string>& arguments);
-  /// Waits for its end; the JSON object of its last line.
+  /// Waits for the exit and returns the JSON object of the last line.
   nlohmann::json report();
   ChildProcess& process() { return *process_; }
   std::string errors() const;

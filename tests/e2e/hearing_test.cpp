@@ -15,8 +15,8 @@ namespace {
 
 using nlohmann::json;
 
-/// What the gateway calls the robots, in the order in which they stand: their UUIDs end with their
-/// numbers. Empty while not all are configured.
+/// Returns the names of the robots in their order in space: UUIDs end with the robots' numbers.
+/// Empty while not all are configured.
 std::vector<std::string> robots_in_order(const json& nodes) {
   std::map<std::string, std::string> by_number;
   for (const json& node : nodes)
@@ -33,8 +33,8 @@ json row_of(const json& result, const std::string& source, const std::string& li
   return nullptr;
 }
 
-/// Four robots in a row, each of which hears its neighbours. The third relays for nobody.
-TEST(HearingOfRobots, IsMeasuredWhileTheyWork) {
+/// Four robots in a row, each of which hears its neighbours. The third does not relay.
+TEST(HearingOfRobots, IsMeasuredBesideTheirTraffic) {
   Mosquitto broker;
   GatewayProcess gateway({{"broker", {{"uri", broker.uri()}}}, {"ble_mesh", {{"enabled", true}}}});
   SimulatorProcess simulator({"ble", "--tty", gateway.tty(), "--unprovisioned", "--robots", "4",
@@ -50,7 +50,7 @@ TEST(HearingOfRobots, IsMeasuredWhileTheyWork) {
   ASSERT_TRUE(changed.is_object()) << gateway.log();
   ASSERT_EQ(changed["relay"]["state"], "off") << changed;
 
-  json result;  // it takes longer than a test waits for a program; the next one goes on with it
+  json result;  // takes longer than one call waits; the next call continues the measurement
   const auto is_measured = [&] {
     result = gateway.ctl({"ble", "topology", "--measure"});
     return result.is_object();

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays Home Assistant: what it would show of the messages in FILE, one line "TOPIC HEX" each, in order.
 
-Prints {device: {entity: state}} as JSON; of a button, what it would publish. Status 1, and words, for a document that Home
-Assistant would ignore. The rules stand as its documentation has them ("MQTT", sections "Discovery topic", "MQTT device
+Prints {device: {entity: state}} as JSON; for a button, its message. Status 1 and a message for a document that Home
+Assistant would ignore. The rules follow its documentation ("MQTT", sections "Discovery topic", "MQTT device
 discovery payload" and "Availability"; "MQTT sensor", "MQTT binary sensor", "MQTT button"; "Templating", `unpack`). Templates
 are rendered by Jinja, as there. Read by tests/e2e/home_assistant_test.cpp.
 """

@@ -25,7 +25,7 @@ class HomeAssistantShows : public testing::TestWithParam<const char*> {
             {"robots", {{{"id", "lego_1"}, {"mqttsn_client_id", "robot1"}}}},
             {"ble_mesh", {{"enabled", true}}}};
   }
-  /// Devices and their entities' states, of all messages so far.
+  /// Returns devices and the states of their entities after all messages so far.
   json shown() const {
     std::string text;
     for (const std::string& line : messages.lines()) text += line + "\n";
@@ -37,7 +37,7 @@ class HomeAssistantShows : public testing::TestWithParam<const char*> {
   bool shows(const char* robot, const char* entity, const json& state) const {
     return shown().value(robot, json::object()).value(entity, json()) == state;
   }
-  /// Messages so far on a topic.
+  /// Returns the number of messages so far on a topic.
   std::ptrdiff_t count(const std::string& topic_and_space) const {
     return std::ranges::count_if(messages.lines(), [&](const std::string& line) {
       return line.starts_with(topic_and_space);
@@ -70,7 +70,7 @@ TEST_P(HomeAssistantShows, RobotsOfBothMeshes) {
   for (const char* robot : {"lego_1", "ble-0100"})
     ASSERT_TRUE(eventually([&] { return shows_coordinates(robot); })) << shown() << gateway.log();
   EXPECT_EQ(shown()["lego_1"]["Presence"], "on");
-  EXPECT_FALSE(shown()["lego_1"].contains("Signal")) << "Thread tells none";
+  EXPECT_FALSE(shown()["lego_1"].contains("Signal")) << "Thread reports no signal";
   ASSERT_TRUE(eventually([&] { return shown()["ble-0100"].contains("Signal"); })) << shown();
   EXPECT_LT(std::stoi(shown()["ble-0100"]["Signal"].get<std::string>()), 0);
 
@@ -97,7 +97,7 @@ TEST_P(HomeAssistantShows, RobotsOfBothMeshes) {
 }
 
 /// A robot, or an operator, clears a retained `update` with an empty message.
-TEST_P(HomeAssistantShows, NoPositionAfterItWasCleared) {
+TEST_P(HomeAssistantShows, UnknownPositionAfterItWasCleared) {
   GatewayProcess gateway(configuration());
   SimulatorProcess thread({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "1",
                            "--messages", "1", "--linger-s", "600"});

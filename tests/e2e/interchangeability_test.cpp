@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whoever listens upstream cannot tell which mesh a robot is on: the same robots on either mesh say
-// the same things on the same topics, and the same commands reach them.
+// Upstream, robots of both meshes look alike: the same robots on either mesh publish the same
+// payloads on the same topics, and the same commands reach them.
 #include <gtest/gtest.h>
 
 #include <signal.h>
@@ -72,7 +72,7 @@ Heard hear(MqttVersion version, ArgumentsOf arguments_of) {
 class EndToEnd : public testing::TestWithParam<MqttVersion> {};
 INSTANTIATE_TEST_SUITE_P(Over, EndToEnd, either_version, OverEitherVersion::name);
 
-TEST_P(EndToEnd, TheSameRobotsSayTheSameOnEitherMesh) {
+TEST_P(EndToEnd, RobotsPublishTheSameOnEitherMesh) {
   const Heard thread = hear(GetParam(), thread_arguments);
   const Heard ble = hear(GetParam(), ble_arguments);
   EXPECT_EQ(thread.lines, ble.lines);
@@ -82,7 +82,7 @@ TEST_P(EndToEnd, TheSameRobotsSayTheSameOnEitherMesh) {
 
   const std::set<std::string> different(thread.lines.begin(), thread.lines.end());
   EXPECT_GT(different.size(), static_cast<std::size_t>(robots * updates / 2))
-      << "the robots move, so the comparison means something";
+      << "robots that rest would make the comparison weak";
 }
 
 void expect_command_reaches_robot(std::vector<std::string> arguments, GatewayProcess& gateway,
@@ -104,7 +104,7 @@ void expect_command_reaches_robot(std::vector<std::string> arguments, GatewayPro
   EXPECT_EQ(simulator.report()["robots"]["robot1"]["commands_received"], 2);
 }
 
-TEST_P(EndToEnd, TheSameCommandsReachARobotOnEitherMesh) {
+TEST_P(EndToEnd, CommandsReachRobotOnEitherMesh) {
   for (const bool is_ble : {false, true}) {
     SCOPED_TRACE(is_ble ? "BLE Mesh" : "Thread");
     BrokerOfVersion broker(GetParam());
@@ -119,16 +119,16 @@ TEST_P(EndToEnd, TheSameCommandsReachARobotOnEitherMesh) {
   }
 }
 
-// --- Robots hear robots --------------------------------------------------------------------------
+// --- Updates of other robots ---------------------------------------------------------------------
 
 /// CRC-16/CCITT-FALSE of the ids, as Python's binascii.crc_hqx(id, 0xffff) says.
 const std::map<std::string, std::string> number_of_far_robot{
     {"far1", "0x1e99"}, {"far2", "0x2efa"}, {"far3", "0x3edb"}};
 
-/// Whose number, and what they said, in order.
+/// Pairs of a robot's number and a payload, sorted.
 using Sayings = std::vector<std::pair<std::string, std::string>>;
 
-/// What a robot has heard of the far ones, by the simulator's `--record`.
+/// Returns updates of far robots that `listener` received, by the simulator's `--record`.
 Sayings heard_by(const std::string& listener, const std::string& record) {
   Sayings sayings;
   std::istringstream lines(read_file(record));
@@ -163,7 +163,7 @@ json relaying_configuration(const BrokerOfVersion& broker) {
        {{{"id", "near1"}, {"ble_address", 0x0100}}, {{"id", "near2"}, {"ble_address", 0x0101}}}}};
 }
 
-TEST_P(EndToEnd, RobotsOnEitherMeshHearTheSameOfOthers) {
+TEST_P(EndToEnd, RobotsOnEitherMeshReceiveTheSameUpdatesOfOthers) {
   BrokerOfVersion broker(GetParam());
   GatewayProcess gateway(relaying_configuration(broker));
   SimulatorProcess near({"ble", "--tty", gateway.tty(), "--unprovisioned", "--robots", "2",
@@ -171,7 +171,7 @@ TEST_P(EndToEnd, RobotsOnEitherMeshHearTheSameOfOthers) {
   ASSERT_TRUE(eventually([&] {
     return gateway.logs("near1 is configured") && gateway.logs("near2 is configured");
   })) << gateway.log();
-  // It says one thing in a quarter of an hour. In one segment, as all that the far ones say.
+  // Publishes once in a quarter of an hour, in one segment like all updates of the far robots.
   SimulatorProcess ear({"thread", "--gateway", gateway.mqttsn_address(), "--hear", "--robots", "1",
                         "--id-prefix", "ear", "--rate", "0.001", "--max-obstacles", "0", "--record",
                         gateway / "ear"});
@@ -196,7 +196,7 @@ TEST_P(EndToEnd, RobotsOnEitherMeshHearTheSameOfOthers) {
   for (const std::string robot : {"near1", "near2"}) {
     const Sayings on_ble = heard_by(robot, gateway / "near");
     EXPECT_TRUE(std::ranges::includes(on_thread, on_ble)) << listened;
-    // Else this computer was busy for more than the second between two updates.
+    // Otherwise the computer was busy for longer than the second between two updates.
     if (is_complete) {
       EXPECT_EQ(on_ble, on_thread);
     }
@@ -207,8 +207,8 @@ TEST_P(EndToEnd, RobotsOnEitherMeshHearTheSameOfOthers) {
   EXPECT_EQ(ble_counter(gateway, "relays_dropped"), 0u);
 }
 
-/// It is at another gateway, or anywhere: the broker has its updates.
-TEST_P(EndToEnd, RobotsOnBleHearARobotThatIsNotAtTheirGateway) {
+/// The other robot needs no mesh here: the broker has its updates.
+TEST_P(EndToEnd, BleRobotsReceiveUpdatesFromAnotherGateway) {
   BrokerOfVersion broker(GetParam());
   const auto say = [&](const std::string& robot, const std::string& update, bool is_kept) {
     std::vector<std::string> arguments{"-q", "1",   "-t", "ntnu-slam/robot/" + robot + "/update",

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// UDP sockets that systemd keeps over a restart: what devices send while no daemon runs is not
-// refused, and answered afterwards. The test stands for systemd.
+// UDP sockets that systemd keeps over a restart: datagrams of devices are not refused while no
+// daemon runs, and are answered afterwards. The test plays systemd.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -21,7 +21,7 @@ namespace {
 using nlohmann::json;
 using sim::sn::Type;
 
-/// systemd's side of sd_notify(3) and of sd_listen_fds(3), for the programs started meanwhile.
+/// systemd's side of sd_notify(3) and of sd_listen_fds(3), for programs started by launcher().
 class ServiceManager {
  public:
   ServiceManager() : socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0)) {
@@ -38,7 +38,7 @@ class ServiceManager {
     close(socket_);
   }
 
-  /// Kept sockets by name, after all that was said so far.
+  /// Returns the kept sockets by name after all notifications so far.
   const std::map<std::string, int>& kept() {
     while (hear()) {
     }
@@ -53,7 +53,7 @@ class ServiceManager {
     for (const auto& [name, descriptor] : kept()) {
       moves += fmt::format("exec {0}<&{1} {1}<&-; ", 3 + count++, descriptor);
       names += (names.empty() ? "" : ":") + name;
-      EXPECT_GE(descriptor, 3 + static_cast<int>(kept_.size())) << "in the way of another";
+      EXPECT_GE(descriptor, 3 + static_cast<int>(kept_.size())) << "overwrites another descriptor";
     }
     const std::string environment =
         fmt::format("LISTEN_PID=$$ LISTEN_FDS={} LISTEN_FDNAMES='{}'", count, names);
@@ -61,7 +61,7 @@ class ServiceManager {
   }
 
  private:
-  /// One message; false when there is none.
+  /// Reads one message. Returns false when there is none.
   bool hear() {
     char text[1024] = {};
     alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
@@ -126,13 +126,13 @@ class KeptSockets : public testing::TestWithParam<int> {
   std::uint16_t topic_id = 0;
 };
 
-TEST_P(KeptSockets, HoldWhatComesWhileNoDaemonRuns) {
+TEST_P(KeptSockets, BufferDatagramsWhileNoDaemonRuns) {
   for (std::uint16_t msg_id = 3; msg_id < 6; ++msg_id) {  // over several restarts
     end(GetParam());
     EXPECT_TRUE(device.send(sim::sn::publish(1, topic_id, msg_id, {})));
-    EXPECT_TRUE(device.send(sim::sn::pingreq(""))) << "the message before was refused";
+    EXPECT_TRUE(device.send(sim::sn::pingreq(""))) << "the previous message was refused";
     gateway.start(manager.launcher());
-    device.expect(Type::pingresp);  // at once; the broker comes first for the other
+    device.expect(Type::pingresp);  // comes at once; PUBACK waits for the broker
     EXPECT_EQ(device.expect(Type::puback).msg_id, msg_id);
   }
   EXPECT_EQ(manager.kept().size(), 1U);
@@ -143,9 +143,9 @@ INSTANTIATE_TEST_SUITE_P(After, KeptSockets, testing::Values(SIGTERM, SIGKILL),
                            return how.param == SIGTERM ? "Sigterm" : "Sigkill";
                          });
 
-class KeptSocketsOfOld : public KeptSockets {};
+class OutdatedKeptSockets : public KeptSockets {};
 
-TEST_P(KeptSocketsOfOld, GiveWayToAChangedConfiguration) {
+TEST_P(OutdatedKeptSockets, AreReplacedAfterConfigurationChange) {
   const std::string before = manager.kept().begin()->first;
   end(SIGTERM);
   gateway.configure([](json& configuration) { configuration["mqttsn"]["interface"] = "lo"; });
@@ -160,7 +160,7 @@ TEST_P(KeptSocketsOfOld, GiveWayToAChangedConfiguration) {
   EXPECT_TRUE(eventually([&] { return manager.kept().empty(); }));
 }
 
-INSTANTIATE_TEST_SUITE_P(After, KeptSocketsOfOld, testing::Values(SIGTERM));
+INSTANTIATE_TEST_SUITE_P(After, OutdatedKeptSockets, testing::Values(SIGTERM));
 
 }  // namespace
 }  // namespace slamgw::test

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The refresh of the BLE mesh's keys on a bad radio, with the daemon killed in its middle: no robot
-// is lost but the one that is left behind.
+// A key refresh of the BLE mesh on a bad radio, during which the daemon is killed. Only the robot
+// that is left behind is lost.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -32,21 +32,21 @@ std::size_t nodes_with(const json& mesh, const char* member, const char* value) 
                     [&](const json& node) { return node.value(member, "") == value; }));
 }
 
-/// How many messages of each robot have come in.
+/// Returns the number of received messages by robot.
 std::map<std::string, double> counts(const GatewayProcess& gateway) {
   std::map<std::string, double> all;
   for (const json& row : gateway.ctl({"robots"})) all[row["id"]] = row["messages"];
   return all;
 }
 
-/// Robots that have said something since.
+/// Returns the number of robots with messages since `before`.
 std::size_t heard_since(const GatewayProcess& gateway, std::map<std::string, double> before) {
   std::size_t heard = 0;
   for (const auto& [robot, count] : counts(gateway)) heard += count > before[robot] ? 1 : 0;
   return heard;
 }
 
-TEST(KeyRefreshOfAMesh, LosesNoRobotOnABadRadioAndOverAKill) {
+TEST(KeyRefreshOfAMesh, LosesNoRobotOnBadRadioAndOverKill) {
   Mosquitto broker;
   GatewayProcess gateway({{"broker", {{"uri", broker.uri()}}}, {"ble_mesh", {{"enabled", true}}}});
   const auto robots_with_loss = [&](const char* loss) {
@@ -109,7 +109,7 @@ TEST(KeyRefreshOfAMesh, LosesNoRobotOnABadRadioAndOverAKill) {
   const auto now = counts(gateway);
   EXPECT_EQ(now.contains(stolen) ? now.at(stolen) : 0,
             before.contains(stolen) ? before.at(stolen) : 0)
-      << "a robot with the old keys is outside";
+      << "a robot with the old keys is excluded";
   EXPECT_EQ(gateway.ctl({"send", "ble-0100", "cmd", "10,-20"})["outcome"], "delivered");
   for (const json& shown : {old_mesh, mesh})
     for (const char* const key : {"net_key", "app_key"})

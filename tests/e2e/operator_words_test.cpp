@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an operator reads when something is missing, taken, refused or full: what is wrong and what
-// to do about it, once, in the log and in the status. That the daemon goes on is in
-// trouble_test.cpp.
+// Messages to the operator when something is missing, taken, refused or full: fault and remedy,
+// once in the log and in the status. trouble_test.cpp checks that the daemon goes on.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <pty.h>
@@ -42,7 +41,7 @@ std::string broker_trouble(const GatewayProcess& gateway) {
   return status.is_object() ? status["broker"]["why"].get<std::string>() : "";
 }
 
-/// The status says `what`, and the log has said it once, as a warning.
+/// Expects `what` in the status, and once in the log, as a warning.
 void expect_said(const GatewayProcess& gateway, const std::function<std::string()>& status,
                  const std::string& what) {
   EXPECT_TRUE(eventually([&] { return status().find(what) != std::string::npos; }))
@@ -53,7 +52,7 @@ void expect_said(const GatewayProcess& gateway, const std::function<std::string(
   EXPECT_NE(log.substr(line, log.find('\n', line) - line).find(" warning "), std::string::npos);
 }
 
-/// A terminal under the name that the daemon is told.
+/// A terminal behind a link of the configured name.
 class Terminal {
  public:
   explicit Terminal(const std::string& link) {
@@ -84,7 +83,7 @@ class Terminal {
 
 const json no_broker{{"uri", "mqtt://127.0.0.1:" + std::to_string(free_tcp_port())}};
 
-TEST(OperatorWords, ARefusedPasswordNamesTheFileToCorrect) {
+TEST(OperatorWords, RefusedPasswordNamesFileToCorrect) {
   Mosquitto broker({}, "gw", "right");
   const TempDir directory;
   const std::string file = directory / "credentials.json";
@@ -95,7 +94,7 @@ TEST(OperatorWords, ARefusedPasswordNamesTheFileToCorrect) {
       "does not authorise this user (user 'gw' from " + file + "): correct that file");
 }
 
-TEST(OperatorWords, ABrokerThatWantsAUserSaysWhereToNameOne) {
+TEST(OperatorWords, MissingUserNamesKeyOfCredentials) {
   Mosquitto broker({}, "gw", "right");
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
   expect_said(
@@ -103,13 +102,13 @@ TEST(OperatorWords, ABrokerThatWantsAUserSaysWhereToNameOne) {
       "(no user name was sent): give one in broker.credentials_file");
 }
 
-TEST(OperatorWords, AnUnknownNameIsToldFromABrokerThatIsDown) {
+TEST(OperatorWords, UnresolvableBrokerNameIsReportedAsSuch) {
   GatewayProcess gateway(json{{"broker", {{"uri", "mqtt://no-such-host.invalid"}}}});
   expect_said(
       gateway, [&] { return broker_trouble(gateway); }, "correct broker.uri, or this host's name");
 }
 
-TEST(OperatorWords, ACertificateForAnotherNameSaysWhichNameIsMeant) {
+TEST(OperatorWords, CertificateForAnotherNameIsReportedWithName) {
   const Certificates certificates("other.example");
   Mosquitto broker("certfile " + certificates.certificate() + "\nkeyfile " + certificates.key() +
                    "\n");
@@ -122,14 +121,14 @@ TEST(OperatorWords, ACertificateForAnotherNameSaysWhichNameIsMeant) {
   EXPECT_TRUE(gateway.logs("broker.uri must use a name that is in the certificate"));
 }
 
-TEST(OperatorWords, AMissingTtySaysWhereBoardsAre) {
+TEST(OperatorWords, MissingTtyNamesPlaceOfBoards) {
   GatewayProcess gateway(json{{"broker", no_broker}, {"ble_mesh", {{"enabled", true}}}});
   expect_said(
       gateway, [&] { return mesh_detail(gateway, "ble"); },
       "plug it in, or set ble_mesh.device to one of /dev/serial/by-id/");
 }
 
-TEST(OperatorWords, ATtyThatIsTakenSaysHowToFindWhoHasIt) {
+TEST(OperatorWords, BusyTtyNamesCommandThatFindsItsUser) {
   GatewayProcess gateway(json{{"broker", no_broker}, {"ble_mesh", {{"enabled", true}}}});
   Terminal terminal(gateway.tty());
   terminal.take();
@@ -139,7 +138,7 @@ TEST(OperatorWords, ATtyThatIsTakenSaysHowToFindWhoHasIt) {
       "is busy: another program has it open; sudo fuser -v /dev/pts/");
 }
 
-TEST(OperatorWords, AnotherFirmwareIsToldFromASilentBoard) {
+TEST(OperatorWords, ForeignFirmwareIsReportedAsSuch) {
   GatewayProcess gateway(json{{"broker", no_broker}, {"ble_mesh", {{"enabled", true}}}});
   Terminal terminal(gateway.tty());
   gateway.start();
@@ -152,7 +151,7 @@ TEST(OperatorWords, AnotherFirmwareIsToldFromASilentBoard) {
   EXPECT_EQ(count(gateway.log(), what), 1u) << gateway.log();
 }
 
-TEST(OperatorWords, ProblemsOfTheConfigurationAreErrorsInTheJournal) {
+TEST(OperatorWords, ConfigurationProblemsAreErrorsInJournal) {
   const TempDir directory;
   write_file(directory / "gateway.json", R"({"brocker": {}})");
   write_file(directory / "journal", "");
@@ -168,7 +167,7 @@ TEST(OperatorWords, ProblemsOfTheConfigurationAreErrorsInTheJournal) {
       "<3>" + directory.path() + "/gateway.json:1: brocker: unknown key; did you mean broker?\n");
 }
 
-TEST(OperatorWords, ATakenPortNamesTheGatewayOfNordicsBorderRouters) {
+TEST(OperatorWords, BusyPortNamesGatewayOfNordicsBorderRouter) {
   boost::asio::io_context io;
   boost::asio::ip::udp::socket holder(io, boost::asio::ip::udp::v6());
   boost::system::error_code taken_already;
@@ -185,14 +184,14 @@ TEST(OperatorWords, ATakenPortNamesTheGatewayOfNordicsBorderRouters) {
   EXPECT_NE(finished.err.find("systemctl disable --now paho-mqttsn-gateway"), std::string::npos);
 }
 
-TEST(OperatorWords, AMissingThreadInterfaceSaysWhoMakesIt) {
+TEST(OperatorWords, MissingThreadInterfaceNamesProgramThatCreatesIt) {
   GatewayProcess gateway(json{{"broker", no_broker}, {"mqttsn", {{"interface", "wpan77"}}}});
   expect_said(
       gateway, [&] { return mesh_detail(gateway, "thread"); },
       "there is no interface wpan77 yet: the Thread border router creates it");
 }
 
-TEST(OperatorWords, AFullDiskIsNamedAndShownInTheStatus) {
+TEST(OperatorWords, FullDiskIsLoggedAndShownInStatus) {
   GatewayProcess gateway(json{{"broker", no_broker}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("cannot reach broker"); })) << gateway.log();
   gateway.process().send_signal(SIGTERM);
@@ -219,7 +218,7 @@ TEST(OperatorWords, AFullDiskIsNamedAndShownInTheStatus) {
   umount(store.c_str());
 }
 
-TEST(OperatorWords, ASecretThatOthersCanReadIsWarnedOfAndDoesNotStopTheDaemon) {
+TEST(OperatorWords, ReadableSecretGivesWarningAndDoesNotStopDaemon) {
   const TempDir directory;
   const std::string file = directory / "gateway.json";
   write_file(file,

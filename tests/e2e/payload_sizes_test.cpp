@@ -43,7 +43,7 @@ class PayloadSizesEndToEnd : public OverEitherVersion {
     mosquitto_publish(
         broker, {"-q", "1", "-t", "ntnu-slam/server/" + to + "/blob", "-f", gateway / "payload"});
   }
-  /// Of the outcomes so far.
+  /// Returns how many of the outcomes so far equal `outcome`.
   std::ptrdiff_t count(const std::string& outcome) {
     return std::ranges::count_if(outcomes.lines(), [&](const std::string& line) {
       return json::parse(line)["outcome"] == outcome;
@@ -58,7 +58,7 @@ class PayloadSizesEndToEnd : public OverEitherVersion {
 
 INSTANTIATE_TEST_SUITE_P(Over, PayloadSizesEndToEnd, either_version, PayloadSizesEndToEnd::name);
 
-TEST_P(PayloadSizesEndToEnd, OnThreadPassWholeAtTheBounds) {
+TEST_P(PayloadSizesEndToEnd, PassOnThreadUpToBounds) {
   ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
   const Subscriber robot(broker, "ntnu-slam/robot/r1/blob", "%x");
   Device device(gateway.mqttsn_address());
@@ -89,7 +89,7 @@ TEST_P(PayloadSizesEndToEnd, OnThreadPassWholeAtTheBounds) {
       << gateway.log();
 }
 
-TEST_P(PayloadSizesEndToEnd, OnBlePassWholeAtTheBounds) {
+TEST_P(PayloadSizesEndToEnd, PassOnBleUpToBounds) {
   SimulatorProcess simulator({"ble", "--tty", gateway.tty(), "--robots", "1", "--acknowledged",
                               "--rate", "0.5", "--record", gateway / "record"});
   ASSERT_TRUE(eventually([&] { return gateway.logs("lego-1 update"); })) << gateway.log();

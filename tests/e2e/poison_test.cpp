@@ -22,7 +22,7 @@ using sim::sn::Type;
 
 constexpr std::uint8_t not_supported = 3;
 
-TEST(Poison, IsRefusedAndTheBrokerLinkStaysUp) {
+TEST(Poison, IsRefusedWhileBrokerLinkStaysUp) {
   Mosquitto broker;
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}},
                               {"topics", {{"extra_publish", {"#"}}, {"extra_subscribe", {"#"}}}}});
@@ -69,8 +69,8 @@ std::string mqtt_packet(std::uint8_t first, const std::string& body) {
   }
 }
 
-/// Publishes to `topic` at QoS 1 as no client library would do: unchecked. False when the broker
-/// closes the connection in place of acknowledging.
+/// Publishes to `topic` at QoS 1 without the checks of a client library. Returns false when the
+/// broker closes the connection instead of acknowledging.
 bool is_taken(const Mosquitto& broker, const std::string& topic) {
   using boost::asio::ip::tcp;
   boost::asio::io_context io;
@@ -103,8 +103,8 @@ std::string levels(int count) {
   return topic;
 }
 
-/// The rule is no stricter than Mosquitto's for single code points, and never laxer.
-TEST(Poison, IsWhatMosquittoClosesTheConnectionFor) {
+/// The rule is as strict as Mosquitto's for single code points, and never laxer.
+TEST(Poison, MatchesTopicsThatMosquittoRejects) {
   Mosquitto broker;
   for (const std::uint32_t c :
        {0x00u,   0x01u,    0x1fu,    0x20u,    0x7eu,    0x7fu,   0x80u,   0x85u,

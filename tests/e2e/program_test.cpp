@@ -26,7 +26,7 @@ TEST(Programs, PrintTheirVersionAndHelp) {
   }
 }
 
-TEST(Programs, RefuseArgumentsTheyDoNotKnow) {
+TEST(Programs, RefuseUnknownArguments) {
   for (const char* program : {SLAMGW_DAEMON, SLAMGW_CTL, SLAMGW_SIM}) {
     const Finished finished = run_program({program, "--no-such-option"});
     EXPECT_EQ(finished.status, 2) << program;
@@ -34,7 +34,7 @@ TEST(Programs, RefuseArgumentsTheyDoNotKnow) {
   }
 }
 
-TEST(Daemon, PrintsTheShippedConfigurationAndFindsItGood) {
+TEST(Daemon, PrintsAndAcceptsShippedConfiguration) {
   const Finished printed = run_program({SLAMGW_DAEMON, "--print-config"});
   EXPECT_EQ(printed.status, 0);
   EXPECT_EQ(printed.out, read_file(SLAMGW_DEFAULT_CONFIG));
@@ -54,7 +54,7 @@ TEST(Daemon, FailsWhenItsOutputIsLost) {
   }
 }
 
-TEST(Daemon, NamesEveryProblemOfAConfigurationAndExits78) {
+TEST(Daemon, NamesEveryProblemOfConfigurationAndExits78) {
   const TempDir directory;
   const std::string file = directory / "gateway.json";
   write_file(file, "{\n  \"broker\": {\"urii\": \"x\"},\n  \"mqttsn\": {\"gateway_id\": 0}\n}\n");
@@ -67,7 +67,7 @@ TEST(Daemon, NamesEveryProblemOfAConfigurationAndExits78) {
   EXPECT_EQ(run_program({SLAMGW_DAEMON, "--config", directory / "none.json"}).status, 78);
 }
 
-TEST(Daemon, SaysOnlineAndOfflineRetained) {
+TEST(Daemon, PublishesOnlineAndOfflineRetained) {
   Mosquitto broker;
   Subscriber subscriber(broker, "ntnu-slam/gateway/test/state", "%p");
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
@@ -93,7 +93,7 @@ TEST(Daemon, LeavesItsLastWillWhenKilled) {
   EXPECT_EQ(subscriber.lines()[1], R"({"state":"offline"})");
 }
 
-TEST(Daemon, TellsTheOperatorHowThingsAre) {
+TEST(Daemon, ReportsStatusRobotsAndOutcomeToOperator) {
   Mosquitto broker;
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
   SimulatorProcess simulator({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "2"});

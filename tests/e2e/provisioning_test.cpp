@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A fresh board and new robots: they join the mesh without a command typed, also when the daemon
-// is killed meanwhile, and operators take them in and out by hand.
+// A fresh board and new robots: they join the mesh without a command, also when the daemon is
+// killed while they join. Operators provision and remove them by command.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -17,7 +17,7 @@ namespace {
 using nlohmann::json;
 
 constexpr int robot_count = 10;
-/// What an operator waits for ten robots; they usually need a quarter of it.
+/// Longest time for ten robots to join; they usually need a quarter of it.
 constexpr std::chrono::seconds join_limit{60};
 
 json configuration(const Mosquitto& broker, bool is_automatic = true) {
@@ -42,7 +42,7 @@ std::size_t count_of(const std::string& text, const std::string& what) {
   return count;
 }
 
-TEST(NewRobots, JoinByThemselvesAndObey) {
+TEST(NewRobots, JoinAutomaticallyAndTakeCommands) {
   Mosquitto broker;
   Subscriber updates(broker, "ntnu-slam/robot/+/update");
   GatewayProcess gateway(configuration(broker));
@@ -65,7 +65,7 @@ TEST(NewRobots, JoinByThemselvesAndObey) {
   EXPECT_EQ(simulator.report()["commands_received"], 2 * robot_count);
 }
 
-TEST(NewRobots, AnswerPingsAndTakeAConfigurationOfTheirOwn) {
+TEST(NewRobots, AnswerPingsAndTakeTheirOwnConfiguration) {
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker));
   SimulatorProcess simulator(new_robots(gateway, 1));
@@ -87,10 +87,10 @@ TEST(NewRobots, AnswerPingsAndTakeAConfigurationOfTheirOwn) {
   EXPECT_EQ(gateway.ctl({"send", id, "cmd", "10,-20"})["outcome"], "delivered");
 }
 
-TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
+TEST(Commands, TimeOutWhenDaemonStopsBeforeRobotAnswers) {
   Mosquitto broker;
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/ghost", "%p");
-  json settings = configuration(broker, /*is_automatic=*/false);  // nobody gets its address
+  json settings = configuration(broker, /*is_automatic=*/false);  // no robot gets its address
   settings["robots"] = {{{"id", "ghost"}, {"ble_address", "0x0300"}}};
   GatewayProcess gateway(settings);
   SimulatorProcess simulator(new_robots(gateway, 1));
@@ -104,16 +104,16 @@ TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
   gateway.process().send_signal(SIGTERM);
   ASSERT_TRUE(eventually([&] { return !outcomes.lines().empty(); })) << gateway.log();
   const json outcome = json::parse(outcomes.lines()[0]);
-  EXPECT_EQ(outcome["outcome"], "timeout") << "it was sent";
+  EXPECT_EQ(outcome["outcome"], "timeout") << "the command was sent";
   EXPECT_EQ(outcome["why"], "the gateway is stopping");
 }
 
-TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
+TEST(NewRobots, JoinAlthoughDaemonIsKilledDuringProvisioning) {
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker));
   SimulatorProcess simulator(new_robots(gateway, robot_count));
-  // Just after a robot's key was stored: one killed between a key and its storing has to be reset
-  // by hand.
+  // Kills just after a robot's key was stored. A kill before the key is stored makes a manual reset
+  // of the robot necessary.
   ASSERT_TRUE(eventually([&] {
     return count_of(read_file(gateway / "store/mesh.json"), "device_key") >= 3;
   })) << gateway.log();
@@ -128,7 +128,7 @@ TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
   EXPECT_EQ(addresses.size(), static_cast<std::size_t>(robot_count));
 }
 
-TEST(NewRobots, AreToldWhenTheSettingsAreOthers) {
+TEST(NewRobots, AreReconfiguredAfterSettingsChange) {
   constexpr std::size_t count = 3;
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker));
@@ -172,7 +172,7 @@ TEST(NewRobots, AreToldWhenTheSettingsAreOthers) {
   EXPECT_GT(subscribed, count);
 }
 
-TEST(NewRobots, ComeAndGoByHand) {
+TEST(NewRobots, JoinAndLeaveByCommand) {
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker, false));
   SimulatorProcess simulator(new_robots(gateway, 2));
@@ -217,7 +217,7 @@ bool gets(const Subscriber& subscriber, const std::string& text) {
 
 class JoinRequest : public testing::TestWithParam<const char*> {};
 
-TEST_P(JoinRequest, LetsANamedRobotIn) {
+TEST_P(JoinRequest, ProvisionsRobotUnderRequestedName) {
   Mosquitto broker;
   Subscriber answers(broker, responses, "%p");
   Subscriber presence(broker, "ntnu-slam/gateway/test/robots/lego-1");
@@ -232,7 +232,7 @@ TEST_P(JoinRequest, LetsANamedRobotIn) {
   ASSERT_TRUE(gets(answers, R"("event":"configured")")) << gateway.log();
   const json end = json::parse(answers.lines().back());
   EXPECT_EQ(end["under_way"], 0);
-  EXPECT_EQ(end["seconds_left"], 0);  // the name is given
+  EXPECT_EQ(end["seconds_left"], 0);  // the named robot has joined
   ASSERT_EQ(end["events"].size(), 3U) << end;
   EXPECT_EQ(end["events"][2]["event"], "configured");
   EXPECT_EQ(end["events"][2]["robot"], "lego-1");
@@ -247,7 +247,7 @@ TEST_P(JoinRequest, LetsANamedRobotIn) {
 INSTANTIATE_TEST_SUITE_P(With, JoinRequest, testing::Values("paho", "mosquitto"),
                          [](const auto& client) { return std::string(client.param); });
 
-TEST(JoinRequests, WhatAnOperatorPermitsIsPublishedToo) {
+TEST(JoinRequests, PublishPermitOfOperator) {
   Mosquitto broker;
   Subscriber answers(broker, responses, "%p");
   GatewayProcess gateway(closed_mesh(broker));
@@ -258,7 +258,7 @@ TEST(JoinRequests, WhatAnOperatorPermitsIsPublishedToo) {
   EXPECT_TRUE(gateway.logs("ble permit-join closed: done; asked by uid")) << gateway.log();
 }
 
-TEST(JoinRequests, WithoutABoardOrAMeshAreRefusedInWords) {
+TEST(JoinRequests, AreRefusedWithReasonWithoutBoardOrMesh) {
   Mosquitto broker;
   Subscriber answers(broker, responses, "%t %p");
   GatewayProcess gateway(closed_mesh(broker));
@@ -278,14 +278,14 @@ TEST(JoinRequests, WithoutABoardOrAMeshAreRefusedInWords) {
     request(broker, R"({"seconds": 60})");
     return has(answers, "test/response/permit_join {\"error\":\"the BLE link is down");
   }));
-  EXPECT_TRUE(eventually([&] {  // the first may come within a second of the one before
+  EXPECT_TRUE(eventually([&] {  // one request a second is accepted
     request(broker, "let them in");
     return has(answers, "a request must be");
   }));
   EXPECT_GE(gateway.ctl({"status"})["meshes"]["ble"]["counters"]["join_requests_refused"], 1);
 }
 
-TEST(JoinRequests, ThatAreRetainedLetNobodyIn) {
+TEST(JoinRequests, AreRefusedWhenRetained) {
   Mosquitto broker;
   mosquitto_publish(broker, {"-r", "-q", "1", "-t", request_topic, "-m", R"({"seconds": 60})"});
   Subscriber answers(broker, responses, "%p");
@@ -295,16 +295,16 @@ TEST(JoinRequests, ThatAreRetainedLetNobodyIn) {
   EXPECT_FALSE(gateway.logs("permit-join"));
 }
 
-TEST(JoinRequests, AreNotHeardUnlessTheConfigurationSaysSo) {
+TEST(JoinRequests, AreIgnoredUnlessConfigured) {
   Mosquitto broker;
   Subscriber answers(broker, responses, "%p");
   GatewayProcess gateway(closed_mesh(broker, /*takes_requests=*/false));
   ASSERT_TRUE(eventually([&] { return gateway.logs("connected (MQTT 5)"); }));
-  // A command that is answered came after it, so the request has come, too, if it comes at all.
-  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/nobody");
+  // The command comes after the request, so its outcome shows that a request would have come, too.
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/ghost");
   ASSERT_TRUE(eventually([&] {  // the gateway may subscribe a moment after it is connected
     request(broker, R"({"seconds": 60})");
-    mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/nobody/run", "-m", "stop"});
+    mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/ghost/run", "-m", "stop"});
     return !outcomes.lines().empty();
   })) << gateway.log();
   EXPECT_TRUE(answers.lines().empty());

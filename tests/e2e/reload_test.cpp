@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIGHUP: what takes effect at once, what needs a restart and is named, what is refused as a whole.
+// SIGHUP: settings that take effect at once, settings that need a restart, and files that are
+// refused.
 #include <gtest/gtest.h>
 
 #include <signal.h>
@@ -24,7 +25,7 @@ using sim::sn::Type;
 
 json configuration_for(const Mosquitto& broker) { return {{"broker", {{"uri", broker.uri()}}}}; }
 
-TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
+TEST(Reload, RenamesRobotsOnBothMeshesWithoutRestart) {
   Mosquitto broker;
   json configuration = configuration_for(broker);
   configuration["ble_mesh"]["enabled"] = true;
@@ -49,9 +50,9 @@ TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
     return eventually([&] {
       for (const std::string& line : presence.lines()) {
         const std::size_t space = line.find(' ');
-        const json told = json::parse(line.substr(space + 1), nullptr, false);
-        if (line.substr(0, space).ends_with("/" + robot) && told.is_object() &&
-            told["state"] == state)
+        const json document = json::parse(line.substr(space + 1), nullptr, false);
+        if (line.substr(0, space).ends_with("/" + robot) && document.is_object() &&
+            document["state"] == state)
           return true;
       }
       return false;
@@ -67,7 +68,7 @@ TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
   EXPECT_EQ(gateway.ctl({"send", "robot1", "cmd", "10,-20"})["outcome"], "delivered");
 }
 
-TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
+TEST(Reload, BanEndsSessionAndLastsUntilItIsRemoved) {
   Mosquitto broker;
   json configuration = configuration_for(broker);
   configuration["ble_mesh"]["enabled"] = true;
@@ -85,7 +86,7 @@ TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
   };
   const json done = ban("ban", "evil");
   EXPECT_TRUE(done.is_object() && !is_unknown(done)) << gateway.log();
-  EXPECT_TRUE(is_unknown(ban("ban", "evl"))) << "it may be mistyped";
+  EXPECT_TRUE(is_unknown(ban("ban", "evl"))) << "the name may be mistyped";
   evil.expect(Type::disconnect);
   evil.send(connect);
   EXPECT_EQ(evil.expect(Type::connack).return_code, 3);
@@ -97,7 +98,7 @@ TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
   EXPECT_EQ(evil.insist(connect, Type::connack).return_code, 3) << "also after a restart";
 
   EXPECT_TRUE(ban("unban", "evil").is_object());
-  EXPECT_TRUE(ban("unban", "evil").is_null()) << "it is not banned";
+  EXPECT_TRUE(ban("unban", "evil").is_null()) << "evil is not banned any more";
   EXPECT_EQ(evil.insist(connect, Type::connack).return_code, sim::sn::accepted);
   const json network = ban("ban", "127.0.0.0/8");
   EXPECT_TRUE(network.is_object() && !is_unknown(network));
@@ -128,22 +129,23 @@ TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
   for (const json& row : gateway.ctl({"robots"}))
     EXPECT_EQ(row["why"] == "it is banned (slam-gatewayctl unban)", row["id"] != "ble-0101") << row;
   Subscriber other(broker, "ntnu-slam/robot/ble-0101/update", "%t");
-  EXPECT_TRUE(eventually([&] { return !other.lines().empty(); })) << "what was under way has gone";
+  EXPECT_TRUE(eventually([&] { return !other.lines().empty(); }))
+      << "messages in flight have arrived";
   Subscriber updates(broker, "ntnu-slam/robot/+/update", "%t");
   EXPECT_TRUE(eventually([&] { return updates.lines().size() > 3; }));
   for (const std::string& topic : updates.lines())
     EXPECT_EQ(topic, "ntnu-slam/robot/ble-0101/update");
 }
 
-/// Topics of the retained presence that a new subscriber is given, in which there is some.
+/// Returns the topics of retained presence that a new subscriber receives.
 std::set<std::string> retained_presence(const Mosquitto& broker) {
   Subscriber late(broker, "ntnu-slam/gateway/test/robots/+", "%t");
   eventually([&] { return !late.lines().empty(); });
-  const auto topics = late.lines();  // a robot's presence may be published just then
+  const auto topics = late.lines();  // a robot's presence may be published at this moment
   return {topics.begin(), topics.end()};
 }
 
-TEST(Reload, GoesOnWithTheSessionOfAThreadRobotUnderItsNewName) {
+TEST(Reload, KeepsSessionOfThreadRobotUnderItsNewName) {
   Mosquitto broker;
   GatewayProcess gateway(configuration_for(broker));
   Device robot(gateway.mqttsn_address());
@@ -174,7 +176,7 @@ TEST(Reload, GoesOnWithTheSessionOfAThreadRobotUnderItsNewName) {
   EXPECT_EQ(retained_presence(broker), std::set<std::string>{"ntnu-slam/gateway/test/robots/tank"});
 }
 
-TEST(Reload, TakesWhatLeavesTheConfigurationFromTheBrokerThatIsLeft) {
+TEST(Reload, WithdrawsRemovedRobotFromPreviousBroker) {
   Mosquitto left;
   Mosquitto next;
   json configuration = configuration_for(left);
@@ -198,7 +200,7 @@ TEST(Reload, TakesWhatLeavesTheConfigurationFromTheBrokerThatIsLeft) {
   EXPECT_EQ(late.lines(), std::vector<std::string>{"1 ntnu-slam/gateway/test/state"});
 }
 
-TEST(Reload, NamesAllThatNeedsARestartInOneLine) {
+TEST(Reload, NamesSettingsThatNeedRestartInOneLine) {
   Mosquitto broker;
   GatewayProcess gateway(configuration_for(broker));
   ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); })) << gateway.log();
@@ -222,7 +224,7 @@ TEST(Reload, NamesAllThatNeedsARestartInOneLine) {
   EXPECT_EQ(gateway.ctl({"status"})["gateway"], "test");
 }
 
-TEST(Reload, WarnsAsAStartDoes) {
+TEST(Reload, WarnsLikeStart) {
   Mosquitto broker;
   GatewayProcess gateway(configuration_for(broker));
   ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); })) << gateway.log();
@@ -235,7 +237,7 @@ TEST(Reload, WarnsAsAStartDoes) {
   })) << gateway.log();
 }
 
-TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
+TEST(Reload, RefusesInvalidConfigurationAndKeepsOldOne) {
   Mosquitto broker;
   GatewayProcess gateway(configuration_for(broker));
   ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); })) << gateway.log();
@@ -252,7 +254,7 @@ TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
   const auto refuses = [&](const std::function<void(json&)>& change) {
     const json before = json::parse(read_file(gateway / "gateway.json"));
     gateway.reload([&](json& wanted) {
-      wanted["log"]["traffic"] = "off";  // good in itself, but all or nothing
+      wanted["log"]["traffic"] = "off";  // valid itself, but refused with the rest
       change(wanted);
     });
     ++refusals;
@@ -272,7 +274,8 @@ TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
   EXPECT_EQ(gateway.ctl({"status"})["broker"]["uri"], broker.uri());
   EXPECT_EQ(gateway.ctl({"status"})["broker"]["state"], "up");
   SimulatorProcess robots({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "1"});
-  EXPECT_TRUE(eventually([&] { return gateway.logs("robot1 update"); })) << "log.traffic is as was";
+  EXPECT_TRUE(eventually([&] { return gateway.logs("robot1 update"); }))
+      << "log.traffic is unchanged";
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Nordic's stock board forgets its keys, addresses and sequence number whenever it restarts. Its
-// robots hear the gateway again all the same.
+// Nordic's stock board forgets its keys, addresses and sequence number at each restart. Robots
+// exchange messages with the gateway again nevertheless.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -20,18 +20,18 @@ using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t robots_in_traffic = 10;
-/// The first restart follows an orderly start, the others follow a restart.
+/// The first restart follows a normal start, the others follow a restart.
 constexpr int times = 3;
-/// What an operator waits for ten robots; they usually need a quarter of it.
+/// Longest time for ten robots to return; they usually need a quarter of it.
 constexpr std::chrono::seconds rejoin_limit{60};
-/// Each robot must be acknowledged so often: one answer may have been under way.
+/// Acknowledgements that each robot must receive: one may have been in flight.
 constexpr unsigned again = 3;
-/// Robots whose segments the board acknowledges in vain get 8 updates through within `patience`.
+/// Acknowledgements with segments: without working ones, 8 updates succeed within `patience`.
 constexpr unsigned often = 15;
 
 class RepluggedBoard : public testing::Test {
  protected:
-  /// `more` says which updates; those of 9 octets and more are segmented, so robots need the
+  /// `more` chooses the updates. Updates of 9 octets and more are segmented, so robots need the
   /// board's acknowledgements of segments, too.
   void join(const std::vector<std::string>& more) {
     std::vector<std::string> arguments{"ble",
@@ -51,7 +51,7 @@ class RepluggedBoard : public testing::Test {
     ASSERT_TRUE(eventually([&] { return is_each_acknowledged({}, again); }, rejoin_limit))
         << gateway.log() << simulator->errors();
   }
-  /// By robot, how many of its updates were acknowledged.
+  /// Returns the number of acknowledged updates by robot.
   std::map<std::string, unsigned> acknowledged() const {
     std::map<std::string, unsigned> counts;
     std::istringstream lines(read_file(record));
@@ -72,17 +72,17 @@ class RepluggedBoard : public testing::Test {
     }
     return true;
   }
-  std::size_t told(const std::string& what) const {
+  std::size_t printed(const std::string& what) const {
     const std::string all = simulator->errors();
     std::size_t count = 0;
     for (auto at = all.find(what); at != std::string::npos; at = all.find(what, at + 1)) ++count;
     return count;
   }
-  /// Sends the signal, waits for the simulator to say so, and then for all robots.
+  /// Sends the signal, waits for the simulator to print `sign`, and then for all robots.
   void expect_all_again(int signal, const std::string& sign, unsigned updates = again) {
-    const std::size_t before = told(sign);
+    const std::size_t before = printed(sign);
     simulator->process().send_signal(signal);
-    ASSERT_TRUE(eventually([&] { return told(sign) > before; })) << simulator->errors();
+    ASSERT_TRUE(eventually([&] { return printed(sign) > before; })) << simulator->errors();
     const auto begin = Clock::now();
     const auto counts = acknowledged();
     ASSERT_TRUE(eventually([&] { return is_each_acknowledged(counts, updates); }))
@@ -103,7 +103,7 @@ class RepluggedBoard : public testing::Test {
 const std::vector<std::string> short_updates{"--max-obstacles", "0"};
 const std::vector<std::string> segmented_updates{"--payload", "full"};
 
-TEST_F(RepluggedBoard, IsHeardByAllItsRobotsAgainEachTime) {
+TEST_F(RepluggedBoard, RestoresTrafficOfAllRobotsEachTime) {
   join(short_updates);
   for (int round = 0; round < times && !HasFatalFailure(); ++round)
     expect_all_again(SIGUSR1, "the board is back");
@@ -114,14 +114,15 @@ TEST_F(RepluggedBoard, IsHeardByAllItsRobotsAgainEachTime) {
     EXPECT_EQ(gateway.ctl({"send", robot["id"], "cmd", "10,-20"})["outcome"], "delivered") << robot;
 }
 
-TEST_F(RepluggedBoard, AcknowledgesSegmentsOfAllItsRobotsAgain) {
+TEST_F(RepluggedBoard, RestoresSegmentAcknowledgementsForAllRobots) {
   join(segmented_updates);
   for (int round = 0; round < times && !HasFatalFailure(); ++round)
     expect_all_again(SIGUSR1, "the board is back", often);
 }
 
-/// Its start event is lost, then comes after half an event, then comes whole, as after Radio Reset.
-TEST_F(RepluggedBoard, IsHeardAgainAfterRestartsBehindAnOpenPort) {
+/// The board's start event is lost, then follows half an event, then comes whole as after Radio
+/// Reset.
+TEST_F(RepluggedBoard, RestoresTrafficAfterRestartsBehindOpenPort) {
   join(short_updates);
   for (int round = 0; round < times && !HasFatalFailure(); ++round)
     expect_all_again(SIGUSR2, "the board restarts");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Restarts, crashes and a reload that MQTT-SN devices do not notice (docs/topics.md, promise
-// 7). The device here speaks with the simulator's codec, which shares nothing with the daemon's.
+// 7). The device uses the simulator's codec, which shares no code with the daemon's.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -20,11 +20,11 @@ namespace {
 using nlohmann::json;
 using sim::sn::Type;
 
-/// The signal that ends the daemon, and what the broker knows.
+/// The signal that ends the daemon, and the MQTT version of the broker.
 class Restart : public testing::TestWithParam<std::tuple<int, MqttVersion>> {
  protected:
   void connect() {
-    // Before, a SUBACK does not mean that the broker has the subscription.
+    // Before this, a SUBACK does not prove that the broker has the subscription.
     ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
     device.insist(sim::sn::connect("r1", 60, sim::sn::flag_will | sim::sn::flag_clean_session),
                   Type::willtopicreq);
@@ -41,7 +41,7 @@ class Restart : public testing::TestWithParam<std::tuple<int, MqttVersion>> {
     return eventually(
         [&] { return read_files(gateway / "store/sessions").find(text) != std::string::npos; });
   }
-  /// The daemon ends as the parameter says, and another one takes its place.
+  /// Ends the daemon by the signal of the parameter and starts another one.
   void restart() {
     gateway.process().send_signal(std::get<int>(GetParam()));
     ASSERT_TRUE(eventually([&] { return !gateway.process().is_running(); }));
@@ -65,14 +65,14 @@ TEST_P(Restart, IsNotNoticedByADevice) {
   EXPECT_EQ(answer.topic_id, topic_id);
   EXPECT_TRUE(eventually([&] { return !subscriber.lines().empty(); }));
   EXPECT_EQ(subscriber.lines(), std::vector<std::string>{"ntnu-slam/robot/r1/adv 6166746572"})
-      << "no will: it was never lost";
+      << "no will: the robot was never lost";
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "go"});
   EXPECT_EQ(device.expect(Type::publish).payload.size(), 2U);
   EXPECT_TRUE(device.is_silent());
   EXPECT_TRUE(gateway.logs("restored 1 MQTT-SN sessions")) << gateway.log();
 }
 
-TEST_P(Restart, DoesNotLoseTheOutcomeOfACommand) {
+TEST_P(Restart, KeepsOutcomeOfCommand) {
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%p");
   connect();
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "slowly"});
@@ -97,12 +97,12 @@ INSTANTIATE_TEST_SUITE_P(After, Restart,
 using CommandsOverBle = OverEitherVersion;
 INSTANTIATE_TEST_SUITE_P(Over, CommandsOverBle, either_version, CommandsOverBle::name);
 
-TEST_P(CommandsOverBle, HaveTheirOutcomeOverAKill) {
+TEST_P(CommandsOverBle, HaveOutcomeAfterKill) {
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%t %p");
   GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}},
                               {"ble_mesh", {{"enabled", true}}},
                               {"robots", json::array({{{"id", "r1"}, {"ble_address", 0x0100}}})}});
-  SimulatorProcess nobody_hears(
+  SimulatorProcess deaf_robot(
       {"ble", "--tty", gateway.tty(), "--robots", "1", "--loss", "1", "--rate", "0.1"});
   ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); })) << gateway.log();
   ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
@@ -122,17 +122,18 @@ TEST_P(CommandsOverBle, HaveTheirOutcomeOverAKill) {
   gateway.start();
   ASSERT_TRUE(eventually([&] { return outcomes.lines().size() == 2; })) << gateway.log();
   const std::string topic = "ntnu-slam/gateway/test/commands/r1 ";
-  std::map<std::string, std::string> told;
+  std::map<std::string, std::string> ended;
   for (const std::string& line : outcomes.lines()) {
     ASSERT_EQ(line.substr(0, topic.size()), topic);
     const json outcome = json::parse(line.substr(topic.size()));
-    told[outcome["type"]] = outcome["outcome"];
+    ended[outcome["type"]] = outcome["outcome"];
   }
-  EXPECT_EQ(told, (std::map<std::string, std::string>{{"first", "timeout"}, {"second", "refused"}}))
+  EXPECT_EQ(ended,
+            (std::map<std::string, std::string>{{"first", "timeout"}, {"second", "refused"}}))
       << gateway.log();
 }
 
-TEST(LastOnline, IsNotMovedByAGatewayWithoutABroker) {
+TEST(LastOnline, IsNotUpdatedWithoutBroker) {
   namespace fs = std::filesystem;
   Mosquitto broker;
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
@@ -147,7 +148,7 @@ TEST(LastOnline, IsNotMovedByAGatewayWithoutABroker) {
   EXPECT_EQ(fs::last_write_time(file), then);
 }
 
-TEST(Reload, TakesABrokerTopicsAndRobotsWithoutDroppingSessions) {
+TEST(Reload, ChangesBrokerWithoutDroppingSessions) {
   Mosquitto first;
   Mosquitto second;
   GatewayProcess gateway(json{{"broker", {{"uri", first.uri()}}}});

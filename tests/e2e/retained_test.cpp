@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the gateway keeps retained about itself and its robots, and its counters, through every kind
-// of trouble and ending: whoever subscribes later must not be told what is no longer so.
+// Retained messages about the gateway and its robots, and the counters, through faults and all
+// kinds of exit: a later subscriber must not receive an outdated state.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -29,7 +29,7 @@ std::vector<std::string> robots_of(const GatewayProcess& gateway,
   return arguments;
 }
 
-/// `"state"` of what a new subscriber is given first, retained.
+/// Returns `"state"` of the first retained message that a new subscriber receives.
 std::string retained_state(const Mosquitto& broker, const std::string& topic) {
   Subscriber late(broker, topic, "%r %p");
   if (!eventually([&] { return !late.lines().empty(); })) return "nothing";
@@ -37,7 +37,7 @@ std::string retained_state(const Mosquitto& broker, const std::string& topic) {
   return line.starts_with("1 ") ? json::parse(line.substr(2))["state"] : "not retained";
 }
 
-TEST(RetainedState, SaysThatTheStoreIsFullUntilItIsNot) {
+TEST(RetainedState, ReportsFullStoreUntilItHasRoom) {
   Mosquitto broker;
   Mosquitto other;
   Subscriber subscriber(other, state_topic, "%p");
@@ -58,7 +58,7 @@ TEST(RetainedState, SaysThatTheStoreIsFullUntilItIsNot) {
   EXPECT_FALSE(json::parse(lines.back()).contains("store")) << lines.back();
 }
 
-TEST(RetainedState, IsOnlineAgainAfterACrashAndARestart) {
+TEST(RetainedState, IsOnlineAgainAfterCrashAndRestart) {
   Mosquitto broker;
   Subscriber subscriber(broker, state_topic, "%p");
   GatewayProcess gateway(retaining_configuration(broker));
@@ -77,7 +77,7 @@ TEST(RetainedState, IsOnlineAgainAfterACrashAndARestart) {
   EXPECT_EQ(retained_state(broker, state_topic), "online");
 }
 
-TEST(RetainedState, IsSaidAgainToABrokerThatForgotIt) {
+TEST(RetainedState, IsPublishedAgainToBrokerThatLostIt) {
   Mosquitto broker;
   GatewayProcess gateway(retaining_configuration(broker));
   SimulatorProcess robots(robots_of(gateway, {"--robots", "1"}));
@@ -88,7 +88,7 @@ TEST(RetainedState, IsSaidAgainToABrokerThatForgotIt) {
     EXPECT_TRUE(eventually([&] { return retained_state(broker, topic) == "online"; })) << topic;
 }
 
-TEST(RetainedPresence, OfARobotThatWentWithACrashIsOfflineAfterTheRestart) {
+TEST(RetainedPresence, IsOfflineAfterRestartForRobotThatLeftDuringCrash) {
   Mosquitto broker;
   GatewayProcess gateway(retaining_configuration(broker));
   {
@@ -111,13 +111,13 @@ TEST(RetainedPresence, OfARobotThatWentWithACrashIsOfflineAfterTheRestart) {
   })) << gateway.log();
 }
 
-TEST(Stats, AreTheStatusThatOperatorsSee) {
+TEST(Stats, HaveSameMembersAsStatusOfSlamGatewayctl) {
   Mosquitto broker;
   Subscriber subscriber(broker, "ntnu-slam/gateway/test/stats", "%r %p");
   GatewayProcess gateway(retaining_configuration(broker));
   ASSERT_TRUE(eventually([&] { return !subscriber.lines().empty(); })) << gateway.log();
   const std::string line = subscriber.lines().front();
-  EXPECT_TRUE(line.starts_with("0 ")) << "old counters are of no use";
+  EXPECT_TRUE(line.starts_with("0 ")) << "old counters are not retained";
   const json stats = json::parse(line.substr(2));
   const json status = gateway.ctl({"status"});
   std::vector<std::string> keys[2];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two gateways on one broker, and robots that go from one to the other without a word.
+// Two gateways on one broker, and robots that move between them without DISCONNECT.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -24,18 +24,18 @@ class TwoGateways : public testing::Test {
     for (GatewayProcess* gateway : {&a, &b})
       ASSERT_TRUE(eventually([&] { return state_of(*gateway) == "member"; })) << gateway->log();
   }
-  /// What a gateway says of itself.
+  /// Returns the state of a gateway in its own view of the fleet.
   static std::string state_of(const GatewayProcess& gateway) {
     const json fleet = gateway.ctl({"fleet"});
     return fleet.is_object() ? fleet["gateways"][0].value("state", "") : "";
   }
-  /// Where a gateway believes a robot to be.
+  /// Counts the messages whose text begins with `start`.
   std::size_t count(const std::string& start) const {
     const auto lines = everything.lines();
     return static_cast<std::size_t>(
         std::ranges::count_if(lines, [&](const auto& line) { return line.starts_with(start); }));
   }
-  /// Serves r1 at gateway a, which is then killed. Gateway b answers for the robot.
+  /// Serves r1 at gateway a, which is then killed. Gateway b takes the session over.
   void leave_to_b(Device& r1) {
     r1.connect_with_will("r1");
     r1.subscribe("ntnu-slam/server/r1/cmd");
@@ -59,10 +59,10 @@ TEST_F(TwoGateways, RobotThatMovesHasOneGatewayOneOutcomeAndNoWill) {
   Device at_b{b.mqttsn_address()};
   at_b.connect_with_will("r1");
   ASSERT_TRUE(eventually([&] { return a.place_in_fleet("r1") == "b"; })) << a.log();
-  // Without a session of the robot there is nothing that a could publish its will for.
+  // Gateway a has no session of the robot any more, so it cannot publish the will.
   ASSERT_TRUE(eventually([&] { return a.ctl({"robots"}).empty(); })) << a.log();
 
-  // The subscription came along; the gateway tells the topic's id anew.
+  // The subscription moved along; the gateway registers the topic again.
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
   at_b.obey();
   ASSERT_TRUE(eventually([&] { return count("ntnu-slam/gateway/b/commands/r1") == 1; }));
@@ -75,7 +75,7 @@ TEST_F(TwoGateways, RobotThatMovesHasOneGatewayOneOutcomeAndNoWill) {
     EXPECT_TRUE(line.starts_with("ntnu-slam/gateway/b/robots/r1 {\"state\":\"online\"")) << line;
 }
 
-TEST_F(TwoGateways, RobotWhoseGatewayDiesHearsItsCommandsAtTheNextOne) {
+TEST_F(TwoGateways, RobotOfDeadGatewayGetsCommandsAtNextOne) {
   Device at_a{a.mqttsn_address()};
   at_a.connect_with_will("r1");
   at_a.subscribe("ntnu-slam/server/r1/cmd");
@@ -89,7 +89,7 @@ TEST_F(TwoGateways, RobotWhoseGatewayDiesHearsItsCommandsAtTheNextOne) {
   EXPECT_TRUE(eventually([&] { return count("ntnu-slam/gateway/b/commands/r1") == 1; }));
 }
 
-TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
+TEST_F(TwoGateways, OtherGatewayRefusesCommandsForRobotsOfDeadOne) {
   Device robot{a.mqttsn_address()};
   leave_to_b(robot);
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
@@ -97,8 +97,8 @@ TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
   EXPECT_EQ(count("ntnu-slam/gateway/b/commands/r1 {\"type\":\"cmd\",\"outcome\":\"refused\""), 1U);
 }
 
-/// The broker has no last will of a gateway that died while it was down itself.
-TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDiedWithAForgetfulBroker) {
+/// The broker was down when the gateway died, so it publishes no last will.
+TEST_F(TwoGateways, OtherGatewayTakesOverRobotsAfterBrokerRestart) {
   Device robot{a.mqttsn_address()};
   robot.connect_with_will("r1");
   ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
@@ -108,7 +108,7 @@ TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDiedWithAForgetfulBr
   EXPECT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
 }
 
-/// To a wildcard, RabbitMQ sends no retained messages either.
+/// RabbitMQ sends no retained messages to a wildcard subscription either.
 class TwoGatewaysWithoutRetainedMessages : public TwoGateways {
  protected:
   TwoGatewaysWithoutRetainedMessages() : TwoGateways("retain_available false\n") {}
@@ -118,16 +118,16 @@ class TwoGatewaysWithoutRetainedMessages : public TwoGateways {
   }
 };
 
-/// It leaves in order, so there is no last will that the other one could hear.
-TEST_F(TwoGatewaysWithoutRetainedMessages, ShowThemselvesWhenOneHasConnectedAgain) {
+/// Gateway b disconnects normally, so gateway a receives no last will.
+TEST_F(TwoGatewaysWithoutRetainedMessages, PublishStateAgainWhenOneReconnects) {
   ASSERT_TRUE(eventually([&] { return have_shown_themselves(2); })) << a.log() << b.log();
   b.reload([](json& wanted) { wanted["broker"]["keep_alive_s"] = 31; });
   EXPECT_TRUE(eventually([&] { return have_shown_themselves(3); })) << a.log() << b.log();
   EXPECT_EQ(state_of(b), "member");
 }
 
-/// The other gateway has not heard the robot, so it is still this one's.
-TEST_F(TwoGateways, GatewayThatReturnsKeepsTheRobotsThatWereAnsweredForMeanwhile) {
+/// The other gateway has not heard the robot, so it yields the robot.
+TEST_F(TwoGateways, RestartedGatewayTakesItsRobotsBack) {
   Device robot{a.mqttsn_address()};
   leave_to_b(robot);
   a.start();
@@ -145,15 +145,15 @@ TEST_F(TwoGateways, GatewayThatReturnsKeepsTheRobotsThatWereAnsweredForMeanwhile
   EXPECT_EQ(count("ntnu-slam/robot/r1/gone"), 0U);
 }
 
-TEST_F(TwoGateways, CommandForANameThatNoRobotHasIsRefusedOnce) {
-  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/nobody/cmd", "-m", "1,2"});
+TEST_F(TwoGateways, CommandForUnknownRobotIsRefusedOnce) {
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/ghost/cmd", "-m", "1,2"});
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/probe/cmd", "-m", "1,2"});
   ASSERT_TRUE(eventually([&] { return count("ntnu-slam/gateway/a/commands/") == 2; })) << a.log();
   EXPECT_EQ(count("ntnu-slam/gateway/b/commands/"), 0U);
 }
 
-/// Whoever may connect with a robot's client id takes its session; the gateway takes it back.
-TEST_F(TwoGateways, SessionThatAnotherClientTakesIsTakenBackAtTheRobotsNextWord) {
+/// A client that connects with a robot's client id takes the session; the gateway takes it back.
+TEST_F(TwoGateways, ReclaimsSessionFromAnotherClientAtNextMessage) {
   Device robot{a.mqttsn_address()};
   robot.connect_with_will("r1");
   robot.subscribe("ntnu-slam/server/r1/cmd");

@@ -15,7 +15,7 @@ namespace {
 
 using nlohmann::json;
 
-/// What the page says; a test of other words would be one of another page.
+/// Returns `words` and expects them on the page, so that the test performs the page's commands.
 std::string as_on_the_page(const std::string& words) {
   static const std::string page = read_file(SLAMGW_FLEET_PAGE);
   EXPECT_NE(page.find(words), std::string::npos) << "docs/fleet.md no longer says: " << words;
@@ -34,7 +34,7 @@ class SecondBoard : public testing::Test {
     settings["ble_mesh"]["enabled"] = true;
     return settings;
   }
-  /// `slam-gatewayctl COMMAND...` as an operator types it.
+  /// Runs `slam-gatewayctl COMMAND...` as an operator types it.
   static Finished type(const GatewayProcess& gateway, std::vector<std::string> command) {
     command.insert(command.begin(), {SLAMGW_CTL, "--socket", gateway / "control.sock"});
     return run_program(command);
@@ -48,7 +48,8 @@ class SecondBoard : public testing::Test {
     const json status = gateway.ctl({"status"});
     return status.is_object() && status["meshes"]["ble"]["state"] == "up";
   }
-  /// The gateway that serves the robot, as each of `gateways` has it; empty when they disagree.
+  /// Returns the gateway that serves the robot in the view of all `gateways`; empty if they
+  /// disagree.
   static std::string place_of(const std::string& robot,
                               const std::vector<const GatewayProcess*>& gateways) {
     std::set<std::string> places;
@@ -87,14 +88,14 @@ class SecondBoard : public testing::Test {
                            "--robots", "2", "--rate", "2", "--acknowledged", "--numbered"}};
 };
 
-TEST_F(SecondBoard, JoinsTheMeshByTheStepsOfTheManual) {
+TEST_F(SecondBoard, JoinsMeshByStepsOfManual) {
   ASSERT_TRUE(eventually([&] { return is_board_up(first); })) << first.log();
   const json found = first.ctl({"ble", "scan"});
   ASSERT_EQ(found.size(), 2U) << first.log();
   const std::string robot = "lego-1";
   ASSERT_TRUE(provision(found[0]["uuid"], robot)) << first.log();
 
-  // 1. A group that robots publish to; the first gateway tells its robots by itself.
+  // 1. A group that robots publish to; the first gateway configures its robots automatically.
   const json group = json::parse(as_on_the_page(R"({"ble_mesh": {"gateway_group": "0xc010"}})"));
   first.configure([&](json& changed) { changed.merge_patch(group); });
   restart(first);
@@ -140,7 +141,7 @@ TEST_F(SecondBoard, JoinsTheMeshByTheStepsOfTheManual) {
   first.start();
   ASSERT_TRUE(eventually([&] { return is_board_up(first); })) << first.log();
 
-  // The first gateway provisions, and no other one.
+  // Only the first gateway provisions.
   for (const std::vector<std::string>& order :
        {std::vector<std::string>{"permit-join"}, {"remove", robot}, {"export", directory / "x"}}) {
     std::vector<std::string> command{"ble"};

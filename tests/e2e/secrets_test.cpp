@@ -37,13 +37,13 @@ std::string reversed(const std::string& hex) {
   return out;
 }
 
-/// What may separate octets in a dump does not hide them.
+/// Removes characters that may separate octets in a dump.
 std::string without_separators(std::string text) {
   std::erase_if(text, [](char c) { return c == ' ' || c == ':' || c == '-' || c == ','; });
   return text;
 }
 
-/// Secrets, and where one was seen.
+/// Searches texts for secrets.
 class Search {
  public:
   void add_text(const std::string& secret) { texts_.push_back(secret); }
@@ -71,7 +71,7 @@ class Search {
   std::vector<std::string> octets_;
 };
 
-/// Each line of a PEM file's body.
+/// Adds each line of the body of a PEM file.
 void add_pem(Search& search, const std::string& path) {
   std::istringstream lines(read_file(path));
   for (std::string line; std::getline(lines, line);)
@@ -121,7 +121,7 @@ class Secrets : public testing::Test {
   Search search;
 };
 
-TEST_F(Secrets, AreInNothingThatTheProgramsPrintOrPublish) {
+TEST_F(Secrets, AreNeverPrintedOrPublished) {
   GatewayProcess gateway(configuration());
   chmod((gateway / "gateway.json").c_str(), 0600);  // it holds the OOB value
   SimulatorProcess board({"ble", "--tty", gateway.tty(), "--unprovisioned", "--static-oob",
@@ -160,7 +160,7 @@ TEST_F(Secrets, AreInNothingThatTheProgramsPrintOrPublish) {
   search.expect_none_in("log", gateway.log() + read_file(gateway / "out"));
 }
 
-/// A daemon that has nothing but `mesh` to go by, until it says why it does not use it.
+/// Starts a daemon with the file `mesh` and returns its log once it complains about the file.
 std::string complaint_about(const std::string& mesh, json configuration) {
   GatewayProcess gateway(std::move(configuration));
   EXPECT_TRUE(eventually([&] { return gateway.logs("ble link down"); })) << gateway.log();
@@ -172,7 +172,7 @@ std::string complaint_about(const std::string& mesh, json configuration) {
   return gateway.log();
 }
 
-TEST_F(Secrets, AreNotInComplaintsAboutTheFilesThatHoldThem) {
+TEST_F(Secrets, AreNotInMessagesAboutFilesThatHoldThem) {
   const json mesh = {
       {"version", 2},
       {"net_key", "00112233445566778899aabbccddeeff"},

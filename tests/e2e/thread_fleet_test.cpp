@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every kind of Thread robot that the simulator plays, against the daemon and a real Mosquitto:
-// what sleeps, moves, changes its will, vanishes, never connects, and a fleet on a bad radio.
+// Every kind of simulated Thread robot against the daemon and a real Mosquitto: robots that sleep,
+// move, change their will, vanish or never connect, and a fleet on a bad radio.
 #include <gtest/gtest.h>
 
 #include <signal.h>
@@ -18,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-/// For a daemon that answers searches, which it does not before its broker does.
+/// Waits until the daemon answers SEARCHGW, which requires a connection to the broker.
 std::vector<std::string> thread_arguments(const GatewayProcess& gateway,
                                           const std::vector<std::string>& options) {
   EXPECT_TRUE(eventually([&] { return gateway.logs(" connected "); })) << gateway.log();
@@ -27,7 +27,7 @@ std::vector<std::string> thread_arguments(const GatewayProcess& gateway,
   return arguments;
 }
 
-/// tests/e2e/fleet_check: what was acknowledged is upstream, once and in order.
+/// Runs tests/e2e/fleet_check: acknowledged messages are upstream, once and in order.
 Finished check_fleet(MqttVersion version, const std::vector<std::string>& options) {
   const std::string only = version == MqttVersion::v3_1_1 ? "MQTT=3" : "MQTT=5";
   std::vector<std::string> arguments{
@@ -48,7 +48,7 @@ std::string state_of(const GatewayProcess& gateway, const std::string& robot) {
 using ThreadFleet = OverEitherVersion;
 INSTANTIATE_TEST_SUITE_P(Over, ThreadFleet, either_version, ThreadFleet::name);
 
-TEST_P(ThreadFleet, ASleepingRobotGetsACommandOnceWhenItWakes) {
+TEST_P(ThreadFleet, SleepingRobotGetsCommandOnceWhenItWakes) {
   GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%p");
   Subscriber updates(broker, "ntnu-slam/robot/robot1/update");
@@ -72,7 +72,7 @@ TEST_P(ThreadFleet, ASleepingRobotGetsACommandOnceWhenItWakes) {
   EXPECT_GE(report["wakes"], 2) << report;
 }
 
-TEST_P(ThreadFleet, SleepingRobotsLoseNothingOnABadRadio) {
+TEST_P(ThreadFleet, SleepingRobotsLoseNoMessageOnBadRadio) {
   const Finished check =
       check_fleet(GetParam(), {"--robots", "20", "--sleep", "1", "--messages", "8", "--rate", "4",
                                "--loss", "0.05", "--retry", "0.3"});
@@ -80,7 +80,7 @@ TEST_P(ThreadFleet, SleepingRobotsLoseNothingOnABadRadio) {
   EXPECT_NE(check.out.find("\"wakes\""), std::string::npos) << check.out;
 }
 
-TEST_P(ThreadFleet, RoamingRobotsLoseNothingOnABadRadio) {
+TEST_P(ThreadFleet, RoamingRobotsLoseNoMessageOnBadRadio) {
   const Finished check = check_fleet(
       GetParam(), {"--robots", "20", "--roam", "0.9", "--messages", "15", "--rate", "8", "--retry",
                    "0.35", "--delay-ms", "10", "--reorder", "0.1", "--duplicate", "0.1"});
@@ -88,13 +88,13 @@ TEST_P(ThreadFleet, RoamingRobotsLoseNothingOnABadRadio) {
   EXPECT_NE(check.out.find("\"roamed\""), std::string::npos) << check.out;
 }
 
-TEST_P(ThreadFleet, ALargerFleetLosesNothingAcknowledgedOnABadRadio) {
+TEST_P(ThreadFleet, LargerFleetLosesNoAcknowledgedMessageOnBadRadio) {
   const Finished check = check_fleet(GetParam(), {"--robots", "100", "--loss", "0.1", "--messages",
                                                   "4", "--rate", "5", "--retry", "0.5"});
   EXPECT_EQ(check.status, 0) << check.out << check.err;
 }
 
-TEST_P(ThreadFleet, OnlyTheVanishedRobotsWillIsPublished) {
+TEST_P(ThreadFleet, PublishesWillOfVanishedRobotOnly) {
   GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Subscriber wills(broker, "ntnu-slam/robot/+/will", "%t %p");
   SimulatorProcess simulator(thread_arguments(
@@ -104,7 +104,7 @@ TEST_P(ThreadFleet, OnlyTheVanishedRobotsWillIsPublished) {
   EXPECT_EQ(wills.lines(), std::vector<std::string>{"ntnu-slam/robot/robot2/will Disconnected"});
 }
 
-TEST_P(ThreadFleet, AChangedWillIsTheOneThatIsPublished) {
+TEST_P(ThreadFleet, PublishesChangedWill) {
   GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Subscriber all(broker, "ntnu-slam/robot/robot1/+", "%t %p");
   SimulatorProcess simulator(
@@ -125,7 +125,7 @@ TEST_P(ThreadFleet, AChangedWillIsTheOneThatIsPublished) {
   EXPECT_FALSE(said("ntnu-slam/robot/robot1/will Disconnected"));
 }
 
-TEST_P(ThreadFleet, RobotsThatNeverConnectAreHeardWhenAllowed) {
+TEST_P(ThreadFleet, AcceptsRobotsWithoutConnectWhenAllowed) {
   GatewayProcess gateway(
       json{{"broker", {{"uri", broker.link_uri()}}},
            {"mqttsn",

@@ -35,14 +35,14 @@ long cpu_ticks(pid_t pid) {
 using BrokerThatIsDown = OverEitherVersion;
 INSTANTIATE_TEST_SUITE_P(Over, BrokerThatIsDown, either_version, BrokerThatIsDown::name);
 
-TEST_P(BrokerThatIsDown, AtStartIsWaitedFor) {
+TEST_P(BrokerThatIsDown, DaemonWaitsForItAtStart) {
   broker.kill();
   GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("cannot reach broker"); })) << gateway.log();
   SimulatorProcess simulator({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "2",
                               "--messages", "5", "--rate", "20"});
 
-  broker.start();  // until now no SEARCHGW was answered
+  broker.start();  // no SEARCHGW was answered before
 
   Subscriber subscriber(broker, "ntnu-slam/robot/#");
   const json report = simulator.report();
@@ -52,7 +52,7 @@ TEST_P(BrokerThatIsDown, AtStartIsWaitedFor) {
                                                          : "connected (MQTT 3.1.1)"));
 }
 
-TEST(Trouble, ABrokerThatHasNotAnsweredYetIsDownSinceTheStart) {
+TEST(Trouble, SilentBrokerIsDownSinceStart) {
   using boost::asio::ip::tcp;
   boost::asio::io_context io;
   const tcp::acceptor silent(io, {boost::asio::ip::address_v4::loopback(), 0});
@@ -66,7 +66,7 @@ TEST(Trouble, ABrokerThatHasNotAnsweredYetIsDownSinceTheStart) {
   EXPECT_NE(broker["since"].get<std::string>().substr(0, 4), "1970");
 }
 
-TEST(Trouble, AWrongPasswordIsNamedWithoutBeingShown) {
+TEST(Trouble, WrongPasswordNamesFileAndIsNotShown) {
   Mosquitto broker({}, "gw", "right");
   const TempDir directory;
   write_file(directory / "credentials.json", R"({"username":"gw","password":"wr0ng-secret"})",
@@ -74,12 +74,12 @@ TEST(Trouble, AWrongPasswordIsNamedWithoutBeingShown) {
   GatewayProcess gateway(json{
       {"broker", {{"uri", broker.uri()}, {"credentials_file", directory / "credentials.json"}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("does not authorise"); })) << gateway.log();
-  EXPECT_TRUE(gateway.logs("credentials.json")) << "says which file to mend";
+  EXPECT_TRUE(gateway.logs("credentials.json")) << "names the file to correct";
   EXPECT_FALSE(gateway.logs("wr0ng-secret"));
   EXPECT_TRUE(gateway.process().is_running());
 }
 
-TEST(Trouble, AMissingTtyIsAState) {
+TEST(Trouble, MissingTtyIsShownAsDownUntilBoardAppears) {
   Mosquitto broker;
   GatewayProcess gateway(
       json{{"broker", {{"uri", broker.uri()}}}, {"ble_mesh", {{"enabled", true}}}});
@@ -94,7 +94,7 @@ TEST(Trouble, AMissingTtyIsAState) {
   ASSERT_TRUE(eventually([&] { return gateway.logs("ble-0100 update"); })) << gateway.log();
 }
 
-TEST(Trouble, AnUnpluggedBoardIsTakenUpAgain) {
+TEST(Trouble, ReopensReplacedBoard) {
   Mosquitto broker;
   GatewayProcess gateway(
       json{{"broker", {{"uri", broker.uri()}}}, {"ble_mesh", {{"enabled", true}}}});
@@ -111,7 +111,7 @@ TEST(Trouble, AnUnpluggedBoardIsTakenUpAgain) {
   EXPECT_TRUE(eventually([&] { return !subscriber.lines().empty(); })) << gateway.log();
 }
 
-TEST(Trouble, DatagramsThatAreNoMqttSnAreCountedAndHarmNobody) {
+TEST(Trouble, InvalidDatagramsAreCountedAndHarmNoRobot) {
   Mosquitto broker;
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("connected (MQTT 5)"); })) << gateway.log();
@@ -133,7 +133,7 @@ TEST(Trouble, DatagramsThatAreNoMqttSnAreCountedAndHarmNobody) {
   EXPECT_GT(counters["malformed"], sent / 2) << counters;
 }
 
-TEST(Trouble, NothingSpinsWhileEverythingIsAway) {
+TEST(Trouble, UsesLittleCpuWithoutBrokerAndBoard) {
   GatewayProcess gateway(
       json{{"broker", {{"uri", "mqtt://127.0.0.1:" + std::to_string(free_tcp_port())}}},
            {"ble_mesh", {{"enabled", true}}}});
