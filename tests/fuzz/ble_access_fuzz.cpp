@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any access message, any mesh.json and any mesh to import.
+// Feeds any octets as access message, mesh.json, and mesh to import.
 #include <cstdlib>
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any bytes from the serial port: framing, events, COBS and the older robots' frames.
+// Feeds any octets of a serial port to the decoders: frames, events, COBS and frames of old robots.
 #include <cstdlib>
 
 #include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any order of inputs to the BLE mesh, with answers to its Echo so that it gets in step. The input
-// is a list of `verb argument octets(argument)`. A machine that drains is due in the future only.
+// Feeds inputs in any order to the BLE mesh, and answers its Echo so that it synchronizes. The data
+// is a list of `verb argument octets(argument)`. Aborts when an action stays overdue.
 #include <cstdlib>
 
 #include "tests/fuzz/ble_mesh_inputs.hpp"

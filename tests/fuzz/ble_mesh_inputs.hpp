@@ -39,7 +39,7 @@ class MeshInputs {
     drain();
   }
 
-  /// Nothing is due that was not done, and no command has ended twice.
+  /// Checks that no action is overdue and that no command has ended twice.
   bool is_settled() const {
     const auto due = mesh_.deadline();
     return (!due || *due > now_) && ended_ <= asked_ && answered_ <= ordered_;
@@ -70,7 +70,7 @@ class MeshInputs {
     if (params.size() <= max_frame_params) mesh_.on_bytes(encode_frame(0x84, params), now_);
   }
 
-  /// Of provisioning.
+  /// Gives the board's event c0 to cf, most of which are about provisioning.
   void event(std::uint8_t opcode, ByteView params) {
     if (params.size() <= max_frame_params)
       mesh_.on_bytes(encode_frame(static_cast<std::uint8_t>(0xc0 | opcode % 16), params), now_);

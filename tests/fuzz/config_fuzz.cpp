@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any text as the configuration, and as the credentials that it names: problems, never a crash.
+// Feeds any text as configuration and as credentials: the parser reports problems and never
+// crashes.
 #include "daemon/config/parse.hpp"
 #include "tests/config/fake_files.hpp"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any octets for the headers that robots use: see tests/firmware/any_octets.hpp for the grammar and
-// what must hold.
+// Feeds any octets to the headers for robots: see tests/firmware/any_octets.hpp for the grammar and
+// the invariants.
 #include "tests/firmware/any_octets.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

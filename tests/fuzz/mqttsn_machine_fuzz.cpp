@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any octets as a life of the MQTT-SN gateway: see tests/mqttsn_udp/fuzz_life.hpp for the grammar
-// and the invariants.
+// Feeds any octets as inputs to the MQTT-SN gateway: see tests/mqttsn_udp/fuzz_life.hpp for the
+// grammar and the invariants.
 #include "tests/mqttsn_udp/fuzz_life.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

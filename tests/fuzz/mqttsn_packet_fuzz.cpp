@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any octets as an MQTT-SN message: what can be read can be written, and reads the same again.
+// Feeds any octets as an MQTT-SN message: a decoded message encodes, and decodes to the same again.
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 
 using namespace slamgw::mqttsn;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Anything as a page's message, and as a topic and payload of the broker's. What goes to pages must
-// be JSON.
+// Feeds any octets as a page's message, and as topic and payload of the broker. Texts for pages
+// must be JSON.
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
