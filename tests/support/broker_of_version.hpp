@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A real Mosquitto for tests of what holds over either version of MQTT.
+// A real Mosquitto for tests that must pass over either version of MQTT.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 
 namespace slamgw::test {
 
-/// As it is, or as a broker that knows MQTT 3.1.1 only.
+/// Mosquitto itself, or behind a proxy that speaks MQTT 3.1.1 only.
 class BrokerOfVersion : public Mosquitto {
  public:
   explicit BrokerOfVersion(MqttVersion version, std::string extra_configuration = {})

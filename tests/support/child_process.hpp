@@ -14,8 +14,8 @@ class ChildProcess {
  public:
   /// Starts `arguments[0]` (searched in PATH); standard output and error go to these files, or
   /// nowhere when empty.
-  /// It gets no other descriptor: a socket that outlives its owner there would keep the owner's
-  /// connection open. `inherits_descriptors`: it gets those that are to outlive an exec.
+  /// It inherits no other descriptor, because a socket in a child would keep its owner's connection
+  /// open. `inherits_descriptors`: it inherits descriptors without FD_CLOEXEC.
   explicit ChildProcess(const std::vector<std::string>& arguments, const std::string& out = {},
                         const std::string& err = {}, bool inherits_descriptors = false);
   ~ChildProcess();

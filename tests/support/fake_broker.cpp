@@ -20,7 +20,7 @@ std::size_t u16_at(const Octets& octets, std::size_t at) {
   return at + 1 < octets.size() ? static_cast<std::size_t>(octets[at] << 8 | octets[at + 1]) : 0;
 }
 
-/// A variable byte integer and how many octets it has; nothing while it is incomplete.
+/// Returns a variable byte integer and its size in octets; nothing while it is incomplete.
 std::optional<std::pair<std::size_t, std::size_t>> length_at(const Octets& octets, std::size_t at) {
   std::size_t value = 0;
   for (std::size_t i = 0; i < 4 && at + i < octets.size(); ++i) {
@@ -128,7 +128,7 @@ void FakeBroker::Connection::read() {
       });
 }
 
-/// False when none is complete.
+/// Returns false when no packet is complete.
 bool FakeBroker::Connection::take_packet() {
   const auto length = length_at(buffer_, 1);
   if (!socket_.is_open() || !length) return false;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small MQTT broker on loopback, for both versions, that remembers what it acknowledges and keeps
-// to the protocol except where a test says otherwise. No subscriber ever gets anything from it but
-// what a test sends. On a thread of its own.
+// A small MQTT broker on loopback, for both versions. It records the messages that it acknowledges,
+// and follows the protocol unless a test installs a Misbehaviour. Subscribers receive only messages
+// that a test sends. It runs on a thread of its own.
 #pragma once
 
 #include <array>
@@ -42,11 +42,11 @@ class FakeBroker {
     std::uint8_t first = 0;  ///< type and flags
     Octets body;
     Type type() const { return static_cast<Type>(first >> 4); }
-    /// Of a SUBSCRIBE: whether the filter is in it.
+    /// Returns whether the body contains the text, such as the filter of a SUBSCRIBE.
     bool contains(std::string_view text) const;
   };
   class Connection;
-  /// Called for each packet before it is answered; true: it is not to be answered any more.
+  /// Called for each packet before it is answered. Returns true to suppress the answer.
   using Misbehaviour = std::function<bool(Connection&, const Packet&)>;
 
   FakeBroker();
@@ -56,9 +56,9 @@ class FakeBroker {
 
   std::uint16_t port() const { return port_; }
   std::size_t connections() const { return connections_; }
-  /// From now on, on old connections too; nothing: it keeps to the protocol.
+  /// Applies from now on, also to open connections. Null restores the protocol.
   void misbehave(Misbehaviour misbehaviour);
-  /// "topic payload" of each message that it has acknowledged (QoS 0: read), in their order.
+  /// Returns "topic payload" of each acknowledged (QoS 0: read) message, in order.
   std::vector<std::string> arrived() const;
 
  private:
@@ -76,18 +76,18 @@ class FakeBroker {
   std::thread thread_;
 };
 
-/// What a Misbehaviour may do.
+/// The connection that a Misbehaviour may use.
 class FakeBroker::Connection : public std::enable_shared_from_this<Connection> {
  public:
   Connection(FakeBroker& broker, boost::asio::ip::tcp::socket socket);
 
   bool is_v5() const { return is_v5_; }
-  /// As they are.
+  /// Sends the octets unchanged.
   void send(const Octets& octets);
-  /// With its length.
+  /// Sends a packet: the first octet, the length, the body.
   void send(std::uint8_t first, const Octets& body);
   void close();
-  /// How many packets have come, this one included.
+  /// Returns the number of packets so far, including the current one.
   std::size_t packets() const { return packets_; }
 
  private:

@@ -19,12 +19,12 @@ namespace {
 using boost::asio::ip::tcp;
 using boost::asio::ip::udp;
 
-/// Below the ephemeral ports of Linux (from 32768), which anybody's sockets are given, and below
-/// those that tests/soak/program.py draws.
+/// Below the ephemeral ports of Linux (from 32768), which any socket may get, and below the ports
+/// that tests/soak/program.py draws.
 constexpr std::uint16_t first_port = 10000;
 constexpr std::uint16_t last_port = 19999;
 
-/// Whether no other test process of this user has the port. The lock ends with this process.
+/// Reserves the port among the test processes of this user, until this process ends.
 bool reserve(std::uint16_t port) {
   const auto directory = std::filesystem::temp_directory_path() /
                          ("slam-gateway-test-ports-" + std::to_string(::geteuid()));

@@ -5,10 +5,10 @@
 
 namespace slamgw::test {
 
-/// A TCP port of loopback that nobody uses, and that no other test process is given as long as this
-/// one runs: a broker that is killed finds it free when it starts again.
+/// Returns an unused TCP port of loopback. No other test process gets it while this one runs, so a
+/// killed broker can use it again.
 std::uint16_t free_tcp_port();
-/// The same for UDP, on all addresses.
+/// Returns such a UDP port, unused on all addresses.
 std::uint16_t free_udp_port();
 
 }  // namespace slamgw::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A session store in memory, which keeps sessions over the life of an adapter.
+// A session store in memory, which keeps sessions when an adapter is destroyed.
 #pragma once
 
 #include <functional>

@@ -84,7 +84,7 @@ std::string Mosquitto::uri() const { return fmt::format("mqtt://127.0.0.1:{}", p
 
 Subscriber::Subscriber(const Mosquitto& broker, const std::string& filter,
                        const std::string& format, const std::string& version) {
-  // -d says when the subscription stands; its lines are told apart by how they begin.
+  // With -d the program prints SUBACK. Messages are the lines that begin with MSG.
   process_ = std::make_unique<ChildProcess>(
       std::vector<std::string>{"stdbuf", "-oL", "mosquitto_sub", "-d", "-h", "127.0.0.1", "-p",
                                std::to_string(broker.port()), "-V", version, "-q", "1", "-t",

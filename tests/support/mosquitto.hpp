@@ -22,9 +22,9 @@ class Mosquitto {
   /// of its ports: it opens one after the other.
   void start();
   void kill();
-  /// It stands still, its connections stay open.
+  /// Stops the process by SIGSTOP; its connections stay open.
   void pause();
-  /// It reads its access control list again.
+  /// Makes it read its access control list again.
   void reload();
   void resume();
   std::uint16_t port() const { return port_; }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that knows MQTT 3.1.1 only: a TCP proxy on loopback before a real one, which passes
-// every connection whose CONNECT speaks level 4 and turns the others away.
+// A broker that speaks MQTT 3.1.1 only: a TCP proxy on loopback before a real one, which passes
+// connections whose CONNECT has protocol level 4 and rejects the others.
 #pragma once
 
 #include <atomic>
@@ -13,7 +13,7 @@ namespace slamgw::test {
 
 class Mqtt311Proxy {
  public:
-  /// What a CONNECT of MQTT 5 gets.
+  /// The answer to a CONNECT of MQTT 5.
   enum class Answer : std::uint8_t {
     refuse,  ///< CONNACK 0x84, then the end of the connection
     close,   ///< the end of the connection alone

@@ -18,7 +18,7 @@ class NatsServer {
   /// Returns when it accepts MQTT connections. `extra_configuration`: users and their permissions.
   explicit NatsServer(const std::string& extra_configuration = {});
   std::uint16_t mqtt_port() const { return mqtt_port_; }
-  /// What it has refused, among other things.
+  /// Returns its log, which has its refusals.
   std::string log() const { return read_file(directory_ / "log"); }
 
  private:

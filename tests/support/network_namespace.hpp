@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Networks of our own for I/O tests: a thread moves in and out of them, sockets stay where they
-// were made. Needs the right to make namespaces (root, as in CI).
+// Separate networks for I/O tests: a thread enters and leaves them, sockets stay where they were
+// created. Requires the right to create namespaces (root, as in CI).
 #pragma once
 
 #include <memory>
@@ -10,14 +10,14 @@ namespace slamgw::test {
 
 class NetworkNamespace {
  public:
-  /// A new, empty one with loopback up; nothing when we may not. The calling thread stays where it
-  /// is.
+  /// Creates an empty one with loopback up; returns nothing without the right. The calling thread
+  /// stays outside.
   static std::unique_ptr<NetworkNamespace> make();
   ~NetworkNamespace();
   NetworkNamespace(const NetworkNamespace&) = delete;
   NetworkNamespace& operator=(const NetworkNamespace&) = delete;
 
-  /// The calling thread is inside for the life of the object.
+  /// The calling thread is inside while the object exists.
   class Visit {
    public:
     explicit Visit(const NetworkNamespace& where);
@@ -31,7 +31,7 @@ class NetworkNamespace {
 
   /// `ip ARGUMENTS` inside; throws std::runtime_error when it fails.
   void ip(const std::string& arguments) const;
-  /// For `ip link set ... netns PATH`.
+  /// The path for `ip link set ... netns PATH`.
   std::string path() const;
 
  private:

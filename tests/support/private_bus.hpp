@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A D-Bus daemon of a test's own, on which everybody may do everything.
+// A D-Bus daemon for one test, without access rules.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ class PrivateBus {
   std::string address() const { return address_of(socket_); }
 
  private:
-  /// The socket's file is there before.
+  /// The socket's file exists before the daemon accepts connections.
   bool takes_connections() const {
     using Local = boost::asio::local::stream_protocol;
     boost::asio::io_context io;

@@ -6,7 +6,7 @@
 
 namespace slamgw::test {
 
-/// A directory that goes with its object.
+/// A directory that is removed with its object.
 class TempDir {
  public:
   TempDir();
@@ -22,9 +22,9 @@ class TempDir {
 };
 
 void write_file(const std::string& path, std::string_view text, unsigned mode = 0644);
-/// What is there so far; empty when there is no such file.
+/// Returns the current contents; empty when the file does not exist.
 std::string read_file(const std::string& path);
-/// What all files of a directory hold.
+/// Returns the contents of all files of a directory.
 std::string read_files(const std::string& directory);
 
 }  // namespace slamgw::test

@@ -25,7 +25,7 @@ std::uint8_t octet_of(const std::string& word) {
   return static_cast<std::uint8_t>(std::stoul(word, nullptr, 16));
 }
 
-/// Takes ` * n` off the end.
+/// Removes ` * n` from the end and returns n.
 std::size_t take_repeats(std::vector<std::string>& words) {
   if (words.size() < 3 || words[words.size() - 2] != "*") return 1;
   const std::size_t repeats = std::stoul(words.back());
@@ -128,7 +128,7 @@ class Reader {
     }
   }
 
-  /// Takes `[releases] ` off the front; false when that is another release.
+  /// Removes `[releases] ` from the front. Returns false for another release.
   bool take_mark(std::string_view& text) const {
     if (text.empty() || text[0] != '[') return true;
     const std::size_t end = text.find("] ");

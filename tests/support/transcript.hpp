@@ -17,7 +17,7 @@ struct RecordedPacket {
   std::vector<std::uint8_t> octets;  ///< 0 where undefined
   std::vector<bool> is_defined;      ///< for each of them
 
-  /// Octets that are undefined match all.
+  /// Undefined octets match any value.
   bool matches(std::span<const std::uint8_t> packet) const;
   /// As in the file.
   std::string text() const;
@@ -37,7 +37,7 @@ struct RecordedMessage {
 struct Exchange {
   std::string situation;
   std::size_t line = 0;  ///< in the file
-  /// What the host writes at once; nothing when the board speaks first, at power on.
+  /// The packet that the host writes; empty when the board sends first, at power on.
   std::vector<std::uint8_t> command;
   std::vector<RecordedPacket> answers;  ///< answers and events, in their order; may be none
   std::optional<RecordedMessage> on_air;
@@ -54,7 +54,7 @@ struct Transcript {
 /// tests/vectors/nordic_board, such as "board.txt". These three throw std::runtime_error when the
 /// file cannot be read or breaks the format.
 std::vector<std::string> releases_of(std::string_view file);
-/// All transcripts of the file, as that release said them.
+/// Returns all transcripts of the file for that release.
 std::vector<Transcript> read_transcripts(std::string_view file, std::string_view release);
 Transcript read_transcript(std::string_view file, std::string_view name, std::string_view release);
 
