@@ -33,7 +33,7 @@ class Sources(unittest.TestCase):
         self.assertTrue(event.is_arrival_of("update"))
         self.assertEqual((event.payload, event.bytes, event.at), ("0a00ecff", 4, ""))
 
-    def test_what_goes_down_is_no_arrival(self):
+    def test_downlink_event_is_not_an_arrival(self):
         event = events.from_members(events.GATEWAY, parse(events.GATEWAY, WITHOUT_EVENT.replace('"up"', '"down"')))
         self.assertEqual(event.event, "command")
         self.assertFalse(event.is_arrival_of("update"))
@@ -47,7 +47,7 @@ class Sources(unittest.TestCase):
         event = events.from_members(events.GATEWAY, members)
         self.assertEqual((event.qos, event.rssi_dbm, event.robot, event.number), (None, None, "7", None))
 
-    def test_lines_that_say_nothing_are_left_out(self):
+    def test_invalid_lines_are_left_out(self):
         for text in ("", "{", "[]", "7", '"x"', "\x00"):
             self.assertIsNone(parse(events.GATEWAY, text))
         for text in ("", "x", "1795324356\t00", "nan\t00\ttopic", "1e300\t00\ttopic"):
@@ -79,7 +79,7 @@ class SteppedClock:
 
 
 class Clock(unittest.TestCase):
-    def test_a_step_is_noticed_once_and_leaves_the_axis_whole(self):
+    def test_clock_step_is_noticed_once_and_keeps_the_axis_continuous(self):
         for step in (3_600_000_000, -3_600_000_000, 100_000, -100_000):
             clock = SteppedClock()
             axis = clock.axis()
@@ -96,7 +96,7 @@ class Clock(unittest.TestCase):
             self.assertEqual(axis.place(clock.wall - 1000, axis.now_us()), 1_209_000)
             self.assertEqual([one["by_us"] for one in axis.steps], [step])
 
-    def test_a_pause_between_the_two_clocks_is_no_step(self):
+    def test_pause_between_two_clock_readings_is_not_a_step(self):
         clock = SteppedClock()
         paused = [True]
 
@@ -112,7 +112,7 @@ class Clock(unittest.TestCase):
         self.assertIsNone(axis.look())
         self.assertEqual(axis.place(clock.wall, axis.now_us()), axis.now_us())
 
-    def test_a_clock_that_is_slewed_is_no_step(self):
+    def test_slewed_clock_is_not_a_step(self):
         clock = SteppedClock()
         axis = clock.axis()
         for _ in range(200):
@@ -129,7 +129,7 @@ class Csv(unittest.TestCase):
     def path(self, name="events.csv"):
         return os.path.join(self.directory.name, name)
 
-    def test_what_is_written_is_read(self):
+    def test_written_events_are_read_back(self):
         recorder = folder.Recorder(self.directory.name)
         first = events.from_members(events.GATEWAY, parse(events.GATEWAY, ARRIVED))
         second = events.from_members(events.ROBOTS, parse(events.ROBOTS, REFUSED))
@@ -140,7 +140,7 @@ class Csv(unittest.TestCase):
         recorder.close()
         self.assertEqual(folder.read_events(self.directory.name), [second, first])
 
-    def test_a_cell_is_no_formula_and_no_deceptive_name(self):
+    def test_cells_escape_formulas_and_deceptive_names(self):
         for text, cell in (("=1+1", "'=1+1"), ("-5", "'-5"), ("'@a", "''@a"), ("\t=1", "'\\u0009=1"), ("\r=1", "'\\u000d=1"),
                            ("r\u043ebot", "r\\u043ebot"), ("a\u202eb\u200b", "a\\u202eb\\u200b"), ("b\u20111", "b\\u20111"),
                            ("\u0440\u043e\u0431\u043e\u0442", "\u0440\u043e\u0431\u043e\u0442"), ("it's", "it's"),
@@ -169,7 +169,7 @@ class Csv(unittest.TestCase):
             file.write(text[:-60])
         self.assertEqual([event.t_us for event in folder.read_events(self.directory.name)], [1])
 
-    def test_a_folder_of_another_version_is_told(self):
+    def test_folder_of_another_version_is_reported(self):
         with open(self.path(), "w", encoding="utf-8") as file:
             file.write("time,what\n1,2\n")
         with self.assertRaisesRegex(folder.BadFolder, "does not begin with the columns of this version"):
@@ -178,7 +178,7 @@ class Csv(unittest.TestCase):
         with self.assertRaisesRegex(folder.BadFolder, "has format 7, and this program reads 1; .*experiment 9.0"):
             folder.read_result(self.directory.name)
 
-    def test_what_is_no_result_folder_is_told(self):
+    def test_folder_without_a_result_is_reported(self):
         with self.assertRaisesRegex(folder.BadFolder, "has no result.json"):
             folder.read_result(self.directory.name)
         for text in ("", "{", "[]", '{"a": 1}'):
@@ -187,7 +187,7 @@ class Csv(unittest.TestCase):
             with self.assertRaises(folder.BadFolder):
                 folder.read_result(self.directory.name)
 
-    def test_a_result_that_lacks_a_member_is_told(self):
+    def test_result_without_a_member_is_reported(self):
         whole = recount.WHOLE
         folder.check_members("result.json", whole)
         for name, wrong in itertools.product(folder.MEMBERS, (None, "absent", [[]], -1)):
@@ -203,12 +203,12 @@ class Csv(unittest.TestCase):
             with self.assertRaisesRegex(folder.BadFolder, "incidents|differs"):
                 folder.check_members("result.json", whole | member)
 
-    def test_a_mesh_that_is_none_and_a_simulation_without_a_seed_are_told(self):
+    def test_unknown_mesh_and_simulation_without_seed_are_reported(self):
         for member in ({"mesh": "wifi"}, {"simulated": True}):
             with self.assertRaisesRegex(folder.BadFolder, "(mesh|conditions.seed) is missing, or not what"):
                 folder.check_members("result.json", recount.WHOLE | member)
 
-    def test_nonsense_in_the_file_is_left_out_or_told(self):
+    def test_invalid_values_in_the_file_are_left_out_or_reported(self):
         recorder = folder.Recorder(self.directory.name)
         for payload, t_us in (("zz", 1), ("abc", 2), ("0a00ecff", 3)):
             recorder.write(events.Event(t_us=t_us, source="gateway", event="arrived", robot="r", type="update", payload=payload))

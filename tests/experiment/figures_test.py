@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every kind of figure is drawn, from full, single and empty runs; captions say what they must."""
+"""Every kind of figure is drawn, from full, single and empty runs; captions have the required facts."""
 import dataclasses
 import os
 import tempfile
@@ -56,7 +56,7 @@ class Figures(unittest.TestCase):
             self.assertIn("Here: 10 arrived", caption)
             self.assertIn("Simulated robots and radio, seed 3.", caption)
 
-    def test_what_is_far_off_stands_apart_and_is_in_no_bin(self):
+    def test_outliers_stand_apart_and_are_in_no_bin(self):
         axes = figures.plt.figure().add_subplot()
         values = numpy.array([10.0, 30.0, 350.0, 410.0])
         figures._histogram(axes, [values], 100, numpy.arange(0, 101, 20), ["red"])  # pylint: disable=protected-access
@@ -67,13 +67,13 @@ class Figures(unittest.TestCase):
         self.assertIn("2 beyond,\nup to 410 ms", [text.get_text() for text in axes.texts])
         figures.plt.close()
 
-    def test_a_caption_does_not_hide_what_never_left(self):
+    def test_caption_names_messages_that_were_never_sent(self):
         events = some_events(5, "update") + [Event(t_us=n, source=ROBOTS, event="refused", robot="robot1", mesh="ble", direction="up", number=n)
                                              for n in range(10, 65)]
         caption = figures.caption(result_of(catalogue.find("ble-reliable"), "ble", events)).replace("\n", " ")
         self.assertIn("55 of 60 never left the robot, 91.7 % (81.9 to 96.4 %); 0 of 5 sent were lost, 0.0 % (0.0 to 43.4 %)", caption)
 
-    def test_loss_is_compared_in_the_quantity_that_the_thesis_read(self):
+    def test_loss_is_compared_in_the_quantity_of_the_thesis(self):
         caption = figures.caption(result_of(catalogue.find("ble-one-obstacle"), "ble", some_events(10, "update"))).replace("\n", " ")
         self.assertIn("0.0 % (0.0 to 29.9 %) at 400 and 600 ms, as the thesis read it", caption)
 
@@ -90,14 +90,14 @@ class Figures(unittest.TestCase):
                     sizes.append("<!-- SIMULATED -->" in file.read())
         self.assertEqual(sizes, [True, False])
 
-    def test_a_run_that_was_cut_off_says_so(self):
+    def test_caption_of_an_interrupted_run_says_so(self):
         events = some_events(5, "update")
         caption = figures.caption(result_of(catalogue.find("ble-hop"), "ble", events, complete=False))
         self.assertIn("NOT COMPLETE", caption)
 
 
     def test_names_of_robots_are_text(self):
-        """Not formulas of Matplotlib, and none is left out of the legend."""
+        """Names are not formulas of Matplotlib, and no name is left out of the legend."""
         names = ["$\\frac{x$", "_hidden", "<img src=x onerror=alert(1)>" + "x" * 40, "机器人"]
         experiment = catalogue.find("ble-two-robots")
         for count in (2, 4, 9):
@@ -109,7 +109,7 @@ class Figures(unittest.TestCase):
                 figures.draw(directory, result, events)
                 self.assertGreater(os.path.getsize(os.path.join(directory, "figure.png")), 1000)
 
-    def test_one_value_far_off_makes_no_millions_of_bins(self):
+    def test_one_outlier_does_not_make_millions_of_bins(self):
         for name in ("ble-one-obstacle", "ble-latency", "thread-hop"):
             experiment = catalogue.find(name)
             events = some_events(20, "update")
@@ -170,7 +170,7 @@ class Page(unittest.TestCase):
             self.assertNotIn("<td>thread-puback", real.split("In real time")[1])
             self.assertNotIn("<td>ble-latency", compressed)
 
-    def test_a_folder_that_lacks_its_figure_is_told_on_the_page(self):
+    def test_missing_figure_of_a_folder_is_named_on_the_page(self):
         with tempfile.TemporaryDirectory() as directory:
             inner = self.make(directory, "ble-latency", "ble")
             os.remove(os.path.join(inner, "figure.svg"))

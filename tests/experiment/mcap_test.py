@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""events.mcap is read back by a reader that others wrote: npm's @mcap/core, in build/<preset>/mcap or where MCAP_CORE says.
+"""events.mcap is read back by an independent reader: npm's @mcap/core, in build/<preset>/mcap or where MCAP_CORE says.
 
 Skipped where it is not installed: npm install --prefix build/dev/mcap @mcap/core@2
 """

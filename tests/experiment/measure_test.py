@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that are known beforehand: the thesis's own, and events made for one."""
+"""Results with known values: those of the thesis, and those of constructed events."""
 import math
 import random
 import tempfile
@@ -70,7 +70,7 @@ class Loss(unittest.TestCase):
         found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 60, 200, 9), "probe")
         self.assertEqual((found["sent"], found["lost"]), (61 - 45, 1))
 
-    def test_counts_leave_out_what_was_made_while_the_run_only_listened(self):
+    def test_counts_leave_out_messages_made_after_the_end(self):
         """Figure 8.13 showed 40 sent and 165 received: a real robot goes on in the last 25 s."""
         events = []
         for number in range(165):
@@ -87,8 +87,8 @@ class Loss(unittest.TestCase):
         self.assertEqual([found["counts"][name] for name in ("arrived", "published", "received_at_broker")], [40, 40, 40])
         self.assertEqual(found["interval_ms"]["count"], 39)
 
-    def test_counts_of_updates_are_those_that_were_asked_for(self):
-        """As above, without sequence numbers. Robot b comes later, and loses each tenth; c sends faster than was said."""
+    def test_counts_of_updates_are_limited_to_the_requested_number(self):
+        """As above, without sequence numbers. Robot b starts later and loses each tenth; c sends faster than specified."""
         events = [Event(900, source=GATEWAY, event="published", type="update", robot="a", direction="up", message_id="7")]  # arrived before the run
         for robot, begin_us, period_us, lost_each in (("a", 5000, PERIOD_US, 0), ("b", 1_000_000, PERIOD_US, 10), ("c", 0, 50_000, 0)):
             for number in range(165):
@@ -113,7 +113,7 @@ class Loss(unittest.TestCase):
         self.assertIsNone(found["exact"])
         self.assertIn("estimate", found["estimate"]["how"])
 
-    def test_a_late_message_of_thread_is_no_estimated_loss(self):
+    def test_late_message_on_thread_is_not_counted_as_estimated_loss(self):
         events = [arrival(0), arrival(1_000_000)]
         for event in events:
             event.mesh = "thread"
@@ -163,7 +163,7 @@ class Intervals(unittest.TestCase):
         self.assertEqual(measure.two_or_three_periods(gaps, 200)["share"], 0.09)
         self.assertEqual(measure.shares_of_periods(gaps, 200)["400"]["found"], 5)
 
-    def test_what_never_left_and_what_is_late_are_parts_of_what_was_made_and_sent(self):
+    def test_unsent_and_late_messages_are_shares_of_made_and_sent_ones(self):
         events = [at_robot(0, "sent", 1), at_robot(100_000, "acknowledged", 1), at_robot(200_000, "sent", 2),
                   at_robot(450_000, "acknowledged", 2), at_robot(600_000, "sent", 3), *(at_robot(800_000, "refused", n) for n in range(4, 8))]
         found = measure.measured([*events, arrival(1), arrival(200_001)], "update", 200)

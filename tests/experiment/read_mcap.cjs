@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads an MCAP file with @mcap/core, by its index and as a stream, and prints as JSON what is in it.
+// Reads an MCAP file with @mcap/core, by its index and as a stream, and prints its contents as JSON.
 const fs = require("fs");
 const { McapIndexedReader, McapStreamReader } = require("@mcap/core");
 

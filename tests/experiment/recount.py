@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counts from events.csv without any code of the program, and without NumPy: what result.json must say."""
+"""Computes the numbers of result.json from events.csv, without code of the program and without NumPy."""
 import csv
 import json
 import math
@@ -17,12 +17,12 @@ WHOLE = {"format": 1, "experiment": "ble-latency", "title": "t", "mesh": "ble", 
 def rows_of(directory):
     with open(os.path.join(directory, "events.csv"), newline="", encoding="utf-8") as file:
         text = file.read()
-    rows = list(csv.DictReader(text[:text.rfind("\n") + 1].splitlines()))  # a last line that was cut does not count
+    rows = list(csv.DictReader(text[:text.rfind("\n") + 1].splitlines()))  # a truncated last line does not count
     return sorted(rows, key=lambda row: int(row["t_us"]))
 
 
 def asked_for(rows, conditions):
-    """Without the arrivals of a real robot beyond the number, or the time, that was asked for."""
+    """Returns the rows without arrivals of a real robot beyond the requested number or time."""
     if conditions["type"] == "probe" or any(row["source"] == "robots" for row in rows):
         return rows
     arrived, kept = {}, []
@@ -71,7 +71,7 @@ def acknowledged_ms(rows):
 
 
 def check(test, directory):
-    """Compares result.json with what its events.csv says, and returns the result."""
+    """Compares result.json with the numbers from its events.csv, and returns the result."""
     with open(os.path.join(directory, "result.json"), encoding="utf-8") as file:
         result = json.load(file)
     rows = asked_for(rows_of(directory), result["conditions"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs on a site that lies and breaks: whatever ends a run, a folder is left that can be plotted."""
+"""Runs on a faulty site: every end of a run leaves a folder that can be plotted."""
 import contextlib
 import io
 import json
@@ -28,7 +28,7 @@ class Source:
 
 
 class Site:
-    """Real robots, as the daemon would tell of them; `script` is what it says, and does."""
+    """Plays a daemon with real robots; `script` produces its events."""
 
     simulator_arguments = None
 
@@ -95,7 +95,7 @@ class Runs(unittest.TestCase):
         self.is_stopped = False
 
     def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False, settle_s=0.0):
-        """(status, result.json, what was said)"""
+        """Returns (status, result.json, printed text)."""
         asked = main.Asked(messages, 200, "update", 1, wait_s, 1, "csv", "0.1.0", settle_s=settle_s)
         said = io.StringIO()
         with contextlib.redirect_stderr(said):
@@ -111,13 +111,13 @@ class Runs(unittest.TestCase):
                 self.assertEqual(main.plot(self.directory.name), 0)
         return status, recount.check(self, self.directory.name), said.getvalue()
 
-    def test_ends_when_all_has_come(self):
+    def test_run_ends_when_all_messages_have_arrived(self):
         status, result, _ = self.run_on(Site(lambda site: arrive(site, 10)))
         self.assertEqual((status, result["complete"], result["simulated"]), (0, True, False))
         self.assertEqual(result["measured"]["counts"]["arrived"], 10)
         self.assertEqual(result["conditions"]["robots"], ["r1"])
 
-    def test_shows_no_more_messages_than_were_asked_for(self):
+    def test_progress_stops_at_the_requested_number(self):
         with unittest.mock.patch.object(Progress, "show", autospec=True) as show:
             _, result, _ = self.run_on(Site(lambda site: arrive(site, 60)), messages=20, settle_s=0.5, draws_again=True)
         self.assertEqual(result["measured"]["counts"]["arrived"], 20)
@@ -125,26 +125,26 @@ class Runs(unittest.TestCase):
         self.assertEqual(shown[-1], (20, 20))
         self.assertEqual(shown, sorted(shown))
 
-    def test_a_robot_that_never_appears(self):
+    def test_robot_that_never_appears_is_reported(self):
         status, result, said = self.run_on(Site(lambda site: None), wait_s=0.3, draws_again=True)
         self.assertEqual((status, result["complete"]), (1, False))
         self.assertIn("nothing of type update came from r1 in 0.3 s; the daemon knows robot7, robot8", said)
 
-    def test_one_of_two_robots_never_appears(self):
+    def test_missing_one_of_two_robots_is_reported(self):
         status, result, said = self.run_on(Site(lambda site: arrive(site, 10, 0.1), robots=("r1", "r2")), wait_s=0.3)
         self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (1, False, 10))
         self.assertIn("r2 did not appear", said)
         caption = figures.caption(result).replace("\n", " ")
         self.assertRegex(caption, "NOT COMPLETE: see below. At [01] s: r2 did not appear in 0.3 s.")
 
-    def test_what_other_robots_say_does_not_count(self):
+    def test_messages_of_other_robots_do_not_count(self):
         def script(site):
             arrive(site, 5, robot="stranger")
             arrive(site, 10)
         _, result, _ = self.run_on(Site(script))
         self.assertEqual(result["measured"]["counts"]["arrived"], 10)
 
-    def test_a_robot_on_the_other_mesh(self):
+    def test_robot_on_the_other_mesh_ends_the_run(self):
         status, result, said = self.run_on(Site(lambda site: arrive(site, 20, mesh="thread")))
         self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (1, False, 0))
         self.assertIn("r1 is on Thread; ble-unreliable measures BLE Mesh", said)
@@ -157,7 +157,7 @@ class Runs(unittest.TestCase):
         status, result, _ = self.run_on(Site(script))
         self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (0, True, 10))
 
-    def test_the_broker_goes_away_and_comes_back(self):
+    def test_absence_of_the_broker_is_reported_and_makes_the_run_incomplete(self):
         def script(site):
             arrive(site, 3)
             site.broker = "down"
@@ -170,12 +170,12 @@ class Runs(unittest.TestCase):
         self.assertIn("the daemon has lost the broker: Connection refused", said)
         self.assertEqual([one["what"].split(":")[0] for one in result["incidents"]], ["the daemon has lost the broker", "the broker is back"])
 
-    def test_there_is_no_broker_from_the_beginning(self):
+    def test_run_without_a_broker_fails(self):
         status, _, said = self.run_on(Site(lambda site: None, broker="down"))
         self.assertEqual(status, 1)
         self.assertIn("the daemon has no broker: Connection refused", said)
 
-    def test_the_daemon_ends(self):
+    def test_end_of_the_daemon_ends_the_run(self):
         def script(site):
             arrive(site, 4)
             site.source.has_ended = True
@@ -183,15 +183,15 @@ class Runs(unittest.TestCase):
         self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (1, False, 4))
         self.assertIn("the daemon's trace has ended", said)
 
-    def test_ctrl_c(self):
+    def test_ctrl_c_ends_the_run_with_its_folder(self):
         def script(site):
             arrive(site, 4)
             self.is_stopped = True
         status, result, _ = self.run_on(Site(script), draws_again=True)
         self.assertEqual((status, result["ended_early"], result["measured"]["counts"]["arrived"]), (1, "interrupted", 4))
 
-    def test_a_full_disk_keeps_what_came_and_ends_what_runs(self):
-        """A limit on the size of files stands in for the disk; room comes back when the site has ended."""
+    def test_full_disk_keeps_received_events_and_ends_the_run(self):
+        """A limit on the size of files plays the full disk; it is lifted when the site is closed."""
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 
         class FullDisk(Site):
@@ -219,15 +219,15 @@ class Runs(unittest.TestCase):
         status, result, _ = self.run_on(SimulatedSite(script))
         return status, result["complete"], result.get("ended_early")
 
-    def test_a_whole_record_of_the_robots(self):
+    def test_complete_record_of_the_robots_is_accepted(self):
         self.assertEqual(self.run_recorded(is_whole=True), (0, True, None))
 
-    def test_a_record_of_the_robots_that_lacks_lines(self):
-        """A disk that was full for a while: 2 sent and 3 arrived gave a loss of 0."""
+    def test_incomplete_record_of_the_robots_is_reported(self):
+        """After a disk was full for a while, 2 sent and 3 arrived messages gave a loss of 0."""
         self.assertEqual(self.run_recorded(is_whole=False),
                          (1, False, "the robots' record is incomplete: more messages arrived than it says were sent"))
 
-    def test_a_terminal_that_was_closed_ends_no_run(self):
+    def test_closed_terminal_does_not_end_the_run(self):
         class Closed(io.StringIO):
             def write(self, _):
                 raise OSError(5, "Input/output error")
@@ -241,7 +241,7 @@ class Runs(unittest.TestCase):
         with self.assertRaisesRegex(folder.BadFolder, "another run writes to this folder"):
             self.run_on(Site(lambda site: None))
 
-    def test_the_clock_steps(self):
+    def test_step_of_the_clock_is_reported_and_corrected(self):
         step_us = [0]
         axis = Axis(lambda: time.time_ns() // 1000 + step_us[0])
 
@@ -277,7 +277,7 @@ def eventually(is_so, patience_s=30):
 
 
 def is_alive(pid_file):
-    """Whether the process of which the file has the id runs; one that has ended and was not waited for does not."""
+    """Returns whether the process runs whose id is in the file; a zombie does not run."""
     try:
         with open(pid_file, encoding="utf-8") as file:
             pid = file.read().strip()
@@ -347,7 +347,7 @@ class Program(unittest.TestCase):
             self.assertIn("interrupted. What came so far is in", err)
             self.assertTrue(eventually(lambda: not is_alive(f"{directory}/pid")))
 
-    def test_a_killed_program_takes_its_children_along(self):
+    def test_killed_program_ends_its_children(self):
         with tempfile.TemporaryDirectory() as directory:
             write_program(directory, "mosquitto", f"[ $1 = -h ] || echo $$ >{directory}/pid; [ $1 = -h ] || exec sleep 60")
             program = subprocess.Popen([PROGRAM, "run", "ring", "--sim", "--out", f"{directory}/out"], stderr=subprocess.DEVNULL,
@@ -359,7 +359,7 @@ class Program(unittest.TestCase):
             program.wait(15)
             self.assertTrue(eventually(lambda: not is_alive(f"{directory}/pid")))
 
-    def test_a_broker_that_refuses_the_subscriber_is_told(self):
+    def test_broker_that_refuses_the_subscriber_is_reported(self):
         """With robots of a daemon that is played by a script."""
         line = {"event": "arrived", "robot": "r1", "mesh": "ble", "type": "update", "direction": "up", "payload": "0a00ecff"}
         with tempfile.TemporaryDirectory() as directory:
@@ -374,19 +374,19 @@ class Program(unittest.TestCase):
             self.assertEqual(len(incidents), 1)
             self.assertRegex(incidents[0], "the subscriber at 127.0.0.1:1 has ended: .*refused")
 
-    def test_a_folder_without_write_permission_is_told(self):
+    def test_folder_without_write_permission_is_reported(self):
         status, _, err = self.run_program("run", "ring", "--sim", "--out", "/proc/self/out")
         self.assertEqual(status, 1)
         self.assertRegex(err, "^slam-gateway-experiment: /proc/self/out cannot be used: .*\n$")
 
-    def test_nobody_reads_the_list(self):
+    def test_closed_pipe_ends_the_list_without_a_message(self):
         program = subprocess.Popen([PROGRAM, "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         program.stdout.close()
         with program.stderr:
             self.assertEqual(program.stderr.read(), b"")
         self.assertEqual(program.wait(15), 1)
 
-    def test_no_daemon_is_told(self):
+    def test_missing_daemon_is_reported(self):
         with tempfile.TemporaryDirectory() as directory:
             status, _, err = self.run_program("run", "ble-hop", "--robots", "r1", "--socket", f"{directory}/none", "--out", f"{directory}/out")
             self.assertEqual(status, 1)
@@ -395,7 +395,7 @@ class Program(unittest.TestCase):
                 self.assertFalse(json.load(file)["complete"])
             self.assertEqual(self.run_program("plot", f"{directory}/out")[0], 0)
 
-    def test_folders_that_are_none_are_told(self):
+    def test_folders_without_results_are_reported(self):
         with tempfile.TemporaryDirectory() as directory:
             self.assertIn("has no result.json", self.run_program("plot", directory)[2])
             self.assertEqual(self.run_program("compare", directory, directory)[0], 1)

@@ -72,7 +72,7 @@ class Series(unittest.TestCase):
         for name in ("figure.svg", "figure.png"):
             self.assertGreater(os.path.getsize(os.path.join(self.out, name)), 1000)
 
-    def test_a_run_that_lacks_a_member_is_named(self):
+    def test_run_without_a_member_is_named(self):
         """`plot` of such a folder ended in a traceback."""
         for kind in (series.REPEATED, series.LIMITS):
             series.write(self.out, kind)
@@ -148,7 +148,7 @@ class Series(unittest.TestCase):
             self.assertEqual(main.main("0.1.0", arguments=["run", "all", "--sim", "--repeat", "2"]), main.WRONG_ARGUMENTS)
         self.assertEqual(seeds, [7, 8, 9])
 
-    def test_a_series_file_that_is_none(self):
+    def test_invalid_series_file_is_reported(self):
         with open(os.path.join(self.out, series.SERIES), "w", encoding="utf-8") as file:
             file.write("[]")
         with self.assertRaises(folder.BadFolder):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All experiments with simulated robots, short: what they must show, and that every number follows from its events.csv."""
+"""All experiments with simulated robots, shortened: their expected results, and that every number follows from events.csv."""
 import json
 import os
 import signal
@@ -39,7 +39,7 @@ class All(unittest.TestCase):
     def counts(self, name):
         return self.result(name)["measured"]["counts"]
 
-    def test_all_of_them_end_well_and_their_numbers_follow_from_their_events(self):
+    def test_all_experiments_succeed_and_their_numbers_follow_from_their_events(self):
         self.assertEqual(self.ended.returncode, 0, self.ended.stderr)
         names = sorted(name for name in os.listdir(self.out) if os.path.isdir(os.path.join(self.out, name)))
         self.assertEqual(len(names), 15)
@@ -115,7 +115,7 @@ class Repeated(unittest.TestCase):
 
 
 def children_of(parent):
-    """{process id: name} of those that run; a name has 15 characters at most."""
+    """Returns {process id: name} of running processes; a name has 15 characters at most."""
     found = {}
     for entry in filter(str.isdecimal, os.listdir("/proc")):
         try:
@@ -168,7 +168,7 @@ class Interrupted(unittest.TestCase):
                 self.assertGreaterEqual(json.load(file)["measured"]["counts"]["arrived"], 5)
         self.assertEqual(leftovers() - before, set())
 
-    def test_a_killed_program_takes_its_children_along(self):
+    def test_killed_program_ends_its_children(self):
         """Also as root, where Mosquitto would change its user."""
         with tempfile.TemporaryDirectory() as directory:
             out = os.path.join(directory, "run")
@@ -186,7 +186,7 @@ class Interrupted(unittest.TestCase):
                 os.kill(pid, signal.SIGKILL)
             self.assertEqual(left, {})
 
-    def test_a_record_that_the_disk_does_not_take_ends_the_run(self):
+    def test_record_that_cannot_be_written_ends_the_run(self):
         with tempfile.TemporaryDirectory() as directory:
             out = os.path.join(directory, "run")
             ended = subprocess.run([PROGRAM, "run", "thread-publish", "--sim", "--messages", "20", "--sim-args", "--record /dev/full",
@@ -197,7 +197,7 @@ class Interrupted(unittest.TestCase):
             self.assertIn("slam-gateway-sim has ended with status 1: slam-gateway-sim: /dev/full cannot be written: No space left on device",
                           result["ended_early"])
 
-    def test_a_broker_that_goes_away_leaves_what_came(self):
+    def test_lost_broker_leaves_received_events(self):
         with tempfile.TemporaryDirectory() as directory:
             out = os.path.join(directory, "run")
             program = self.start(out, "--messages", "40")
