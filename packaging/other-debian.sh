@@ -3,8 +3,8 @@
 # their programs. Sourced by packaging/build-deb, tests/emulated/run and tests/system/run, which have say and die.
 # shellcheck shell=bash
 
-# debian_of SUITE: the number of that Debian. What is built for one does not run on another, whose libraries have other names,
-# so the version of our packages ends with it.
+# debian_of SUITE: prints the number of that Debian. Programs built for one do not run on another, whose libraries have other
+# names, so the version of our packages ends with the number.
 debian_of() {
   case $1 in
     bookworm) echo 12 ;;
@@ -15,7 +15,7 @@ debian_of() {
 
 # make_build_tree DIRECTORY SUITE ARCHITECTURE PROFILES: in DIRECTORY/root a Debian of this machine's architecture, with the
 # compilers for ARCHITECTURE and the libraries that packaging/debian/control asks for with these build profiles. Becomes
-# root by the words of as_root, an array.
+# root by the command in as_root, an array.
 make_build_tree() {
   local native tools=build-essential,ca-certificates,dpkg-dev,fakeroot,lintian architectures
   native=$(dpkg --print-architecture)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# What a build shows of itself: one line of progress, and in full everything that goes wrong. Sourced by dev and
+# Shows the output of a build as one line of progress, and failures in full. Sourced by dev and
 # packaging/build-deb.
 # shellcheck shell=bash
 
@@ -8,7 +8,7 @@ show_progress() {
   local line shown=-30 is_open=''
   while IFS= read -r line; do
     if [[ $line =~ ^\[([0-9]+)/([0-9]+)\]\  ]]; then
-      [ "${BASH_REMATCH[1]}" != 0 ] || continue # it looks whether files were added
+      [ "${BASH_REMATCH[1]}" != 0 ] || continue # ninja checks whether files were added
       if [ -t 2 ]; then
         printf '\r\033[Kstep %s of %s' "${BASH_REMATCH[1]}" "${BASH_REMATCH[2]}" >&2
         is_open=yes
