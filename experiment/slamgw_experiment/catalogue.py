@@ -16,15 +16,15 @@ THREAD_RADIO = ("--hop-delay-ms", "4.5")
 @dataclasses.dataclass(frozen=True)
 class Experiment:
     name: str
-    figures: str            # of the thesis, or a section where it has no figure
+    figures: str            # numbers of the thesis's figures, or of a section without a figure
     title: str
-    meshes: tuple           # where it can run; the first is the thesis's
+    meshes: tuple           # the meshes on which it can run; the thesis used the first
     kind: str               # how it is drawn: figures.py
-    thesis: str             # the result, for the caption
+    thesis: str             # the result in the thesis, for the caption
     thesis_numbers: dict
     unknown: str
     chosen: str
-    simulated: str = ""     # what is chosen for the simulated robots and their radio
+    simulated: str = ""     # the settings of the simulated robots and their radio
     messages: int = 1000
     period_ms: float = 200
     robots: int = 1
@@ -33,7 +33,7 @@ class Experiment:
     daemon: dict = dataclasses.field(default_factory=dict)  # keys of gateway.json, with --sim
 
     def where(self):
-        """In the thesis."""
+        """Returns the place in the thesis: a figure or a section."""
         return f"figure {self.figures}" if self.figures.startswith("8.") else f"section {self.figures}"
 
     def is_in_ring(self):
@@ -136,7 +136,7 @@ EXPERIMENTS = [
         simulated="5 % of the frames lost; robots do not disturb each other on the air", messages=100),
 ]
 
-# What `--sim` adds where an experiment runs on either mesh.
+# Settings that `--sim` adds if an experiment runs on either mesh.
 EITHER_MESH = {
     ("ring", BLE): ("--no-stray", *BLE_RADIO),
     ("ring", THREAD): THREAD_RADIO,
@@ -147,7 +147,7 @@ EITHER_MESH = {
     ("probe", THREAD): ("--qos", "0", "--hop-loss", "0.05", *THREAD_RADIO),
 }
 
-# For one page with both meshes: the same question to each.
+# Pairs of experiments with the same question, for one page with both meshes.
 PAIRS = [
     ("How regularly do messages arrive?", "ble-one-obstacle", "thread-publish"),
     ("How long until the robot is acknowledged?", "ble-latency", "thread-puback"),

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Puts the sources' wall-clock times on one axis that a step of the clock does not tear.
+"""Puts the sources' wall-clock times on one axis that stays continuous over a step of the clock.
 
 The sources run on this host, so the wall clock that they read is the one that is compared here with the monotonic clock.
 """
 import time
 
 STEP_US = 20_000  # NTP slews slower than this between two looks; a larger change is a step
-MOMENT_US = 1_000  # two clocks that are read within it are read together
+MOMENT_US = 1_000  # two clocks that are read within this time count as read together
 
 
 class Axis:
@@ -24,7 +24,7 @@ class Axis:
         return self._monotonic_us() - self._begin_us
 
     def _both_us(self):
-        """Both clocks at one moment: a pause of this program between the two would look like a step of the clock."""
+        """Reads both clocks at one moment, because a pause between the two would look like a step of the clock."""
         readings = []
         while len(readings) < 10:
             before_us, wall_us = self._monotonic_us(), self._wall_us()
@@ -34,7 +34,7 @@ class Axis:
         return min(readings)[1:]
 
     def look(self):
-        """Notices a step of the wall clock: (when, by how much in microseconds), or None."""
+        """Returns a new step of the wall clock as (time, size in microseconds), or None."""
         wall_us, monotonic_us = self._both_us()
         now_us = monotonic_us - self._begin_us
         offset_us = wall_us - now_us
@@ -48,7 +48,7 @@ class Axis:
         return now_us, by_us
 
     def place(self, wall_us, read_us):
-        """Where a source's time lies on the axis; `read_us` is when its line was read."""
+        """Returns the place of a source's time on the axis; `read_us` is the time at which its line was read."""
         at_us = wall_us - self._offset_us
         if self._previous_offset_us is None:
             return at_us

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One line of events.csv: something that happened to one message, somewhere on its way.
+"""One line of events.csv: one step of one message on its way.
 
 Sources are the gateway (`slam-gatewayctl --json watch`), the robots (`slam-gateway-sim --trace`) and the broker (a subscriber).
 All three are read leniently: a member that is missing or of another type is left empty, an unknown one is ignored.
@@ -13,7 +13,7 @@ import string
 GATEWAY, ROBOTS, BROKER = "gateway", "robots", "broker"
 LARGEST = 2 ** 53  # the largest number that survives JSON and a double
 
-# name: (type, what it says in the documentation)
+# name: (type, description for the documentation)
 COLUMNS = {
     "t_us": (int, "microseconds since the run began, on a clock that makes no steps"),
     "at": (str, "the time that the source gave, ISO 8601; empty: t_us is when the line was read"),
@@ -73,7 +73,7 @@ class WrongColumns(Exception):
 
 
 def microseconds_since_1970(text):
-    """Of an ISO 8601 time with any number of decimals; None for what is none."""
+    """Returns the microseconds of an ISO 8601 time with any number of decimals; None for an invalid one."""
     try:
         moment = datetime.datetime.fromisoformat(str(text).replace("Z", "+00:00"))
     except ValueError:
@@ -93,17 +93,17 @@ def _as(kind, value):
         number = kind(value)
     except (TypeError, ValueError, OverflowError):
         return None
-    return number if abs(number) <= LARGEST else None  # not a number is neither
+    return number if abs(number) <= LARGEST else None  # NaN fails the comparison
 
 
 def _hex(value):
-    """Octets in hexadecimal digits; empty for anything else."""
+    """Returns octets in hexadecimal digits; empty for any other value."""
     text = _as(str, value)
     return text if len(text) % 2 == 0 and not set(text) - set(string.hexdigits) else ""
 
 
 def read_probe(payload_hex):
-    """Sequence number (u16) and milliseconds (u32), little-endian; None when it is no probe."""
+    """Returns sequence number (u16) and milliseconds (u32), little-endian; None if the payload is not a probe's."""
     try:
         octets = bytes.fromhex(payload_hex)
     except ValueError:
@@ -114,7 +114,7 @@ def read_probe(payload_hex):
 
 
 def from_members(source, members):
-    """An Event without its time, from what one line of a source says."""
+    """Returns an Event without its time, from the members of one line of a source."""
     event = Event(source=source)
     for name, (kind, _) in COLUMNS.items():
         if name in members and name not in ("t_us", "source"):
@@ -132,7 +132,7 @@ def from_members(source, members):
     return event
 
 
-# As web/page/shown.js and daemon/core/utf8.cpp have them: tests/vectors/shown.json checks all three.
+# The same as in web/page/shown.js and daemon/core/utf8.cpp: tests/vectors/shown.json checks all three.
 _HIDDEN = ("\xad\u034f\u061c\u115f\u1160\u17b4\u17b5\u180b-\u180f\u200b-\u200f\u2028-\u202e\u2060-\u206f\u3164"
            "\ufe00-\ufe0f\ufeff\uffa0\ufff9-\ufffb\U000e0000-\U000e0fff")
 _FOREIGN = ("\xa0\u0250-\u058f\u13a0-\u13ff\u1c80-\u1c8f\u1f00-\u1fff\u2000-\u200a\u2010-\u2015\u202f\u205f"
@@ -159,7 +159,7 @@ def _escape_foreign(found):
 
 
 def to_cell(value):
-    """A cell that no spreadsheet takes for a formula, without characters by which a name looks like another."""
+    """Returns a cell that is not a formula in a spreadsheet, without characters that make a name look like another."""
     if value is None:
         return ""
     if not isinstance(value, str):
@@ -169,7 +169,7 @@ def to_cell(value):
 
 
 def from_cell(text):
-    """What to_cell() was given."""
+    """Returns the argument of to_cell()."""
     def original(found):
         characters = bytes.fromhex(found[0].replace("\\u", "")).decode("utf-16-be", "surrogatepass")
         return re.sub(f"[^{_HIDDEN}{_FOREIGN}{_CONTROL}]", _escape, characters)
@@ -187,7 +187,7 @@ def write_row(file, event):
 
 
 def read_csv(path):
-    """All events of the file, in order of time; a last line that was cut is left out."""
+    """Returns all events of the file, in order of time, without a truncated last line."""
     events = []
     with open(path, newline="", encoding="utf-8") as file:
         rows = csv.reader(file)

@@ -31,7 +31,7 @@ MOST_OF_A_NAME = 24
 
 
 def draw(directory, result, events):
-    """Both files of the folder, the same picture."""
+    """Writes both files of the folder, with the same picture."""
     if result.get("measured") is None:
         return
     drawers = {"intervals": [_intervals], "latency": [_latency], "hop": [_hop_all, _hop_first, _hop_repeats],
@@ -58,7 +58,7 @@ def draw(directory, result, events):
 
 
 def save(figure, directory, is_simulated):
-    """Text becomes outlines in the SVG, so that it needs no font; a comment keeps the mark for programs."""
+    """Saves the figure. Text becomes outlines in the SVG, so that it needs no font; a comment keeps the mark for programs."""
     path = os.path.join(directory, "figure.svg")
     figure.savefig(path, metadata={"Date": None})
     if is_simulated:
@@ -75,7 +75,7 @@ def _kind(result):
 
 
 def title(result):
-    """With the number that the figure has in the thesis."""
+    """Returns the title with the figure's number in the thesis."""
     number = result["thesis"]["where"].removeprefix("figure ")
     return f"{number[:1].upper()}{number[1:]}  {result['title']} · {MESH_NAMES.get(result['mesh'], result['mesh'])}"
 
@@ -91,7 +91,7 @@ def _nothing(axes):
     axes.set_yticks([])
 
 
-# Words for numbers with their 95 % intervals
+# Texts for numbers with their 95 % intervals
 
 def percent(share):
     """"8.4 % (6.9 to 10.3 %)" of a share of measure.py; empty where there is none."""
@@ -107,7 +107,7 @@ def with_interval(value, interval, unit="ms"):
 
 
 def _mean_and_tail(values):
-    """The mean, and the farthest percentile for which there are enough values."""
+    """Returns the mean and the highest percentile with enough values."""
     mean = f"mean {with_interval(float(values.mean()), measure.bootstrap(numpy.mean, values))}"
     for far in (99, 90):
         if measure.has_percentile(len(values), far):
@@ -118,7 +118,7 @@ def _mean_and_tail(values):
 # Panels
 
 def _histogram(axes, series, end, bins, colours, labels=None):
-    """What lies beyond `end` stands apart, behind the axis's end, and is not added to a bin."""
+    """Draws values beyond `end` apart, behind the axis's end, and adds them to no bin."""
     for index, values in enumerate(series):
         axes.hist(values[values <= end], bins=bins, color=colours[index % len(colours)], alpha=0.75 if len(series) > 1 else 1,
                   label=labels[index] if labels else None)
@@ -162,7 +162,7 @@ def _intervals(axes, result, events):
 
 
 def _tell_shares(axes, shares, period, heights, edges):
-    """Beside the tallest bin near each multiple of the period."""
+    """Places a label beside the tallest bin near each multiple of the period."""
     middles = (edges[:-1] + edges[1:]) / 2
     for shown, share in shares.items():
         if shown == "longer" or share["found"] == 0:
@@ -175,13 +175,13 @@ def _tell_shares(axes, shares, period, heights, edges):
 
 
 def _count_whole(axes):
-    """An axis of messages, of which there are no halves."""
+    """Formats an axis of whole messages."""
     axes.yaxis.set_major_locator(matplotlib.ticker.MaxNLocator(integer=True, min_n_ticks=1))
     axes.set_ylabel("messages")
 
 
 def _shown(name):
-    """A robot's name in a legend, which leaves out what begins with an underscore."""
+    """Returns a robot's name for a legend, which omits labels that begin with an underscore."""
     short = name if len(name) <= MOST_OF_A_NAME else name[:MOST_OF_A_NAME - 1] + "…"
     return f" {short}" if short.startswith("_") else short
 
@@ -200,7 +200,7 @@ def _thesis_line(axes, x, text):
 
 
 def _latencies(result, events):
-    """({what: values in ms}, where they were taken)"""
+    """Returns ({quantity: values in ms}, place of measurement)."""
     robots = measure.robot_latencies_ms(events)
     if robots:
         return robots, "robot"
@@ -235,7 +235,7 @@ def _latency(axes, result, events):
 
 
 def _hop_values(result, events):
-    """(values in ms, what they are). Real robots tell only by probes when a message was first sent."""
+    """Returns (values in ms, their meaning). Only probes show when a real robot first sent a message."""
     robots = measure.robot_latencies_ms(events)
     if robots:
         return measure.pooled(robots), "PUBLISH to PUBACK, seen by the robot"
@@ -357,7 +357,7 @@ def _compressed(result):
 # Caption
 
 def caption(result):
-    """The thesis's result beside the measured one, and what must be known to read the figure."""
+    """Returns the thesis's result beside the measured one, and facts for reading the figure."""
     sentences = [f"Thesis, {result['thesis']['where']}: {result['thesis']['result']}.",
                  f"Here: {_here(result)}. In brackets: 95 % intervals, which take messages as independent of each other."]
     if result["simulated"]:
@@ -375,7 +375,7 @@ def caption(result):
 
 
 def _here(result):
-    """The measured result in the words of the thesis's."""
+    """Returns the measured result in the wording of the thesis."""
     measured = result["measured"]
     counts, loss = measured["counts"], measured["loss"]
     parts = [f"{counts['arrived']} arrived"]
@@ -396,7 +396,7 @@ def _here(result):
 
 
 def _lost(result):
-    """What got lost on the way, never without what did not even leave the robot."""
+    """Returns the loss on the way, always with the messages that did not leave the robot."""
     exact, never_left = result["measured"]["loss"]["exact"], result["measured"].get("never_left")
     text = f"{exact['lost']} of {exact['sent']} sent were lost, {percent(exact)}"
     if never_left and never_left["found"]:
@@ -405,7 +405,7 @@ def _lost(result):
 
 
 def _intervals_here(result):
-    """In the quantity that the thesis told: the mean, the bins at 400 and 600 ms, or the loss that gaps mean."""
+    """Returns the result in the thesis's quantity: the mean, the bins at 400 and 600 ms, or the loss by gaps."""
     measured, thesis, period = result["measured"], result["thesis"]["numbers"], result["conditions"]["period_ms"]
     gaps = measured["interval_ms"]
     if gaps["p50"] > 7 * period:

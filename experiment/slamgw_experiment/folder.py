@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A result folder: events.csv while it is written, result.json, and reading both back."""
+"""Writes events.csv and result.json of a result folder, and reads both back."""
 import contextlib
 import csv
 import json
@@ -12,7 +12,7 @@ EVENTS, RESULT = "events.csv", "result.json"
 
 
 class BadFolder(Exception):
-    """Tells in one line what is wrong with a folder, and what to do."""
+    """Names in one line the fault of a folder and the remedy."""
 
 
 class CannotWrite(Exception):
@@ -20,7 +20,7 @@ class CannotWrite(Exception):
 
 
 class Recorder:
-    """Writes events as they come, so that whatever ends the program leaves them. A second one in the same folder fails."""
+    """Writes each event at once, so that events survive any end of the program. A second recorder in the same folder fails."""
 
     def __init__(self, directory):
         self._path = os.path.join(directory, EVENTS)
@@ -49,11 +49,11 @@ class Recorder:
         try:
             self._file.close()
         except OSError:
-            pass  # the same failure again: what could not be written before is still in the buffer
+            pass  # the same failure again: unwritten lines are still in the buffer
 
 
 def make(path):
-    """A new, or an empty, folder."""
+    """Makes the folder; accepts an empty one."""
     try:
         os.makedirs(path, exist_ok=True)
         if os.listdir(path):
@@ -64,7 +64,7 @@ def make(path):
 
 
 def make_new(path):
-    """A folder of this name that was not there; `path-2`, `path-3`, ... when it is taken."""
+    """Makes a new folder of this name, or `path-2`, `path-3`, ... if it exists."""
     number = 1
     while True:
         chosen = path if number == 1 else f"{path}-{number}"
@@ -78,7 +78,7 @@ def make_new(path):
 
 
 def write_result(directory, result):
-    """In one step, so that a reader finds the old one or the new one."""
+    """Replaces the file in one step, so that a reader finds the old one or the new one."""
     path = os.path.join(directory, RESULT)
     try:
         with open(path + ".new", "w", encoding="utf-8") as file:
@@ -110,7 +110,7 @@ def read_result(directory):
     return result
 
 
-# What the figures and pages need of result.json, beside `measured`, which is counted anew. A type, or a tuple of them.
+# Members of result.json that figures and pages need besides `measured`, which is counted again. A type, or a tuple of types.
 NUMBER = (int, float)
 MEMBERS = {
     "experiment": str, "title": str, "mesh": str, "complete": bool, "simulated": bool, "incidents": list, "differs": list,
@@ -160,7 +160,7 @@ def read_events(directory):
 
 
 def measure_again(directory):
-    """(result, counted events), with `measured` counted anew from events.csv."""
+    """Returns (result, counted events), with `measured` counted again from events.csv."""
     result = read_result(directory)
     conditions, experiment = result["conditions"], catalogue.find(result["experiment"])
     kind, period_ms = conditions["type"], float(conditions["period_ms"])

@@ -16,12 +16,12 @@ from slamgw_experiment.sites import DEFAULT_PREFIX, DEFAULT_SOCKET, RunningDaemo
 WRONG_ARGUMENTS = 2
 OF_SIMULATOR = {"seed": 1, "compress": 1, "sim_args": []}  # options that are for --sim only, and their defaults
 COMPARED = "compare.html"
-MOST_SIMULATED = 1000  # robots; a BLE mesh of slam-gateway-sim takes fewer, and says so
+MOST_SIMULATED = 1000  # robots; slam-gateway-sim accepts fewer on a BLE mesh
 
 
 @dataclasses.dataclass
 class Asked:
-    """What of the command line one run needs."""
+    """The arguments that one run needs."""
     messages: int
     period_ms: float
     message_type: str
@@ -128,7 +128,7 @@ def parser(version):
 
 
 def with_joined_options(arguments):
-    """`--sim-args --mirrored` as one word, because argparse takes a second word that begins with - for an option of its own."""
+    """Joins `--sim-args --mirrored` to one argument, because argparse takes an argument that begins with - as its own option."""
     words = list(arguments)
     if "--sim-args" in words[:-1]:
         at = words.index("--sim-args")
@@ -144,7 +144,7 @@ def main(version, bin_directory=None, arguments=None):
         return status
     except (folder.BadFolder, Missing) as error:
         complaint = str(error)
-    except BrokenPipeError:  # whoever reads what is printed has gone
+    except BrokenPipeError:  # the reader of standard output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -199,7 +199,7 @@ def compare(directories, out):
 
 
 def chosen_runs(asked):
-    """[(experiment, mesh)], or a text that says what is wrong."""
+    """Returns [(experiment, mesh)], or a text with the fault."""
     wanted = {"ble": ["ble"], "thread": ["thread"], "both": ["ble", "thread"]}
     if asked.name == "all":
         meshes = wanted[asked.mesh or "both"]
@@ -216,7 +216,7 @@ def chosen_runs(asked):
 
 
 def wrong_robots(asked, runs):
-    """What is wrong with --robots or --sim, if anything."""
+    """Returns the fault of --robots or --sim, if any."""
     text = ",".join(asked.robots or [])
     if not asked.sim and not text:
         return "one of --robots ID,... and --sim is required"
@@ -283,7 +283,7 @@ def run_repeated(asked, experiment, mesh, out, version, programs, stop):
 
 
 def run_limits(asked, runs, out, version, programs, stop):
-    """With real robots, who cannot be made more or faster from here, one run with those that are there."""
+    """Runs the sweeps of both meshes. Real robots give one run, because the program cannot change their number or rate."""
     series.write(out, series.LIMITS)
     statuses = []
     for experiment, mesh in runs:

@@ -40,7 +40,7 @@ SCHEMAS = {
 
 
 def update_of(payload_hex):
-    """The members of an update, or None for octets that are none: 4 + 4n, and one stray octet."""
+    """Returns the members of an update, or None for invalid octets. Valid: 4 + 4n, and one stray octet."""
     octets = bytes.fromhex(payload_hex)
     if len(octets) < 4 or len(octets) > 21 or len(octets) % 4 > 1:
         return None
@@ -50,7 +50,7 @@ def update_of(payload_hex):
 
 
 def decoded(event):
-    """(schema, members) of an arrived message."""
+    """Returns (schema, members) of an arrived message."""
     if event.type == "update":
         update = update_of(event.payload)
         if update:
@@ -61,7 +61,7 @@ def decoded(event):
 
 
 def messages_of(event):
-    """[(topic, schema, members)] that an event becomes."""
+    """Returns [(topic, schema, members)] for an event."""
     members = {name: value for name, value in dataclasses.asdict(event).items() if value not in (None, "")}
     out = [(f"/events/{event.source}", "slam_gateway.Event", members)]
     if event.is_arrival_of(event.type) and event.type:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From events to numbers. Everything in `measured` of result.json comes from here, and from events.csv alone."""
+"""Computes all numbers in `measured` of result.json, from events.csv alone."""
 import collections
 import math
 
@@ -8,7 +8,7 @@ import numpy
 from slamgw_experiment.events import BROKER, GATEWAY, ROBOTS
 
 SEQUENCE_NUMBERS = 65536  # a probe's number wraps
-ENOUGH_BEYOND = 5         # values beyond a percentile: with fewer it says nothing
+ENOUGH_BEYOND = 5         # values beyond a percentile: with fewer it is meaningless
 RESAMPLES, LEAST_RESAMPLES, MOST_DRAWN = 1000, 200, 20_000_000
 
 
@@ -84,7 +84,7 @@ def repeats_by_message(events):
 
 
 def _repeats_at_gateway(events):
-    """By message id, of which a robot uses each again after 65535 messages."""
+    """Counts repeats by message id. A robot uses each id again after 65535 messages."""
     repeats = {}
     for event in events:
         key = (event.robot, event.message_id)
@@ -116,7 +116,7 @@ def has_percentile(count, percent):
 
 
 def bootstrap(statistic, *samples):
-    """The 95 % interval of statistic(*samples) by drawing each sample anew, with replacement; None for fewer than two values.
+    """Returns the 95 % interval of statistic(*samples) by resampling with replacement; None for fewer than two values.
 
     It takes messages as independent of each other. The same samples give the same interval.
     """
@@ -129,7 +129,7 @@ def bootstrap(statistic, *samples):
 
 
 def difference_of_means(one, other):
-    """(how much the mean of `one` is above that of `other`, its 95 % interval)"""
+    """Returns (mean of `one` minus mean of `other`, its 95 % interval)."""
     return float(one.mean() - other.mean()), bootstrap(lambda a, b: a.mean() - b.mean(), one, other)
 
 
@@ -145,7 +145,7 @@ def estimated_loss(gaps_by_robot, period_ms):
 
 
 def unwrapped(numbers):
-    """Sequence numbers that wrap at 65536 become ones that do not; they may come out of order."""
+    """Unwraps sequence numbers that wrap at 65536 and may come out of order."""
     out = []
     for number in numbers:
         if not out:
@@ -170,7 +170,7 @@ def probe_counts(events):
 
 
 def counted(events, message_type, messages, period_ms, settle_s):
-    """Without what real robots sent while the run only listened for late repeats. `events` are in order of time."""
+    """Drops messages that real robots sent while the run only waited for late repeats. `events` are in order of time."""
     if any(event.source == ROBOTS for event in events):
         return events
     events = _with_probes_in_time(events, settle_s)
@@ -178,7 +178,7 @@ def counted(events, message_type, messages, period_ms, settle_s):
 
 
 def _with_first_of_each_robot(events, message_type, messages, period_us):
-    """Each robot's first messages: as many as were asked for, within as many periods from the first one, so lost ones are among them.
+    """Returns each robot's first messages: the requested number, within as many periods from the first, so lost ones are included.
 
     What happened to a message after its arrival names its id, or at the broker its payload; either may come again.
     """
@@ -202,7 +202,7 @@ def _with_first_of_each_robot(events, message_type, messages, period_us):
 
 
 def _with_probes_in_time(events, settle_s):
-    """Without all about probes made before the run began, or too late for their last repeat to come before it ended.
+    """Drops events of probes made before the run began, or too late for their last repeat to come before it ended.
 
     When a probe was made follows from its sender's clock and the fastest probe of the same robot. What the gateway did with it
     names the message id only, which a robot uses again.
@@ -230,13 +230,13 @@ def _with_probes_in_time(events, settle_s):
 
 
 def has_unsent_arrivals(events, message_type):
-    """Whether more messages arrived than the simulated robots' record has: lines of it are missing. Copies count once."""
+    """Returns whether the simulated robots' record lacks lines, because more messages arrived. Copies count once."""
     arrived = {(event.robot, event.message_id, event.payload) for event in events if event.is_arrival_of(message_type)}
     return len(arrived) > sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
 
 
 def exact_loss(events, message_type):
-    """By the robots' own record where they are simulated, else by the sequence numbers of probes; None where neither is there."""
+    """Computes the loss by the record of simulated robots, else by the sequence numbers of probes; None without either."""
     arrived = sum(1 for event in events if event.is_arrival_of(message_type))
     sent = sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
     probes = probe_counts(events)
@@ -263,7 +263,7 @@ def share(found, of):
 
 
 def wilson(found, of, z=1.959964):
-    """The 95 % interval of a share."""
+    """Returns the 95 % interval of a share."""
     if of == 0:
         return 0.0, 1.0
     share = found / of
@@ -273,7 +273,7 @@ def wilson(found, of, z=1.959964):
 
 
 def shares_of_periods(gaps, period_ms, most=5):
-    """Which part of the gaps rounds to 1, 2, ... periods."""
+    """Returns the share of gaps that round to 1, 2, ... periods."""
     if len(gaps) == 0:
         return {}
     rounded = _periods(gaps, period_ms)
@@ -287,13 +287,13 @@ def _periods(gaps, period_ms):
 
 
 def two_or_three_periods(gaps, period_ms):
-    """The part of the gaps that the thesis read as loss off its histograms: the bins at 400 and 600 ms."""
+    """Returns the share of gaps that the thesis took as loss in its histograms: the bins at 400 and 600 ms."""
     rounded = _periods(gaps, period_ms)
     return share(numpy.sum((rounded == 2) | (rounded == 3)), len(gaps))
 
 
 def counts(events, message_type):
-    """How often what happened; `received` at the broker comes from a subscriber, else from the daemon's word."""
+    """Counts each kind of event; `received` at the broker comes from a subscriber, else from the daemon's trace."""
     by_kind = collections.Counter((event.source, event.event) for event in events
                                   if event.direction != "down" and event.type in (message_type, ""))
     heard = [(event.robot, event.payload) for event in events
@@ -320,7 +320,7 @@ def counts(events, message_type):
 
 
 def points(events):
-    """(positions, obstacles) of all updates, each an array of x, y in centimetres."""
+    """Returns (positions, obstacles) of all updates, each an array of x, y in centimetres."""
     positions, obstacles = [], []
     for event in events:
         if not event.is_arrival_of("update"):
@@ -349,7 +349,7 @@ def fitted_circle(places):
 
 
 def measured(events, message_type, period_ms, in_ring=False):
-    """The whole of `measured` in result.json, from counted() events.
+    """Returns `measured` of result.json, from counted() events.
 
     `in_ring`: the robot drives in a ring, so a circle through its obstacles means something.
     """

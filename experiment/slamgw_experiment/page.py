@@ -37,7 +37,7 @@ def _share(*path):
 
 
 def _time(name, *path):
-    """Of statistics: `mean` and `p50` with their interval; a percentile of too few values is not told."""
+    """Returns a function that shows a statistic: `mean` and `p50` with their interval, no percentile of too few values."""
     def text(result):
         found = member(result, *path)
         if found is None:
@@ -76,7 +76,7 @@ ROWS = [
 
 
 def read(directory):
-    """The result with `measured` counted anew from its events."""
+    """Returns the result with `measured` counted again from its events."""
     return folder.measure_again(directory)[0]
 
 
@@ -85,7 +85,7 @@ def compression(result):
 
 
 def rows_of(results):
-    """[(name, [texts])] with what at least one of the results has. Compressed and real times never stand side by side."""
+    """Returns [(name, [texts])] of rows that at least one result has. Never mixes compressed and real times."""
     has_one_clock = len({compression(result) for result in results}) == 1
     rows = []
     for name, is_time, text_of in ROWS:
@@ -106,7 +106,7 @@ def name_of(result):
 
 
 def table(results):
-    """For a terminal."""
+    """Returns the table for a terminal."""
     return text_table("", ["", *map(name_of, results)], [[name, *texts] for name, texts in rows_of(results)])
 
 
@@ -192,7 +192,7 @@ def compare(directories, out):
 
 
 def write_both(out, directory):
-    """The thesis's conclusion, remade: BLE beside Thread, with all results of a folder."""
+    """Repeats the thesis's conclusion: BLE beside Thread, with all results of a folder."""
     found = results_in(directory)
     sections, placed = [], set()
     for question, *names in catalogue.PAIRS:
@@ -213,7 +213,7 @@ def write_both(out, directory):
 
 
 def _conclusion(found):
-    """A table over everything for each clock, and what two robots cost."""
+    """Returns a table of all results for each clock, and the cost of two robots."""
     results = [result for _, result in found.values()]
     wanted = ["arrived", "never left the robot", "lost on the way, exactly", "made and not arrived", "lost, estimated from gaps",
               "acknowledged, mean", "acknowledged, 99 % within"]

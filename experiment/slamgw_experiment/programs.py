@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other programs: where they are, their versions, starting and ending them, and reading their lines without waiting."""
+"""Finds, starts and ends other programs, and reads their versions and lines without waiting."""
 import os
 import queue
 import shutil
@@ -47,11 +47,11 @@ WHERE_FROM = {
 
 # Ends a child with this program, also when this program is killed; part of util-linux.
 WITH_PARENT = ("setpriv", "--pdeathsig", "TERM", "--")
-NO_REASON = "Run with --help"  # the last line of a program that refuses its arguments
+NO_REASON = "Run with --help"  # last line of a program that refuses its arguments
 
 
 class Child:
-    """A process in a session of its own, so that Ctrl-C ends this program first; what it says goes to `log`.
+    """A process in a session of its own, so that Ctrl-C ends this program first; its output goes to `log`.
 
     To be made in the main thread: the kernel ends the child together with the thread that made it.
     """

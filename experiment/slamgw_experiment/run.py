@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run: reads the sources until enough has come, and leaves a result folder whatever ends it."""
+"""One run: reads the sources until enough messages have come, and leaves a result folder at any end."""
 import collections
 import datetime
 import json
@@ -19,8 +19,8 @@ from slamgw_experiment.sites import SiteFailure
 
 STATUS_INTERVAL_S = 2
 MOST_ELSEWHERE = 10    # messages of a robot on the other mesh before one on the measured mesh
-QUIET_END_S = 1.0      # after the robots have ended, for what is still on its way
-# How long real robots' last messages may still come: with two repeats of a Thread client, 8 s apart, and its give-up.
+QUIET_END_S = 1.0      # after the robots have ended, for messages in flight
+# Time for the last messages of real robots: two repeats of a Thread client, 8 s apart, and its timeout.
 SETTLE_S = {"ble": 1.0, "thread": 25.0}
 
 
@@ -49,7 +49,7 @@ class Progress:
             self._put(text + "\n")
 
     def _put(self, text):
-        """A terminal that was closed, or a pipe that nobody reads, must not end a run."""
+        """Writes the text; a closed terminal or pipe must not end a run."""
         try:
             self._file.write(text)
             self._file.flush()
@@ -57,7 +57,7 @@ class Progress:
             pass
 
     def say(self, text):
-        """A whole line of its own."""
+        """Prints a separate line."""
         if self._is_terminal and self._width:
             text = "\n" + text
             self._width = 0
@@ -65,7 +65,7 @@ class Progress:
 
 
 class Run:
-    """`asked`: messages, period_ms, wait_s, compress, message_type. `stop` is a function that tells of Ctrl-C."""
+    """`asked`: messages, period_ms, wait_s, compress, message_type. `stop` is a function that returns whether Ctrl-C came."""
 
     def __init__(self, experiment, mesh, site, directory, asked, programs, stop, axis=None):
         self._experiment = experiment
@@ -102,7 +102,7 @@ class Run:
         return self._finish(ended)
 
     def _record(self, recorder):
-        """None when all is there, else why not; the recorder is closed."""
+        """Records events. Returns None when the run is complete, else the reason. Closes the recorder."""
         try:
             self._site.start()
             self._daemon = self._site.status() or {}
@@ -146,7 +146,7 @@ class Run:
     # Reading
 
     def _read(self, recorder, sources):
-        """Until the end: None when all is there, else why not."""
+        """Reads until the end. Returns None when the run is complete, else the reason."""
         next_status_s = 0.0
         while True:
             self._take(recorder)
@@ -173,7 +173,7 @@ class Run:
             self._progress.show(self._done(), self._expected(), self._seconds_left(passed_s), passed_s)
 
     def _take(self, recorder):
-        """What has been read by now; waits a moment for the first line."""
+        """Records the lines read so far; waits a moment for the first line."""
         try:
             line = self._lines.get(timeout=0.05)
         except queue.Empty:
@@ -208,7 +208,7 @@ class Run:
         self._sent += 1 if source == events.ROBOTS and event.event in ("sent", "refused") else 0
 
     def _on_other_mesh(self, event):
-        """A robot that is on both meshes may be heard first on the other one."""
+        """Notes robots that are on the other mesh. A robot on both meshes may be heard first on the other one."""
         if event.is_arrival_of(self._asked.message_type) and event.robot not in self._heard:
             self._elsewhere[event.robot] += 1
             if self._elsewhere[event.robot] <= MOST_ELSEWHERE:
@@ -229,7 +229,7 @@ class Run:
         return self._asked.messages * len(self._site.robots)
 
     def _done(self):
-        """Of the expected messages. Robots that nobody stops go on while the last repeats are waited for."""
+        """Returns the number of expected messages that arrived. Real robots go on while the run waits for the last repeats."""
         if self._site.simulator_arguments is not None:
             return self._sent
         return sum(min(count, self._asked.messages) for count in self._heard.values())
@@ -243,7 +243,7 @@ class Run:
         return max(0.0, whole_s - (passed_s - self._first_us / 1e6))
 
     def _end(self, passed_s):
-        """False to go on; None at a good end; else why it is none."""
+        """Returns False to go on, None at a complete end, else the reason of an incomplete one."""
         if self._first_us is None and passed_s > self._asked.wait_s:
             return self._nobody_came()
         if self._site.simulator_arguments is not None:
@@ -257,7 +257,7 @@ class Run:
             return False
         has_all = all(self._heard.get(robot, 0) >= self._asked.messages for robot in self._site.robots)
         whole_s = self._asked.messages * self._period_ms() / 1000
-        is_over = passed_s - self._first_us / 1e6 > whole_s  # what is lost never comes
+        is_over = passed_s - self._first_us / 1e6 > whole_s  # lost messages never come
         if (has_all or is_over) and self._settles_until_s is None:
             self._settles_until_s = passed_s + self._settle_s()
         return None if self._settles_until_s is not None and passed_s >= self._settles_until_s else False
@@ -313,7 +313,7 @@ class Run:
         }
 
     def _differences(self, asked):
-        """In what the run is not the default one."""
+        """Returns the settings that differ from the defaults."""
         differences = []
         if asked.messages < self._experiment.messages:
             differences.append(f"{asked.messages} messages in place of {self._experiment.messages}")
@@ -359,7 +359,7 @@ class Run:
 
 
 def parse(source, text):
-    """The members of a line, or None for a line that says nothing."""
+    """Returns the members of a line, or None for an invalid one."""
     if source == events.BROKER:
         return parse_broker_line(text)
     try:

@@ -23,7 +23,7 @@ BROKEN = 0.25  # of the updates; chosen, for the thesis names no number
 # A frame of 76 octets, back-off and acknowledgement take 4.5 ms of Thread's one channel; PUBLISH and PUBACK are two.
 THREAD_CHANNEL_PER_S = 1000 / (2 * 4.5)
 
-# Of Student's distribution: 97.5 % lie below, by degrees of freedom from 1 on.
+# Quantiles of Student's distribution at 97.5 %, by degrees of freedom from 1 on.
 STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120, 2.110,
            2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042)
 
@@ -104,7 +104,7 @@ def _not_arrived(result):
     return _of_share("not_arrived")(result) or _of_share("loss", "exact")(result)
 
 
-# What may be shown: its name, the value of a run with the interval, the thesis's numbers, and their factor.
+# Quantities to show: name, value of a run with its interval, the thesis's numbers, and their factor.
 QUANTITIES = [
     ("made and not arrived / %", _not_arrived, None, 100),
     ("gaps of 2 or 3 periods / %", _of_share("two_or_three_periods"), "two_or_three_periods", 100),
@@ -129,7 +129,7 @@ def _quantities(results):
 
 
 def over_runs(values):
-    """(mean, 95 % interval of the mean of such runs by Student's distribution; None for one run)"""
+    """Returns (mean, 95 % interval of the mean by Student's distribution; None for one run)."""
     mean = float(numpy.mean(values))
     if len(values) < 2:
         return mean, None
@@ -178,7 +178,7 @@ def _draw_runs(panel, mesh, runs, mean, interval):
 # Robots and rate, swept until a mesh breaks
 
 def load_of(result):
-    """Updates a second that all robots make."""
+    """Returns updates a second of all robots."""
     return len(result["conditions"]["robots"]) * 1000 / result["conditions"]["period_ms"]
 
 
@@ -189,7 +189,7 @@ def is_broken(result):
 
 
 def _sweep_of(result):
-    """Each line of the figure: a mesh, simulated or real, with more robots or with faster ones."""
+    """Returns the result's line in the figure: a mesh, simulated or real, with more robots or with faster ones."""
     is_faster = result["conditions"]["period_ms"] < result["thesis"].get("period_ms", 200) * 0.99
     return result["mesh"], result["simulated"], is_faster
 
@@ -205,7 +205,7 @@ def draw_limits(results):
     lines = collections.defaultdict(list)
     for result in sorted(results, key=load_of):
         lines[_sweep_of(result)].append(result)
-    # The line of faster robots begins where that of more robots has as many.
+    # The line of faster robots begins at the point of the other line with the same number of robots.
     for (mesh, is_simulated, is_faster), line in lines.items():
         if is_faster:
             robots = len(line[0]["conditions"]["robots"])
@@ -281,7 +281,7 @@ def _limits_table(lines):
 
 
 def compare_limits(directories, out):
-    """Both series on one axis, in a folder `out` of its own: simulated ones and real robots. Returns the table."""
+    """Draws series of simulated and of real robots on one axis, in a new folder `out`. Returns the table."""
     results = [result for directory in directories for result in results_in(directory)]
     folder.make(out)
     with plt.rc_context(figures.STYLE):
@@ -291,7 +291,7 @@ def compare_limits(directories, out):
 
 
 def settings_of_limits(asked_period_ms, messages, mesh):
-    """[[(name of the folder, robots, period in ms, messages)]]: two sweeps, each run of them as long as the others."""
+    """Returns two sweeps [[(name of the folder, robots, period in ms, messages)]], all runs of equal length."""
     def setting(robots, period_ms):
         return f"{mesh}-{robots}-robots-{period_ms:g}-ms", robots, period_ms, max(1, round(messages * asked_period_ms / period_ms))
     return [[setting(robots, asked_period_ms) for robots in ROBOTS],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is measured: a daemon that runs already with real robots, or broker, daemon and simulator of this program's own."""
+"""The measured site: a running daemon with real robots, or a broker, daemon and simulator that this program starts."""
 import json
 import os
 import shutil
@@ -18,7 +18,7 @@ DEFAULT_PREFIX = "ntnu-slam"
 
 
 class SiteFailure(Exception):
-    """Something that must run does not; says what to do."""
+    """A required program does not run; the text names the remedy."""
 
 
 class RunningDaemon:
@@ -27,7 +27,7 @@ class RunningDaemon:
     simulator_arguments = None
 
     def __init__(self, programs, socket_path, robots, broker=None, topic_prefix=DEFAULT_PREFIX):
-        """`broker`: (host, port) of a broker where a subscriber counts too."""
+        """`broker`: (host, port) of a broker at which a subscriber counts messages, too."""
         self._directory = tempfile.mkdtemp(prefix="slam-gateway-experiment-")
         self._programs = programs
         self._socket = socket_path or self._path("control.sock")
@@ -49,7 +49,7 @@ class RunningDaemon:
         return False
 
     def trouble(self):
-        """A program that should run and does not, in words; None when all do."""
+        """Returns a text that names a program that has ended; None while all run."""
         if self._subscriber and self._subscriber.has_ended():
             return (f"the subscriber at {':'.join(self._broker)} has ended: {self._subscriber.last_words() or 'it says nothing'}; "
                     "what the broker got is not counted")
@@ -78,7 +78,7 @@ class RunningDaemon:
         return sorted(str(row.get("id", row.get("robot", ""))) for row in rows if isinstance(row, dict))
 
     def open_sources(self, lines, now_us):
-        """Begins to read; returns the sources by name."""
+        """Starts to read; returns the sources by name."""
         self._watch = self._child("slam-gatewayctl", "--socket", self._socket, "--json", "watch", stdout=subprocess.PIPE)
         sources = {events.GATEWAY: Lines(events.GATEWAY, lines, now_us).start(lines_of_pipe(self._watch.process.stdout))}
         if self._broker:
@@ -111,10 +111,10 @@ class RunningDaemon:
 
 
 class SimulatedSite(RunningDaemon):
-    """Mosquitto, slam-gatewayd and slam-gateway-sim on free loopback ports, in a temporary folder that goes with them."""
+    """Mosquitto, slam-gatewayd and slam-gateway-sim on free loopback ports, in a temporary folder that is removed with them."""
 
     def __init__(self, programs, mesh, robots, simulator_options, daemon_keys, message_type, stop=lambda: False):
-        """`stop` is a function that tells of Ctrl-C."""
+        """`stop` is a function that returns whether Ctrl-C came."""
         super().__init__(programs, None, [f"robot{n + 1}" for n in range(robots)])
         self._stop = stop
         self._mesh = mesh
