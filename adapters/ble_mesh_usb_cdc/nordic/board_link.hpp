@@ -58,7 +58,7 @@ class LineHealth {
   int timeouts_ = 0;                ///< of `silent_opcode_`, in a row
 };
 
-/// Finds the frame borders again, in whatever state the board is. 255 zero octets complete any torn
+/// Finds the frame borders again, in any state of the board. 255 zero octets complete any torn
 /// command. Then an Echo with a fresh nonce proves that a board with Nordic's serial firmware is
 /// there, and marks the border in its answers. Every connection starts this way, too. Called by
 /// BoardLink, which drops all other octets until then.
