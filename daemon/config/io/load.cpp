@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Recognizes the names of files that editors, dpkg and slam-gatewayctl have put aside.
+/// Recognizes the names of backup and temporary files of editors, dpkg and slam-gatewayctl.
 bool is_put_aside(const fs::path& name) {
   return name.string().starts_with('.') || name.string().ends_with('~') ||
          name.extension().string().starts_with(".dpkg-") || name.extension() == ".unfinished";

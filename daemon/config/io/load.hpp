@@ -24,7 +24,7 @@ std::filesystem::path site_directory(const std::string& configuration);
 std::vector<std::string> configuration_files(const std::string& path, std::error_code& error);
 
 /// Never throws because of a file's content; an unreadable file is a problem like any other. A file
-/// in `gateway.d/` with another ending is a warning, unless an editor or dpkg has put it aside.
+/// in `gateway.d/` with another ending is a warning, unless it is a backup of an editor or dpkg.
 ParseResult load_config(const std::string& path);
 
 /// Reads the configuration for a program that runs beside the daemon as another user, without the
