@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam-gatewayd: reads arguments and configuration, runs App, and returns failures as exit codes.
+// slam-gatewayd: reads arguments and configuration, runs the gateway, and returns failures as exit
+// codes.
 #include <sys/resource.h>
 #include <systemd/sd-daemon.h>
 
@@ -57,7 +58,7 @@ int run(const slamgw::ParseResult& result, const std::string& config_file) {
   for (const slamgw::Problem& warning : result.warnings)
     log_event(slamgw::Severity::warning, to_string(warning));
   try {
-    slamgw::App(result.config, config_file).run();
+    slamgw::run_gateway(result.config, config_file);
     return 0;
   } catch (const std::exception& error) {
     log_event(slamgw::Severity::error, error.what());
