@@ -34,7 +34,7 @@ void add_acceptance(Bytes& script, std::mt19937& random) {
   }
 }
 
-TEST(FirmwareHeaders, HoldInRandomLives) {
+TEST(FirmwareHeaders, KeepTheirInvariantsForRandomInput) {
   std::mt19937 random(3);
   const auto octet = [&] { return static_cast<std::uint8_t>(random()); };
   for (int life = 0; life < 150; ++life) {

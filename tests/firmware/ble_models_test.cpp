@@ -72,7 +72,7 @@ TEST(BleModels, WriteTheNumberedUpdateOfTheReadme) {
   EXPECT_EQ(encoded(answer), status);
 }
 
-TEST(BleModels, AnotherStatusAcknowledgesNothing) {
+TEST(BleModels, IgnoreTheStatusOfAnotherMessage) {
   const auto sent = message_of(SLAM_BLE_SENSOR_UPDATE, SLAM_BLE_SET_NUMBERED, {}, 7);
   for (const auto* octets : {"cc 59 00 00 06", "cc 59 00 00", "c8 59 00 00 07", "c9 59 00 00 07"}) {
     const Bytes wire = hex(octets);
@@ -93,7 +93,7 @@ std::string status_for(const char* request) {
   return to_hex(out);
 }
 
-TEST(BleModels, AnswerWhatWantsAnAnswer) {
+TEST(BleModels, AnswerOnlyAcknowledgedRequests) {
   EXPECT_EQ(status_for("cd 59 00 0a 00 ec ff"), "d0590000");
   EXPECT_EQ(status_for("ce 59 00"), "d0590000");
   EXPECT_EQ(status_for("d3 59 00 2a 0a 00 ec ff"), "d05900002a");
@@ -101,7 +101,7 @@ TEST(BleModels, AnswerWhatWantsAnAnswer) {
   EXPECT_EQ(status_for("d0 59 00 00"), "");
 }
 
-TEST(BleModels, RefuseWhatIsNotTheirs) {
+TEST(BleModels, RejectInvalidAndForeignMessages) {
   slam_ble_message message{};
   for (const auto* octets : {"", "c9", "c9 59", "c4 59 00 01 02", "d4 59 00 00", "c9 00 59",
                              "c9 58 00", "d2 59 00", "cc 59 00 00 01 02", "82 02 01 00"}) {
@@ -110,7 +110,7 @@ TEST(BleModels, RefuseWhatIsNotTheirs) {
   }
 }
 
-TEST(BleModels, WriteNothingWhereThereIsNoRoom) {
+TEST(BleModels, WriteNothingIntoATooSmallBuffer) {
   const Bytes data(SLAM_BLE_MAX_SIZE, 1);
   Bytes out(SLAM_BLE_MAX_SIZE + 10);
   auto message = message_of(SLAM_BLE_MIN_COM, SLAM_BLE_SET_NUMBERED, data);
@@ -123,7 +123,7 @@ TEST(BleModels, WriteNothingWhereThereIsNoRoom) {
   EXPECT_EQ(slam_ble_encode(&message, out.data(), out.size()), 0U);
 }
 
-TEST(BleModels, PositionsAreThoseOfTheGateway) {
+TEST(BleModels, EncodePositionsAsTheGatewayDoes) {
   const std::array<slam_position, 5> seen{
       {{10, -20}, {100, 300}, {-1, 0}, {32767, -32768}, {5, 6}}};
   for (std::size_t count = 1; count <= seen.size(); ++count) {
@@ -183,7 +183,7 @@ TEST(BleModels, RepeatAtDoublingDistancesUntilAMinute) {
   EXPECT_EQ(slam_ble_repeat_wait_ms(&repeat, now), UINT32_MAX);
 }
 
-TEST(BleModels, ALateCallerSendsOneCopy) {
+TEST(BleModels, SendOneCopyWhenPolledLate) {
   slam_ble_repeat repeat{};
   slam_ble_repeat_begin(&repeat, 0, 4, 9);
   EXPECT_EQ(slam_ble_repeat_step(&repeat, 3000), SLAM_BLE_SEND_AGAIN);
@@ -194,7 +194,7 @@ TEST(BleModels, ALateCallerSendsOneCopy) {
 }
 
 /// The simulated robot's first update, octet for octet.
-TEST(BleModels, WriteWhatTheSimulatedRobotSays) {
+TEST(BleModels, EncodeTheSimulatedRobotsFirstUpdate) {
   using sim::ble::Robot;
   sim::ble::RobotSettings settings;
   settings.is_acknowledged = settings.is_numbered = true;

@@ -73,7 +73,7 @@ class ExampleOnBle : public ::testing::Test {
   unsigned sent = 0;
 };
 
-TEST_F(ExampleOnBle, SaysWhereItIs) {
+TEST_F(ExampleOnBle, PublishesItsPosition) {
   pass(1s);
   const auto reports = rig.all<Report>();
   ASSERT_GE(reports.size(), 4U);
@@ -83,7 +83,7 @@ TEST_F(ExampleOnBle, SaysWhereItIs) {
   EXPECT_EQ(sent, reports.size()) << "nothing had to be repeated";
 }
 
-TEST_F(ExampleOnBle, EachUpdateArrivesOnceOverALossyRadio) {
+TEST_F(ExampleOnBle, DeliversEachUpdateOnceOverALossyRadio) {
   pass(30s, 3);
   const auto reports = rig.all<Report>();
   ASSERT_GE(reports.size(), 20U);
@@ -92,7 +92,7 @@ TEST_F(ExampleOnBle, EachUpdateArrivesOnceOverALossyRadio) {
     EXPECT_EQ(reports[i].payload[0], static_cast<std::uint8_t>(10 + i));
 }
 
-TEST_F(ExampleOnBle, ObeysAndAnswers) {
+TEST_F(ExampleOnBle, ObeysACommandAndAcknowledgesIt) {
   pass(100ms);
   rig.command("nr1/cmd", ble::hex("28 00 ec ff"));
   pass(2s);

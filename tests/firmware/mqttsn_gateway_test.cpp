@@ -115,7 +115,7 @@ std::vector<std::string> numbers(int count) {
   return out;
 }
 
-TEST(SnClientAtTheGateway, GetsReadyAndPublishes) {
+TEST(SnClientAtTheGateway, ConnectsAndPublishes) {
   for (const unsigned qos : {SLAM_SN_QOS1, SLAM_SN_QOS2}) {
     Link link;
     link.publish_all(static_cast<std::uint8_t>(qos), 10);
@@ -156,7 +156,7 @@ TEST(SnClientAtTheGateway, HearsEachCommandOnceOverALossyRadio) {
   }
 }
 
-TEST(SnClientAtTheGateway, StaysWithoutSayingAnything) {
+TEST(SnClientAtTheGateway, StaysConnectedWithoutPublishing) {
   Link link;
   link.pass(std::chrono::minutes{10});
   EXPECT_TRUE(slam_sn_is_ready(&link.client));
@@ -164,7 +164,7 @@ TEST(SnClientAtTheGateway, StaysWithoutSayingAnything) {
   EXPECT_TRUE(link.rig.reports.empty());
 }
 
-TEST(SnClientAtTheGateway, ItsWillIsPublishedWhenItVanishes) {
+TEST(SnClientAtTheGateway, HasItsWillPublishedWhenItVanishes) {
   Link link;
   link.pass(std::chrono::seconds{1});
   link.is_on = false;
@@ -174,7 +174,7 @@ TEST(SnClientAtTheGateway, ItsWillIsPublishedWhenItVanishes) {
   EXPECT_EQ(as_text(link.rig.reports[0].payload), "lost");
 }
 
-TEST(SnClientAtTheGateway, LeavesWithoutAWill) {
+TEST(SnClientAtTheGateway, DisconnectsWithoutPublishingItsWill) {
   Link link;
   link.pass(std::chrono::seconds{1});
   slam_sn_disconnect(&link.client, link.now_ms());
@@ -183,7 +183,7 @@ TEST(SnClientAtTheGateway, LeavesWithoutAWill) {
   EXPECT_TRUE(link.rig.reports.empty());
 }
 
-TEST(SnClientAtTheGateway, ConnectsAgainAfterItWasOutOfReach) {
+TEST(SnClientAtTheGateway, ReconnectsAfterItWasOutOfReach) {
   for (const bool is_clean : {true, false}) {
     Link link(1, 0, is_clean);
     link.pass(std::chrono::seconds{1});
@@ -201,7 +201,7 @@ TEST(SnClientAtTheGateway, ConnectsAgainAfterItWasOutOfReach) {
   }
 }
 
-TEST(SnClientAtTheGateway, SleepsAndGetsWhatWaited) {
+TEST(SnClientAtTheGateway, GetsQueuedCommandsWhileItSleeps) {
   for (const bool is_clean : {true, false}) {
     Link link(1, 0.1, is_clean);
     link.pass(std::chrono::seconds{20});

@@ -36,7 +36,7 @@ TEST(SnClient, ConnectsRegistersAndPublishes) {
   EXPECT_EQ(robot.sent(), Hex{vector_named("PUBLISH-q0-retain")});
 }
 
-TEST(SnClient, TellsItsWillWhenAsked) {
+TEST(SnClient, SendsItsWillWhenAsked) {
   SnRobot robot;
   robot.settings.will_topic = "w/1";
   robot.settings.will_message = "dead";
@@ -65,7 +65,7 @@ TEST(SnClient, RepeatsConnectUntilAGatewayAnswers) {
                                       vector_named("CONNECT-clean-60s-r1")}));
 }
 
-TEST(SnClient, WaitsLongBeforeItAsksAGatewayThatRefused) {
+TEST(SnClient, WaitsLongerBeforeItReconnectsAfterARefusal) {
   SnRobot robot;
   robot.start();
   robot.sent();
@@ -107,7 +107,7 @@ TEST(SnClient, RepeatsSubscribeWithDup) {
   EXPECT_EQ(robot.sent(), Hex{vector_named("SUBSCRIBE-name-q2-dup")});
 }
 
-TEST(SnClient, SaysWhichTopicWasRefused) {
+TEST(SnClient, ReportsWhichTopicWasRefused) {
   SnRobot robot({{"a/b", 0, 0}, {"c", 0, SLAM_SN_SUBSCRIBE}});
   robot.start();
   robot.sent();
@@ -165,7 +165,7 @@ TEST(SnClient, PublishesQos2InBothHalves) {
   EXPECT_EQ(robot.hear(vector_named("PUBCOMP")).kind, SLAM_SN_PUBLISHED);
 }
 
-TEST(SnClient, RegistersAgainWhatTheGatewayHasForgotten) {
+TEST(SnClient, RegistersATopicAgainThatTheGatewayForgot) {
   SnRobot robot;
   robot.get_ready();
   EXPECT_TRUE(robot.publish(SLAM_SN_QOS1));
@@ -198,7 +198,7 @@ TEST(SnClient, WaitsAfterACongestedPuback) {
   EXPECT_EQ(event.code, SLAM_SN_NOT_SUPPORTED);
 }
 
-TEST(SnClient, HearsWhatItSubscribedTo) {
+TEST(SnClient, ReportsMessagesOfItsSubscriptions) {
   SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS1}});
   robot.get_ready();
   auto event = robot.hear(vector_named("PUBLISH-q1-normal-id5-mid1-hi"));
@@ -218,7 +218,7 @@ TEST(SnClient, HearsWhatItSubscribedTo) {
   EXPECT_TRUE(robot.sent().empty());
 }
 
-TEST(SnClient, TakesQos2Once) {
+TEST(SnClient, ReportsAQos2MessageOnce) {
   SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
   robot.get_ready();
   EXPECT_EQ(robot.hear(vector_named("PUBLISH-q2-normal")).kind, SLAM_SN_MESSAGE);
@@ -250,7 +250,7 @@ TEST(SnClient, LearnsTopicsOfAWildcard) {
   EXPECT_EQ(event.topic, SLAM_SN_NO_TOPIC);
 }
 
-TEST(SnClient, ForgetsTheOldestOfTooManyTopics) {
+TEST(SnClient, ForgetsTheOldestTopicWhenItsTableIsFull) {
   SnRobot robot({{"a/#", 0, SLAM_SN_SUBSCRIBE}});
   robot.get_ready();
   const auto learn = [&](unsigned id) {
@@ -276,7 +276,7 @@ TEST(SnClient, ForgetsTheOldestOfTooManyTopics) {
   EXPECT_EQ(robot.sent(), Hex{"070b0002000103"});
 }
 
-TEST(SnClient, KnowsTheTopicsOfItsTableHoweverLongTheirNamesAre) {
+TEST(SnClient, AcceptsAnOverlongNameOfAConfiguredTopic) {
   SnRobot robot;
   robot.get_ready();
   const std::string name(SLAM_SN_MAX_NAME + 10, 'x');
@@ -285,7 +285,7 @@ TEST(SnClient, KnowsTheTopicsOfItsTableHoweverLongTheirNamesAre) {
   EXPECT_EQ(robot.sent(), Hex{"070b0002000100"});
 }
 
-TEST(SnClient, PingsWhenTheGatewayHasNotAnsweredForAWhile) {
+TEST(SnClient, PingsWhenTheGatewayIsSilentForTheKeepAlive) {
   SnRobot robot;
   robot.get_ready();
   EXPECT_TRUE(robot.pass(59999).empty());
@@ -296,7 +296,7 @@ TEST(SnClient, PingsWhenTheGatewayHasNotAnsweredForAWhile) {
   EXPECT_EQ(robot.sent(), Hex{"0217"});
 }
 
-TEST(SnClient, ConnectsAgainWhenTheGatewayIsSilent) {
+TEST(SnClient, ReconnectsWhenTheGatewayIsSilent) {
   SnRobot robot;
   robot.get_ready();
   const auto sent = robot.pass(110000);
@@ -309,7 +309,7 @@ TEST(SnClient, ConnectsAgainWhenTheGatewayIsSilent) {
   EXPECT_EQ(robot.client.lost, 1U);
 }
 
-TEST(SnClient, KeepsItsMessageOverALostGateway) {
+TEST(SnClient, KeepsItsMessageOverAReconnect) {
   SnRobot robot;
   robot.get_ready();
   EXPECT_TRUE(robot.publish(SLAM_SN_QOS1));
@@ -326,7 +326,7 @@ TEST(SnClient, KeepsItsMessageOverALostGateway) {
   EXPECT_EQ(robot.hear("07 0d 00 09 00 02 00").kind, SLAM_SN_PUBLISHED);
 }
 
-TEST(SnClient, DoesNotGiveUpAGatewayThatAnswersOtherThings) {
+TEST(SnClient, StaysConnectedWhileOtherRequestsAreAnswered) {
   SnRobot robot({{"a/b", 0, 0}, {"c", 0, SLAM_SN_SUBSCRIBE}});
   robot.start();
   robot.sent();
@@ -345,7 +345,7 @@ TEST(SnClient, DoesNotGiveUpAGatewayThatAnswersOtherThings) {
 }
 
 /// The gateway may have begun the session once more, without what was registered.
-TEST(SnClient, ASecondConnackBeginsTheSetupAgain) {
+TEST(SnClient, RestartsTheSetupAfterASecondConnack) {
   SnRobot robot;
   robot.start();
   EXPECT_EQ(robot.pass(SLAM_SN_RETRY_MS).size(), 2U) << "CONNECT goes again";
@@ -359,7 +359,7 @@ TEST(SnClient, ASecondConnackBeginsTheSetupAgain) {
   EXPECT_TRUE(robot.sent().empty()) << "there is a CONNACK for each CONNECT";
 }
 
-TEST(SnClient, AConnackThatNothingAskedForIsIgnored) {
+TEST(SnClient, IgnoresAnUnexpectedConnack) {
   SnRobot robot;
   robot.get_ready();
   for (int i = 0; i < 100; ++i) robot.hear("03 05 00");
@@ -367,7 +367,7 @@ TEST(SnClient, AConnackThatNothingAskedForIsIgnored) {
   EXPECT_TRUE(robot.sent().empty());
 }
 
-TEST(SnClient, SleepsAndAsksForWhatWaits) {
+TEST(SnClient, FetchesQueuedMessagesWhileItSleeps) {
   SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS1}});
   robot.get_ready();
   EXPECT_TRUE(slam_sn_sleep(&robot.client, robot.now, 300));
@@ -388,7 +388,7 @@ TEST(SnClient, SleepsAndAsksForWhatWaits) {
   EXPECT_EQ(robot.client.lost, 0U);
 }
 
-TEST(SnClient, WakesIntoItsSession) {
+TEST(SnClient, ResumesItsSessionWhenItWakes) {
   SnRobot robot;
   robot.get_ready();
   EXPECT_TRUE(slam_sn_sleep(&robot.client, robot.now, 10));
@@ -401,7 +401,7 @@ TEST(SnClient, WakesIntoItsSession) {
 }
 
 /// The gateway repeats a message on the next connection when its answer was lost.
-TEST(SnClient, KnowsTheRepeatOfAMessageFromBeforeItsSleep) {
+TEST(SnClient, RecognizesARepeatOfAMessageFromBeforeItsSleep) {
   for (const std::string qos : {"2", "4"}) {
     SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
     robot.get_ready();
@@ -415,7 +415,7 @@ TEST(SnClient, KnowsTheRepeatOfAMessageFromBeforeItsSleep) {
   }
 }
 
-TEST(SnClient, TakesANewMessageWithTheIdOfOneFromBeforeItsSleep) {
+TEST(SnClient, AcceptsANewMessageWithAnIdFromBeforeItsSleep) {
   SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
   robot.get_ready();
   EXPECT_EQ(robot.hear("09 0c 40 00 05 00 01 68 69").kind, SLAM_SN_MESSAGE);
@@ -425,7 +425,7 @@ TEST(SnClient, TakesANewMessageWithTheIdOfOneFromBeforeItsSleep) {
       << "of a gateway that has lost the session";
 }
 
-TEST(SnClient, AsksAgainForATopicThatAGatewayHasNoRoomFor) {
+TEST(SnClient, RegistersATopicAgainAfterACongestedRegack) {
   SnRobot robot({{"a/b", 0, 0}, {"a/c", 0, SLAM_SN_SUBSCRIBE}});
   robot.start();
   robot.sent();
@@ -464,7 +464,7 @@ TEST(SnClient, PublishesWhileItSleeps) {
   EXPECT_EQ(robot.client.state, SLAM_SN_ASLEEP);
 }
 
-TEST(SnClient, Leaves) {
+TEST(SnClient, DisconnectsAndCanConnectAgain) {
   SnRobot robot;
   robot.get_ready();
   slam_sn_disconnect(&robot.client, robot.now);
@@ -496,7 +496,7 @@ TEST(SnClient, WritesAndReadsTheThreeOctetLength) {
   EXPECT_EQ(robot.hear("01 00 09 0c 00 00 06 00 00").kind, SLAM_SN_MESSAGE);
 }
 
-TEST(SnClient, IgnoresWhatIsInvalid) {
+TEST(SnClient, IgnoresAndCountsInvalidDatagrams) {
   for (const bool is_ready : {false, true}) {
     SnRobot robot;
     is_ready ? robot.get_ready() : robot.start();
@@ -511,7 +511,7 @@ TEST(SnClient, IgnoresWhatIsInvalid) {
   }
 }
 
-TEST(SnClient, IgnoresWhatOnlyClientsSay) {
+TEST(SnClient, IgnoresMessagesThatOnlyClientsSend) {
   SnRobot robot;
   robot.get_ready();
   for (const auto& vector : mqttsn::message_vectors) {
@@ -548,7 +548,7 @@ TEST(SnClient, RefusesInvalidSettings) {
       is_valid([](SnRobot& robot) { robot.settings.topic_count = SLAM_SN_MAX_TOPICS + 1; }));
 }
 
-TEST(SnClient, IsTheSameInC99WithBoundsOfItsOwn) {
+TEST(SnClient, EncodesTheSameConnectInC99WithSmallerBounds) {
   Bytes out(16);
   out.resize(c99_connect(out.data(), out.size()));
   EXPECT_EQ(to_hex(out), vector_named("CONNECT-clean-60s-r1"));
