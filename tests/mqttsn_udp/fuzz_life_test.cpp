@@ -15,7 +15,7 @@ void add_datagram(Bytes& script, std::uint8_t from, const Packet& packet) {
   script.insert(script.end(), octets.begin() + 1, octets.end());
 }
 
-TEST(SnGateway, R10_HoldsItsInvariantsInRandomLives) {
+TEST(SnGateway, R10_KeepsItsInvariantsForRandomInput) {
   std::mt19937 random(10);
   const auto octet = [&] { return static_cast<std::uint8_t>(random()); };
   for (int life = 0; life < 60; ++life) {

@@ -101,7 +101,7 @@ TEST(Commands, AllArriveWithinSecondsOverALossyRadio) {
   EXPECT_LE(delays.back(), seconds(10));
 }
 
-TEST(Commands, AreNotRepeatedToAClientThatNeedsItsTime) {
+TEST(Commands, AreNotRepeatedToASlowClient) {
   // Nordic's sleepy end device polls once a second, another takes three seconds for each answer.
   for (const Duration round_trip : {milliseconds(1050), milliseconds(3000)}) {
     LossyLink link(1, 0, round_trip);
@@ -119,7 +119,7 @@ TEST(Commands, AreNotRepeatedToAClientThatNeedsItsTime) {
   }
 }
 
-TEST(Commands, AreRepeatedNoLaterThanConfigured) {
+TEST(Commands, AreRepeatedRetryCountTimes) {
   Settings settings;
   settings.retry_interval = seconds(1);
   SnRig rig(settings);

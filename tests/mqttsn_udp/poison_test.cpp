@@ -92,7 +92,7 @@ TEST(SnGateway, R57_RefusesTopicsWithMoreLevelsThanBrokersTake) {
   EXPECT_EQ(rig.last_to(1), "REGACK id=0 msg=8 code=3");
 }
 
-TEST(SnGateway, R62_RefusesPoisonInTheTwoOctetsOfAShortName) {
+TEST(SnGateway, R62_RefusesInvalidTextInAShortTopicName) {
   SnRig rig({}, {}, {"#"}, {"#"});
   rig.connect(1, "r1");
   rig.send(1, Publish{false, WireQos::one, false, TopicIdType::short_name, 0xc285, 7, {}});

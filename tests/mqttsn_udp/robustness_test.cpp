@@ -42,7 +42,7 @@ TEST(SnGateway, R134_DoesNotRepeatAnswersByItself) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, R135_TakesLateSecondAnswersCalmly) {
+TEST(SnGateway, R135_IgnoresRepeatedAnswers) {
   ConnectedRig rig(true, 6000);
   rig.subscribe(1, "a/+", 2);
   rig.broker("a/x", "1", 2);
@@ -74,7 +74,7 @@ TEST(SnGateway, R136_UsesTheConfiguredTimers) {
   EXPECT_EQ(rig.multicasts, Lines{"ADVERTISE gw=1 duration=1000"});
 }
 
-TEST(SnGateway, R137_TakesEveryRequestTwiceWithTheSameResult) {
+TEST(SnGateway, R137_AnswersEveryRepeatedRequestTheSame) {
   ConnectedRig rig;
   rig.register_topic(1, own_topic);
   Publish qos1{false, WireQos::one, false, TopicIdType::normal, 1, 5, to_bytes("x")};
@@ -95,7 +95,7 @@ TEST(SnGateway, R137_TakesEveryRequestTwiceWithTheSameResult) {
   EXPECT_EQ(rig.subscribes.size(), 1U);
 }
 
-TEST(SnGateway, R138_SaysCongestionWhereConfigured) {
+TEST(SnGateway, R138_AnswersCongestionWhereConfigured) {
   Settings settings;
   settings.when_full = WhenFull::reject;
   settings.max_clients = 1;
@@ -110,7 +110,7 @@ TEST(SnGateway, R138_SaysCongestionWhereConfigured) {
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=2 code=1");
 }
 
-TEST(SnGateway, R139_TellsClientsBehindAForwarderByTheirNode) {
+TEST(SnGateway, R139_DistinguishesClientsBehindAForwarderByNodeId) {
   SnRig rig;
   rig.send_octets(1, hex("05 fe 00 0a 0b 08 04 04 01 00 3c 72 31"));
   EXPECT_EQ(to_hex(rig.datagrams.back().bytes), "05fe000a0b030500");
@@ -156,7 +156,7 @@ TEST(SnGateway, R142_DropsBrokenEncapsulation) {
   EXPECT_EQ(rig.counter("malformed"), 5U);
 }
 
-TEST(SnGateway, R143_TakesForwardersOnlyWhereAllowed) {
+TEST(SnGateway, R143_AcceptsForwardersOnlyWhereAllowed) {
   Settings settings;
   settings.forwarders = false;
   SnRig rig(settings);
@@ -218,7 +218,7 @@ TEST(SnGateway, R147_NeverLetsOneClientWaitForAnother) {
   EXPECT_EQ(rig.sent_to(2).size(), 3U);
 }
 
-TEST(SnGateway, TakesNewNamesAndRulesWithoutDroppingSessions) {
+TEST(SnGateway, AppliesNewNamesAndRulesWithoutDroppingSessions) {
   ConnectedRig rig;
   rig.connect(2, "r2");
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");

@@ -7,7 +7,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-TEST(SnGateway, LeadsARobotFromDiscoveryToLoss) {
+TEST(SnGateway, ServesARobotFromDiscoveryToLoss) {
   SnRig rig;
   rig.send(1, SearchGw{1});
   EXPECT_EQ(rig.last_to(1), "GWINFO gw=1 address=");

@@ -12,7 +12,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST(ClientReport, HasARowForEachClientByRobot) {
+TEST(ClientReport, HasARowForEachClientSortedByRobot) {
   SnRig rig;
   EXPECT_TRUE(rig.gateway.report({}, rig.now).empty());
   rig.connect(2, "tank", false);
@@ -29,7 +29,7 @@ TEST(ClientReport, HasARowForEachClientByRobot) {
   EXPECT_FALSE(rows[1].contains("sleep_s"));
 }
 
-TEST(ClientReport, TellsAllOfOneSession) {
+TEST(ClientReport, ListsTheTopicsOfOneSession) {
   SnRig rig;
   rig.connect(1, "tank", false);
   rig.send(1, Register{0, 1, "ntnu-slam/robot/tank/adv"});

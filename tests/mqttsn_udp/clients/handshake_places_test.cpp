@@ -34,7 +34,7 @@ class HandshakePlaces : public testing::Test {
   TimePoint now{std::chrono::hours(1)};
 };
 
-TEST_F(HandshakePlaces, AreBoundedAtAnAddress) {
+TEST_F(HandshakePlaces, AreBoundedForEachAddress) {
   for (unsigned port = 0; port < 1000; ++port) {
     const auto gone = add(endpoint(1, 1, port));
     ASSERT_EQ(gone.has_value(), port >= limits::max_dtls_handshakes_of_address);
@@ -45,7 +45,7 @@ TEST_F(HandshakePlaces, AreBoundedAtAnAddress) {
   EXPECT_EQ(under_way.size(), limits::max_dtls_handshakes_of_address);
 }
 
-TEST_F(HandshakePlaces, OfARobotAreLeftByAFloodFromItsOwnNetwork) {
+TEST_F(HandshakePlaces, KeepARobotsHandshakeDuringAFloodFromItsNetwork) {
   const Endpoint robot = endpoint(1, 0xffff, 1);
   EXPECT_FALSE(add(robot));
   for (unsigned i = 0; i < 2000; ++i)
@@ -53,7 +53,7 @@ TEST_F(HandshakePlaces, OfARobotAreLeftByAFloodFromItsOwnNetwork) {
   EXPECT_EQ(under_way.size(), limits::max_dtls_handshakes_of_network);
 }
 
-TEST_F(HandshakePlaces, OfAllNetworksAreBounded) {
+TEST_F(HandshakePlaces, AreBoundedForAllNetworksTogether) {
   const Endpoint robot = endpoint(0x100, 1, 1);
   EXPECT_FALSE(add(robot));
   for (unsigned i = 0; i < 2000; ++i) {
@@ -63,7 +63,7 @@ TEST_F(HandshakePlaces, OfAllNetworksAreBounded) {
   EXPECT_TRUE(under_way.contains(robot));
 }
 
-TEST_F(HandshakePlaces, EndWithTime) {
+TEST_F(HandshakePlaces, ExpireAfterTheTimeLimit) {
   add(endpoint(1, 1, 1));
   const TimePoint end = now + limits::dtls_handshake_patience;
   now += std::chrono::seconds(1);

@@ -39,7 +39,7 @@ double taken_of_charged(const std::function<std::string(unsigned)>& filter_of) {
   return after < before ? 0 : static_cast<double>(after - before) / static_cast<double>(charged);
 }
 
-TEST(NameBudget, ChargesFiltersForWhatTheyTake) {
+TEST(NameBudget, ChargesFiltersForTheirMemory) {
   const double ordinary =
       taken_of_charged([](unsigned i) { return "a/robot-" + std::to_string(i) + "/+"; });
   if (ordinary == 0) GTEST_SKIP() << "the allocator of this build counts nothing";

@@ -35,7 +35,7 @@ void restart(SnRig& before, SnRig& after) {
   after.broker_link(true);  // drains what restoring left
 }
 
-TEST(SnGateway, R47_GoesOnAfterARestartAsIfNothingHadHappened) {
+TEST(SnGateway, R47_RestoresTopicsSubscriptionsAndWillAfterARestart) {
   SnRig before;
   before.send(1, Connect{true, true, 1, 60, "r1"});
   before.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
@@ -66,7 +66,7 @@ constexpr std::size_t long_name = 20'000;
 
 /// Of the clients that fill the room together one that took its part in time has it after a
 /// restart, whatever its name.
-TEST(SnGateway, RestoresEveryFilterThatStoodTogether) {
+TEST(SnGateway, RestoresEveryFilterThatFittedBeforeARestart) {
   SnRig before;
   before.connect(1, "zz", false);
   for (int i = 0; i < 8; ++i) before.subscribe(1, "a/" + std::to_string(i), 1);
@@ -102,7 +102,7 @@ TEST(SnGateway, RestoresEveryFilterThatStoodTogether) {
 }
 
 /// As an earlier version has kept them, which let each client have them.
-TEST(SnGateway, RestoresNoMoreFiltersThanMayStandTogether) {
+TEST(SnGateway, RestoresNoMoreFiltersThanTheSharedBound) {
   constexpr std::size_t clients = 45;
   SnRig before;
   before.connect(1, "c", false);
@@ -137,7 +137,7 @@ TEST(SnGateway, RestoresNoMoreFiltersThanMayStandTogether) {
       << after.notices.back().text;
 }
 
-TEST(SnGateway, TellsWhichKeptSubscriptionIsNoLongerAllowed) {
+TEST(SnGateway, ReportsKeptSubscriptionsThatAreNoLongerAllowed) {
   SnRig before;
   before.connect(1, "c", false);
   SessionSnapshot kept = before.gateway.snapshot("c", before.now).value();
@@ -167,7 +167,7 @@ void leave_two_commands(SnRig& before) {
   before.gateway.set_all_dirty();
 }
 
-TEST(SnGateway, TellsTheOutcomesOfCommandsThatWereUnderWayAtARestart) {
+TEST(SnGateway, ReportsOutcomesOfCommandsUnderWayAtARestart) {
   SnRig before, after;
   leave_two_commands(before);
   restart(before, after);
@@ -184,7 +184,7 @@ TEST(SnGateway, TellsTheOutcomesOfCommandsThatWereUnderWayAtARestart) {
   }
 }
 
-TEST(SnGateway, DoesNotGiveACommandMoreTimeBecauseOfARestart) {
+TEST(SnGateway, KeepsTheTimeoutOfACommandOverARestart) {
   SnRig before, after;
   leave_two_commands(before);
   restart(before, after);
@@ -199,7 +199,7 @@ TEST(SnGateway, DoesNotGiveACommandMoreTimeBecauseOfARestart) {
   EXPECT_EQ(after.outcomes.size(), 3U) << "in the order in which they came";
 }
 
-TEST(SnGateway, CountsTheTimeThatItWasAwayForCommandsToo) {
+TEST(SnGateway, CountsItsDowntimeTowardsTheTimeoutOfCommands) {
   for (const bool is_rebooted : {false, true}) {
     SnRig before, after;
     leave_two_commands(before);
@@ -216,7 +216,7 @@ TEST(SnGateway, CountsTheTimeThatItWasAwayForCommandsToo) {
   }
 }
 
-TEST(SnGateway, RefusesTheCommandsOfASessionThatCannotGoOn) {
+TEST(SnGateway, RefusesCommandsOfASessionThatCannotBeRestored) {
   SnRig before;
   leave_two_commands(before);
   const auto snapshot = *before.gateway.snapshot("r1", before.now);
@@ -229,7 +229,7 @@ TEST(SnGateway, RefusesTheCommandsOfASessionThatCannotGoOn) {
   EXPECT_EQ(after.outcomes[1].result, CommandResult::refused);
 }
 
-TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
+TEST(SnGateway, DropsDamagedCommandsAndBoundsTheirAgeAtARestore) {
   SnRig before;
   leave_two_commands(before);
   auto snapshot = *before.gateway.snapshot("r1", before.now);
@@ -243,7 +243,7 @@ TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
 }
 
 /// In a fleet another gateway has told the outcome by then, and this one must see that.
-TEST(SnGateway, TellsTheWholeAgeOfACommandThatItFindsLate) {
+TEST(SnGateway, ReportsTheFullAgeOfACommandRestoredLate) {
   SnRig before, after;
   leave_two_commands(before);
   const auto snapshot = *before.gateway.snapshot("r1", before.now);
@@ -256,7 +256,7 @@ TEST(SnGateway, TellsTheWholeAgeOfACommandThatItFindsLate) {
   EXPECT_GE(after.outcomes[0].after, std::chrono::minutes(5));
 }
 
-TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
+TEST(SnGateway, ReportsNoOutcomeAgainAfterARestart) {
   SnRig before, after;
   leave_two_commands(before);
   std::map<std::string, Bytes> taken;
@@ -269,7 +269,7 @@ TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
   EXPECT_TRUE(after.outcomes.empty());
 }
 
-TEST(SnGateway, ReleasesNoCommandAfterARestartThatHasTimedOut) {
+TEST(SnGateway, SendsNoPubrelForATimedOutCommandAfterARestart) {
   SnRig before;
   before.connect(1, "r1", false, 6000);
   before.subscribe(1, cmd_topic, 2);
@@ -283,7 +283,7 @@ TEST(SnGateway, ReleasesNoCommandAfterARestartThatHasTimedOut) {
   EXPECT_TRUE(after.is_silent(1)) << "no PUBREL";
 }
 
-TEST(SnGateway, TellsNoRefusalAgainAfterARestart) {
+TEST(SnGateway, ReportsNoRefusalAgainAfterARestart) {
   SnRig before, after;
   before.connect(1, "r1", false, 6000);
   before.subscribe(1, "ntnu-slam/server/r1/+", 1);
@@ -299,7 +299,7 @@ TEST(SnGateway, TellsNoRefusalAgainAfterARestart) {
   EXPECT_TRUE(after.outcomes.empty());
 }
 
-TEST(SnGateway, KeepsAtItsEndWhatASleeperHadQueuedWhileItWasActive) {
+TEST(SnGateway, KeepsTheWholeQueueOfASleeperAtShutdown) {
   Settings settings;
   settings.max_sleeping_messages = 2;
   ConnectedRig rig(settings);
@@ -312,7 +312,7 @@ TEST(SnGateway, KeepsAtItsEndWhatASleeperHadQueuedWhileItWasActive) {
   EXPECT_EQ(queued, 10U);
 }
 
-TEST(SnGateway, RefusesAtItsEndWhatWaitsForARegistrationOrComesLater) {
+TEST(SnGateway, RefusesUnregisteredAndLateCommandsAtShutdown) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
   rig.broker(cmd_topic, "unregistered", 0);
@@ -324,7 +324,7 @@ TEST(SnGateway, RefusesAtItsEndWhatWaitsForARegistrationOrComesLater) {
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
-TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
+TEST(SnGateway, RefusesQos0CommandsOfASleeperAtShutdown) {
   ConnectedRig rig;
   rig.subscribe(1, cmd_topic, 1);
   rig.sleep(1, 300);
@@ -336,7 +336,7 @@ TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
 }
 
-TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
+TEST(SnGateway, R47_DeliversInFlightAndQueuedMessagesAfterARestart) {
   ConnectedRig before(false);
   before.subscribe(1, "a/x", 2);
   before.broker("a/x", "1", 2);
@@ -352,7 +352,7 @@ TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
   EXPECT_EQ(after.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
+TEST(SnGateway, R47_RecognizesARepeatedQos2MessageAfterARestart) {
   ConnectedRig before(false);
   const auto id = before.register_topic(1, own_topic);
   before.publish(1, id, 2, 7);
@@ -364,7 +364,7 @@ TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
   EXPECT_EQ(after.last_to(1), "PUBREC msg=7");
 }
 
-TEST(SnGateway, R75_GoesOnOverARestartWithAClientThatSendsNoPubrel) {
+TEST(SnGateway, R75_ServesAClientWithoutPubrelOverARestart) {
   ConnectedRig before(false);
   const auto topic = before.register_topic(1, own_topic);
   const auto publish = [&](SnRig& rig, std::uint16_t msg_id) {
@@ -383,7 +383,7 @@ TEST(SnGateway, R75_GoesOnOverARestartWithAClientThatSendsNoPubrel) {
   EXPECT_EQ(after.reports.size(), many) << "those from before the restart have gone first";
 }
 
-TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
+TEST(SnGateway, R76_RecognizesRepeatsAfterARestart) {
   ConnectedRig before;
   const auto id = before.register_topic(1, own_topic);
   before.publish(1, id, 1, 7, "step");
@@ -401,7 +401,7 @@ TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
 }
 
 /// Its PUBACK was lost right after the restart, and the client repeats without DUP a second later.
-TEST(SnGateway, R76_StillKnowsAfterARestartThatAClientCountsItsMsgIds) {
+TEST(SnGateway, R76_RemembersOverARestartThatAClientCountsMsgIds) {
   ConnectedRig before;
   const auto id = before.register_topic(1, own_topic);
   before.gateway.take_changed(1000);
@@ -434,7 +434,7 @@ TEST(SnGateway, R85_RegistersTheNameOfAMessageForAKeptShortWildcard) {
 
 /// A message that came after the snapshot had the next MsgId. The robot may hold this MsgId until a
 /// PUBREL that was lost.
-TEST(SnGateway, R90_UsesNoMsgIdAgainAfterACrash) {
+TEST(SnGateway, R90_ReusesNoMsgIdAfterACrash) {
   ConnectedRig before(false);
   before.subscribe(1, "a/x", 2);
   before.sent_to(1);
@@ -459,7 +459,7 @@ TEST(SnGateway, R90_UsesNoMsgIdAgainAfterACrash) {
   EXPECT_EQ(first_after(kept), "PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=256 data=6869");
 }
 
-TEST(SnGateway, R76_KnowsARepetitionAfterACrashIfTheClientSendsSeldom) {
+TEST(SnGateway, R76_RecognizesARepeatAfterACrashIfTheClientSendsRarely) {
   SnRig before;
   before.prove(1, "r1");
   const auto id = before.register_topic(1, own_topic);
@@ -486,7 +486,7 @@ TEST(SnGateway, R76_KnowsARepetitionAfterACrashIfTheClientSendsSeldom) {
   EXPECT_TRUE(before.gateway.has_changed());
 }
 
-TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
+TEST(SnGateway, R47_RestoresSleepingAndDisconnectedClients) {
   ConnectedRig before;
   before.subscribe(1, "a/x", 1);
   before.sleep(1, 100);
@@ -503,7 +503,7 @@ TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
   EXPECT_EQ(after.sent_to(1).size(), 1U);
 }
 
-TEST(SnGateway, R113_LetsALostSleeperSleepOnAfterARestart) {
+TEST(SnGateway, R113_RevivesALostSleeperByItsPingreqAfterARestart) {
   ConnectedRig before(false);
   before.sleep(1, 100);
   before.pass_s(151);
@@ -515,7 +515,7 @@ TEST(SnGateway, R113_LetsALostSleeperSleepOnAfterARestart) {
   EXPECT_EQ(after.gateway.presence_of("r1"), Presence::asleep);
 }
 
-TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
+TEST(SnGateway, ListsOnlyChangedSessionsForSaving) {
   ConnectedRig rig;
   rig.connect(2, "r2");
   EXPECT_EQ(rig.gateway.take_changed(1000), (Lines{"r1", "r2"}));
@@ -528,7 +528,7 @@ TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
   EXPECT_FALSE(rig.gateway.snapshot("r1", TimePoint{})) << "a clean session is gone";
 }
 
-TEST(SnGateway, TakesSomeOfTheChangedSessionsAtATime) {
+TEST(SnGateway, ListsChangedSessionsInBatches) {
   SnRig rig;
   for (unsigned n = 0; n < 5; ++n) rig.connect(n, "r" + std::to_string(n));
   EXPECT_EQ(rig.gateway.take_changed(3).size(), 3U);
@@ -589,7 +589,7 @@ constexpr std::string_view whole_record =
     "706f727419b8596573636f706503646e6f6465420aff686964656e74697479656e72662d37ff6477696c6cbf"
     "65746f70696363772f78676d6573736167654362796563716f73016672657461696ef5ffff";
 
-TEST(SessionCodec, WritesAndReadsTheOctetsOfARelease) {
+TEST(SessionCodec, WritesAndReadsTheFormatOfVersion010) {
   EXPECT_EQ(to_hex(encode_session(whole_session())), whole_record);
   const auto read = decode_session(*from_hex(whole_record));
   ASSERT_TRUE(read);
@@ -597,7 +597,7 @@ TEST(SessionCodec, WritesAndReadsTheOctetsOfARelease) {
 }
 
 /// Whatever became of the octets, restoring them harms nothing.
-TEST(SessionCodec, SurvivesDamage) {
+TEST(SessionCodec, RejectsOrRestoresDamagedRecordsSafely) {
   SnRig before;
   before.send(1, Connect{true, false, 1, 60, "r1"});
   before.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
@@ -627,7 +627,7 @@ TEST(SessionCodec, SurvivesDamage) {
 }
 
 /// A client that may write under another gateway's name at the broker can send it.
-TEST(SessionCodec, SurvivesWhatIsNestedWithoutEnd) {
+TEST(SessionCodec, RejectsDeeplyNestedRecords) {
   constexpr std::size_t octets = 130'000;
   for (const std::uint8_t head :
        std::initializer_list<std::uint8_t>{0x9f, 0xbf, 0x7f, 0x5f, 0x81, 0xa1, 0xc1, 0xd8}) {
@@ -649,7 +649,7 @@ TEST(SessionCodec, RefusesLengthsBeyondTheOctets) {
   EXPECT_FALSE(decode_session({}));
 }
 
-TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
+TEST(SnGateway, UnsubscribesRestoredFiltersThatAreNoLongerAllowed) {
   ConnectedRig before;
   before.subscribe(1, "a/x", 1);
   auto snapshot = *before.gateway.snapshot("r1", before.now);
@@ -662,7 +662,7 @@ TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
   EXPECT_EQ(after.unsubscribes[0].filter, "ntnu-slam/server/r2/cmd");
 }
 
-TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
+TEST(SnGateway, RestoresNoSessionUnderATakenName) {
   ConnectedRig before;
   const auto snapshot = before.gateway.snapshot("r1", TimePoint{});
   ASSERT_TRUE(snapshot);

@@ -39,7 +39,7 @@ class UnsavedAnswers : public testing::Test {
   SnRig rig;
 };
 
-TEST_F(UnsavedAnswers, WaitForTheirSessions) {
+TEST_F(UnsavedAnswers, WaitUntilTheirSessionIsSaved) {
   Subscribe subscribe;
   subscribe.msg_id = 2;
   subscribe.topic_name = "ntnu-slam/server/r1/cmd";
@@ -67,7 +67,7 @@ TEST_F(UnsavedAnswers, WaitForTheirSessions) {
   EXPECT_EQ(rig.counter("answered_unsaved"), 0U);
 }
 
-TEST_F(UnsavedAnswers, ShareASaveWithAllThatCameBeforeIt) {
+TEST_F(UnsavedAnswers, LeaveTogetherAfterOneSave) {
   for (unsigned n = 1; n <= 3; ++n)
     rig.send(n, Connect{false, true, protocol_id, 60, "r" + std::to_string(n)});
   EXPECT_EQ(begin_save(), (Lines{"r1", "r2", "r3"}));
@@ -79,7 +79,7 @@ TEST_F(UnsavedAnswers, ShareASaveWithAllThatCameBeforeIt) {
   EXPECT_EQ(rig.last_to(4), "CONNACK code=0");
 }
 
-TEST_F(UnsavedAnswers, AreNotOvertakenByWhatTheClientIsSentLater) {
+TEST_F(UnsavedAnswers, AreNotOvertakenByLaterMessagesToTheClient) {
   connect_and_save(1, "r1");
   connect_and_save(2, "r2");
   Subscribe subscribe;
@@ -114,7 +114,7 @@ TEST_F(UnsavedAnswers, KeepTheirOrderOverTwoSaves) {
   EXPECT_EQ(sent[1], "PINGRESP");
 }
 
-TEST_F(UnsavedAnswers, HoldBackNothingThatPromisesNothing) {
+TEST_F(UnsavedAnswers, DelayNoRefusalPingrespOrDisconnect) {
   connect_and_save(1, "r1");
   rig.send(1, Register{0, 1, "nowhere/x"});
   EXPECT_TRUE(rig.last_to(1).ends_with("code=3")) << "refused";
@@ -124,7 +124,7 @@ TEST_F(UnsavedAnswers, HoldBackNothingThatPromisesNothing) {
   EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "a stranger has no session";
 }
 
-TEST_F(UnsavedAnswers, GoOutWhenTheStoreFailsAndWaitAgainWhenItWorks) {
+TEST_F(UnsavedAnswers, LeaveUnsavedOnlyWhileTheStoreFails) {
   rig.send(1, Connect{false, true, protocol_id, 60, "r1"});
   begin_save();
   rig.send(2, Connect{false, true, protocol_id, 60, "r2"});
@@ -171,13 +171,13 @@ TEST_F(UnsavedAnswers, IncludeTheGatewaysOwnRegister) {
   EXPECT_TRUE(rig.last_to(1).starts_with("REGISTER"));
 }
 
-TEST_F(UnsavedAnswers, WaitForNothingWithoutAStore) {
+TEST_F(UnsavedAnswers, LeaveAtOnceWithoutAStore) {
   SnRig without;
   without.send(1, Connect{false, true, protocol_id, 60, "r1"});
   EXPECT_EQ(without.last_to(1), "CONNACK code=0");
 }
 
-TEST_F(UnsavedAnswers, AreBounded) {
+TEST_F(UnsavedAnswers, LeaveUnsavedWhenTheirQueueIsFull) {
   connect_and_save(1, "r1");
   rig.send(1, Register{0, 1, own_topic});
   begin_save();
@@ -190,7 +190,7 @@ TEST_F(UnsavedAnswers, AreBounded) {
   EXPECT_EQ(rig.counter("answered_unsaved"), limits::max_unsaved_answers);
 }
 
-TEST_F(UnsavedAnswers, AreSavedInBoundedNumbers) {
+TEST_F(UnsavedAnswers, AreSavedInBoundedBatches) {
   constexpr unsigned clients = 2 * limits::max_sessions_for_answers + 1;
   for (unsigned n = 1; n <= clients; ++n)
     rig.send(n, Connect{false, true, protocol_id, 60, "r" + std::to_string(n)});
@@ -207,7 +207,7 @@ TEST_F(UnsavedAnswers, AreSavedInBoundedNumbers) {
 }
 
 /// `mqttsn.max_clients` may be far above the number of ended sessions that wait for the disk.
-TEST(ChangedSessions, HaveRoomForAllClients) {
+TEST(ChangedSessions, HaveRoomForAllClientsAndABoundedRest) {
   constexpr std::size_t clients = limits::max_changed;
   ChangedSessions changed(clients);
   ClientSession session;

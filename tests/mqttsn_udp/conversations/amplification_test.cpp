@@ -81,14 +81,14 @@ TEST(Amplification, AsksForTheWillOnceForEachConnect) {
   EXPECT_EQ(victim.datagrams(), 2U) << "a client that lost it asks again";
 }
 
-TEST(Amplification, RefusedConnectsAreCountedByTheFloodGuard) {
+TEST(Amplification, FloodGuardLimitsAnswersToRefusedConnects) {
   Victim victim;
   for (int i = 0; i < 1000; ++i) victim.send(Connect{false, true, 1, 60, "no/level"});
   EXPECT_EQ(victim.datagrams(), limits::stranger_burst);
   EXPECT_EQ(victim.rig.counter("unanswered"), 1000U - limits::stranger_burst);
 }
 
-TEST(Amplification, AStreamToAnAddressThatNeverAnsweredEnds) {
+TEST(Amplification, EndsAStreamToAnAddressThatNeverAnswers) {
   for (const WireQos qos : {WireQos::zero, WireQos::one}) {
     Victim victim;
     victim.send(Connect{false, true, 1, 0xffff, "somebody"});
@@ -103,7 +103,7 @@ TEST(Amplification, AStreamToAnAddressThatNeverAnsweredEnds) {
   }
 }
 
-TEST(Amplification, AListenerThatAnswersGetsEverything) {
+TEST(Amplification, DeliversEverythingToAListenerThatAnswers) {
   for (const WireQos qos : {WireQos::zero, WireQos::one}) {
     for (const char* id : {"r", "mqtt-sn-tools-12345"}) {
       Victim client;
@@ -121,7 +121,7 @@ TEST(Amplification, AListenerThatAnswersGetsEverything) {
   }
 }
 
-TEST(Amplification, ALongMessageForAnExactTopicComesAfterAProbe) {
+TEST(Amplification, SendsALongMessageOnlyAfterAProbe) {
   Victim client;
   client.send(Connect{false, true, 1, 60, "r1"});
   client.subscribe("ntnu-slam/server/r1/map", WireQos::zero);
@@ -137,7 +137,7 @@ TEST(Amplification, ALongMessageForAnExactTopicComesAfterAProbe) {
   EXPECT_EQ(client.rig.outcomes[0].result, CommandResult::sent);
 }
 
-TEST(Amplification, GuessedAcknowledgementsProveNothing) {
+TEST(Amplification, RejectsGuessedAcknowledgementsAsProof) {
   Victim victim;
   victim.send(Connect{false, true, 1, 0xffff, "somebody"});
   victim.subscribe(all_robots);
@@ -150,7 +150,7 @@ TEST(Amplification, GuessedAcknowledgementsProveNothing) {
   EXPECT_LT(victim.out(), 3 * victim.in);
 }
 
-TEST(Amplification, AKnownSequenceOfMsgIdsProvesNothingForAnotherAddress) {
+TEST(Amplification, RejectsMsgIdsGuessedFromAnotherAddressAsProof) {
   Victim attack;
   SnRig& rig = attack.rig;
   const auto own = [&](const Packet& packet) { rig.send(2, packet); };  // the attacker's address
@@ -226,7 +226,7 @@ void publish_something(SnRig& rig, std::mt19937_64& random) {
 }
 
 /// The attacker forges datagrams of two victims, so that sessions move between them as well.
-TEST(Amplification, NoRandomSequenceGetsThreeTimesTheOctetsThatItSends) {
+TEST(Amplification, SendsLessThanThreeTimesTheOctetsOfARandomSequence) {
   std::size_t published = 0;
   Settings settings;
   settings.forwarders = true;
@@ -266,7 +266,7 @@ TEST(Amplification, NoRandomSequenceGetsThreeTimesTheOctetsThatItSends) {
 }
 
 /// A PINGREQ can be forged as easily as the CONNECT that gave the id.
-TEST(Amplification, PingsWithTheClientIdAreNoProof) {
+TEST(Amplification, RejectsPingsWithTheClientIdAsProof) {
   for (const WireQos qos : {WireQos::zero, WireQos::one}) {
     Victim victim;
     victim.send(Connect{false, true, 1, 0xffff, "somebody"});
@@ -283,7 +283,7 @@ TEST(Amplification, PingsWithTheClientIdAreNoProof) {
 }
 
 /// As many clients do that use predefined ids only.
-TEST(Amplification, AListenerThatIgnoresRegisterAndPingsByNameGoesOnAtQos0) {
+TEST(Amplification, SendsMoreQos0ToAListenerThatPingsByName) {
   for (const bool pings_by_name : {true, false}) {
     Victim client;
     client.send(Connect{false, true, 1, 60, "r1"});
@@ -304,7 +304,7 @@ TEST(Amplification, AListenerThatIgnoresRegisterAndPingsByNameGoesOnAtQos0) {
   }
 }
 
-TEST(Amplification, ARestoredSessionThatHadAnsweredNeedsNoNewProof) {
+TEST(Amplification, NeedsNoNewProofOfARestoredSession) {
   Victim client;
   client.send(Connect{false, false, 1, 60, "r1"});
   client.subscribe(all_robots, WireQos::one);
@@ -322,7 +322,7 @@ TEST(Amplification, ARestoredSessionThatHadAnsweredNeedsNoNewProof) {
   EXPECT_TRUE(std::holds_alternative<Publish>(*decode(after.rig.datagrams[0].bytes)));
 }
 
-TEST(Amplification, ARestartKeepsWhatMayBeSent) {
+TEST(Amplification, KeepsTheSendAllowanceOverARestart) {
   Victim client;
   client.send(Connect{false, true, 1, 60, "r1"});
   client.subscribe("ntnu-slam/server/r1/cmd");

@@ -64,7 +64,7 @@ TEST(SnGateway, R27_GivesUpAnUnfinishedHandshakeQuietly) {
   EXPECT_EQ(rig.last_to(1), "PINGRESP") << "the session is as before";
 }
 
-TEST(SnGateway, R28_BeginsAgainOnARepeatedConnect) {
+TEST(SnGateway, R28_RestartsTheHandshakeOnARepeatedConnect) {
   SnRig rig;
   rig.send(1, with_will("r1"));
   rig.send(1, WillTopic{WireQos::zero, false, own_topic});
@@ -77,7 +77,7 @@ TEST(SnGateway, R28_BeginsAgainOnARepeatedConnect) {
   EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
 }
 
-TEST(SnGateway, R29_EndsTheHandshakeOnAnythingElse) {
+TEST(SnGateway, R29_EndsTheHandshakeOnAnyOtherMessage) {
   Subscribe subscribe;
   subscribe.topic_name = "a/x";
   for (const Packet& packet : {Packet{Register{0, 1, own_topic}}, Packet{Publish{}},
@@ -112,7 +112,7 @@ TEST(SnGateway, R31_TakesLongClientIdsAndRefusesEmptyOnes) {
   EXPECT_EQ(rig.last_to(2), "CONNACK code=3");
 }
 
-TEST(SnGateway, R32_RefusesClientIdsThatAreNoTopicLevel) {
+TEST(SnGateway, R32_RefusesClientIdsThatAreNotATopicLevel) {
   SnRig rig;
   for (const std::string& id : {std::string("a/b"), std::string("a+"), std::string("#"),
                                 std::string("a\0b", 3), std::string("\xff")}) {
@@ -155,7 +155,7 @@ TEST(SnGateway, R34_AnswersTheSameConnectAgain) {
   EXPECT_EQ(rig.presence.size(), 1U);
 }
 
-TEST(SnGateway, R35_WipesOnlyWhenSomethingElseWasHeardSince) {
+TEST(SnGateway, R35_ClearsTheSessionOnlyIfOtherMessagesCameSince) {
   ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   rig.send(1, plain("r1"));
@@ -188,7 +188,7 @@ TEST(SnGateway, R36_FollowsAClientToANewAddress) {
   EXPECT_EQ(rig.presence.back().address, "[fd00::2]:47193");
 }
 
-TEST(SnGateway, R36_KeepsACleanSessionThatMovesButNotOneThatIsOver) {
+TEST(SnGateway, R36_KeepsACleanSessionThatMovesUnlessItIsLost) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.connect(2, "r1", false);
@@ -234,7 +234,7 @@ TEST(SnGateway, R38_SupervisesADurationOfZero) {
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
 }
 
-TEST(SnGateway, R39_SendsStrangersAway) {
+TEST(SnGateway, R39_AnswersUnknownClientsWithDisconnect) {
   SnRig rig;
   Subscribe subscribe;
   subscribe.topic_name = "a/x";
@@ -265,13 +265,13 @@ TEST(SnGateway, R39_SendsStrangersAway) {
   EXPECT_TRUE(silent.is_silent(1));
 }
 
-TEST(SnGateway, R40_AnswersDisconnectFromAnybody) {
+TEST(SnGateway, R40_AnswersDisconnectFromAnyAddress) {
   SnRig rig;
   rig.send(1, Disconnect{});
   EXPECT_EQ(rig.last_to(1), "DISCONNECT plain");
 }
 
-TEST(SnGateway, R41_TakesTheDisconnectedAndLostForStrangers) {
+TEST(SnGateway, R41_TreatsDisconnectedAndLostClientsAsUnknown) {
   Settings settings;
   settings.revive_lost = false;
   SnRig rig(settings);
@@ -304,7 +304,7 @@ TEST(SnGateway, R31_RefusesTheNamesOfRobotsOnOtherMeshes) {
   EXPECT_EQ(rig.last_to(3), "CONNACK code=3");
 }
 
-TEST(SnGateway, SaysThatTooManyWillHandshakesAreOpen) {
+TEST(SnGateway, ReportsTooManyOpenWillHandshakes) {
   SnRig rig;
   for (unsigned n = 0; n <= limits::max_handshakes; ++n) {
     const std::string id = "c" + std::to_string(n);
@@ -317,7 +317,7 @@ TEST(SnGateway, SaysThatTooManyWillHandshakesAreOpen) {
       << rig.notices.back().text;
 }
 
-TEST(SnGateway, R81_NobodyPublishesForARobotOfAnotherMesh) {
+TEST(SnGateway, R81_RefusesQosMinusOneForARobotOfAnotherMesh) {
   Settings settings;
   settings.allow_unconnected_publish = true;
   const std::vector<std::string> robots = {"ble-0100", "lego-1", "on-ble", "free", "both"};
@@ -336,7 +336,7 @@ TEST(SnGateway, R81_NobodyPublishesForARobotOfAnotherMesh) {
   EXPECT_EQ(rig.counter("unconnected_refused"), 3U);
 }
 
-TEST(SnGateway, R81_NobodyPublishesForABannedRobotOrUnderAnotherRobotsClientId) {
+TEST(SnGateway, R81_RefusesQosMinusOneForBannedRobotsAndOldNames) {
   Settings settings;
   settings.allow_unconnected_publish = true;
   settings.predefined_topics = {{1, "ntnu-slam/robot/tank/adv", {}},
@@ -353,7 +353,7 @@ TEST(SnGateway, R81_NobodyPublishesForABannedRobotOrUnderAnotherRobotsClientId) 
   EXPECT_EQ(publish(1), 1U);
 }
 
-TEST(SnGateway, ARefusalNamesTheBanOfTheRobotWhoseClientConnects) {
+TEST(SnGateway, ReportsTheBanWhenABannedRobotsClientConnects) {
   SnRig rig;
   const std::vector<RobotName> names{{"lego", std::nullopt, "NRF_5"}};
   rig.gateway.reconfigure(rig.policy, RobotNames(names, Bans({"lego"})), {}, rig.now);

@@ -15,7 +15,7 @@ void contest(SnRig& rig, int times) {
   }
 }
 
-TEST(Contested, AnIdThatTwoAddressesUseInTurnsIsReported) {
+TEST(Contested, ReportsAClientIdThatTwoAddressesUseInTurns) {
   SnRig rig;
   contest(rig, 3);
   for (const PresenceChange& change : rig.presence) EXPECT_FALSE(change.is_contested);
@@ -31,7 +31,7 @@ TEST(Contested, AnIdThatTwoAddressesUseInTurnsIsReported) {
   }
 }
 
-TEST(Contested, AnIdIsNotAnyMoreWhenOneOfTheTwoHasBeenQuietForAMinute) {
+TEST(Contested, EndsWhenOneAddressIsSilentForAMinute) {
   SnRig rig;
   contest(rig, 5);
   ASSERT_TRUE(rig.presence.back().is_contested);
@@ -44,7 +44,7 @@ TEST(Contested, AnIdIsNotAnyMoreWhenOneOfTheTwoHasBeenQuietForAMinute) {
   EXPECT_EQ(rig.presence.back().presence, Presence::online);
 }
 
-TEST(Contested, ARobotThatMovesOrStartsAgainIsNoContest) {
+TEST(Contested, IgnoresARobotThatMovesOrRestarts) {
   SnRig rig;
   for (unsigned n = 1; n <= 10; ++n) {  // at ever new addresses
     rig.connect(n, "r1", true);

@@ -43,7 +43,7 @@ std::string answer_to_new(SnRig& rig, unsigned from) {
   return lines.empty() ? "nothing" : lines.back();
 }
 
-TEST(Crowd, OfOneAddressGivesWayAtOnce) {
+TEST(Crowd, EvictsUnprovenClientsOfOneAddressAtOnce) {
   for (const std::uint16_t duration_s : {std::uint16_t{1}, std::uint16_t{60000}}) {
     SnRig rig(small());
     fill(rig, 9, duration_s);
@@ -57,7 +57,7 @@ TEST(Crowd, OfOneAddressGivesWayAtOnce) {
   }
 }
 
-TEST(Crowd, OfOneNetworkGivesWayToAnother) {
+TEST(Crowd, EvictsUnprovenClientsForAnotherNetwork) {
   SnRig rig(small());
   for (unsigned i = 0; i < 120; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
   rig.send(1, SearchGw{1});
@@ -68,14 +68,14 @@ TEST(Crowd, OfOneNetworkGivesWayToAnother) {
   EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "CONNACK code=0");
 }
 
-TEST(Crowd, ThatOnlyConnectsGivesWaySoon) {
+TEST(Crowd, EvictsUnprovenClientsAfterTenSeconds) {
   SnRig rig(small());
   for (unsigned i = 0; i < 120; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
   rig.pass_s(10);
   EXPECT_EQ(answer_to_new(rig, 1), "CONNACK code=0");
 }
 
-TEST(Crowd, LeavesWhoHasAnswered) {
+TEST(Crowd, NeverEvictsConnectedClientsThatHaveAnswered) {
   SnRig rig(small());
   for (unsigned i = 0; i < 100; ++i) rig.prove(10 + i, "r" + to_string(i), 60000);
   rig.pass_s(60);
@@ -85,7 +85,7 @@ TEST(Crowd, LeavesWhoHasAnswered) {
   EXPECT_EQ(rig.counter("clients_evicted"), 0U);
 }
 
-TEST(Crowd, LeavesWhoHasAnsweredForADayAfterItHasGone) {
+TEST(Crowd, KeepsAProvenClientForADayAfterItDisconnects) {
   SnRig rig(small());
   for (unsigned i = 0; i < small().max_clients; ++i) {
     rig.prove(10 + i, "r" + to_string(i), 60000);
@@ -97,7 +97,7 @@ TEST(Crowd, LeavesWhoHasAnsweredForADayAfterItHasGone) {
   EXPECT_EQ(answer_to_new(rig, 1), "CONNACK code=0");
 }
 
-TEST(Crowd, IsNamedByTheAddressOrTheNetworkThatHasMost) {
+TEST(Crowd, ReportsTheNetworkWithMostClients) {
   SnRig rig(small());
   EXPECT_EQ(rig.gateway.places().most_unproven.clients, 0U);
   rig.prove(1, "r1", 60000);
@@ -114,7 +114,7 @@ TEST(Crowd, IsNamedByTheAddressOrTheNetworkThatHasMost) {
   EXPECT_EQ(rig.gateway.places().unproven, 19U);
 }
 
-TEST(Crowd, GivesWayAfterARestartToo) {
+TEST(Crowd, EvictsUnprovenClientsAfterARestart) {
   SnRig before(small());
   fill_nodes(before, 9, 60000);
   SnRig after(small());
@@ -126,7 +126,7 @@ TEST(Crowd, GivesWayAfterARestartToo) {
 }
 
 /// The key counts as an answer, also where the first message is out of place.
-TEST(Crowd, KeepsThePlaceOfARobotThatComesWithItsKey) {
+TEST(Crowd, KeepsThePlaceOfARobotThatProvesItsKey) {
   Settings settings;
   settings.max_clients = 1;
   SnRig rig(settings);
@@ -139,7 +139,7 @@ TEST(Crowd, KeepsThePlaceOfARobotThatComesWithItsKey) {
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
 }
 
-TEST(Crowd, OfAForgottenRobotLeavesNothing) {
+TEST(Crowd, RemovesTheSessionOfAForgottenRobot) {
   SnRig rig(small());
   rig.connect(1, "r1", false);
   rig.send(1, Disconnect{});

@@ -71,7 +71,7 @@ TEST(SnGateway, R18_TakesAnyRadius) {
   }
 }
 
-TEST(SnGateway, R20_AnswersNoSearchWhileItCouldServeNobody) {
+TEST(SnGateway, R20_IgnoresSearchesWhileItCannotServeClients) {
   Settings settings;
   settings.max_clients = 1;
   SnRig rig(settings);

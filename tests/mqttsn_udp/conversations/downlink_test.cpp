@@ -44,7 +44,7 @@ TEST(SnGateway, R96_RefusesAWildcardAsAShortTopicName) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, R86_RegistersAgainWhatTheClientHasForgotten) {
+TEST(SnGateway, R86_RegistersATopicAgainThatTheClientForgot) {
   DownlinkRig rig;
   rig.broker("a/x", "hi", 1);
   rig.sent_to(1);
@@ -57,7 +57,7 @@ TEST(SnGateway, R86_RegistersAgainWhatTheClientHasForgotten) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, R86_RegistersAgainAtQos0Too) {
+TEST(SnGateway, R86_RegistersAForgottenTopicAgainAtQos0) {
   DownlinkRig rig;
   rig.broker("a/x", "hi", 0);
   rig.sent_to(1);
@@ -69,7 +69,7 @@ TEST(SnGateway, R86_RegistersAgainAtQos0Too) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, R86_LeavesACongestedClientAloneAndDropsWhatItRefuses) {
+TEST(SnGateway, R86_WaitsForACongestedClientAndDropsRefusedMessages) {
   DownlinkRig rig;
   rig.broker("a/x", "1", 1);
   rig.send(1, Puback{1, 1, ReturnCode::congestion});
@@ -89,7 +89,7 @@ TEST(SnGateway, R86_LeavesACongestedClientAloneAndDropsWhatItRefuses) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, SaysOfACommandThatTheRobotWasCongestedUntilItsTimeWasOver) {
+TEST(SnGateway, ReportsCongestionAsTheReasonOfATimeout) {
   ConnectedRig rig;
   rig.subscribe(1, r1_command, 1);
   for (int i = 0; i < 2; ++i) rig.broker(r1_command, "go", 1);
@@ -136,7 +136,7 @@ TEST(SnGateway, R88_RepeatsQos1WithDupAndQos2InBothHalves) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, R89_TakesAPubackForTheEndOfAQos2Delivery) {
+TEST(SnGateway, R89_AcceptsAPubackAsTheEndOfAQos2Delivery) {
   DownlinkRig rig;
   rig.broker("a/x", "2", 2);
   rig.sent_to(1);
@@ -146,7 +146,7 @@ TEST(SnGateway, R89_TakesAPubackForTheEndOfAQos2Delivery) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, R90_NumbersItsMessagesForEachClientWithoutZeroAndNegative) {
+TEST(SnGateway, R90_NumbersMessagesOfEachClientFrom1To32767) {
   DownlinkRig before;
   before.connect(2, "r2");
   before.subscribe(2, "a/x", 1);
@@ -164,7 +164,7 @@ TEST(SnGateway, R90_NumbersItsMessagesForEachClientWithoutZeroAndNegative) {
 }
 
 /// Only the answer to an id that was drawn since the restart shows that the client receives.
-TEST(SnGateway, R90_KnowsTheMessageIdsSinceARestartOverTheEndOfTheirRange) {
+TEST(SnGateway, R90_RecognizesMsgIdsSinceARestartAcrossTheWrap) {
   for (const int random : {0, 1, 0x7ffd, 0x7ffe, 0x7fff, 0x8000, 0xffff}) {
     Delivery delivery;
     restart_message_ids(delivery, static_cast<std::uint16_t>(random));
@@ -192,7 +192,7 @@ TEST(SnGateway, R91_HasOneDeliveryInFlightAndKeepsTheOrder) {
     EXPECT_NE(all[i].find("data=3" + std::to_string(i + 1)), std::string::npos);
 }
 
-TEST(SnGateway, R92_IgnoresAcksNobodyWaitsForAndEndsUnknownQos2) {
+TEST(SnGateway, R92_IgnoresUnexpectedAcksAndAnswersUnknownPubrec) {
   DownlinkRig rig;
   rig.send(1, Puback{1, 50, ReturnCode::accepted});
   rig.send(1, Pubcomp{50});
@@ -201,7 +201,7 @@ TEST(SnGateway, R92_IgnoresAcksNobodyWaitsForAndEndsUnknownQos2) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBREL msg=50"});
 }
 
-TEST(SnGateway, R93_SendsNothingToWhoDoesNotListen) {
+TEST(SnGateway, R93_SendsNothingToSleepingDisconnectedOrLostClients) {
   DownlinkRig rig(false);
   rig.sleep(1, 1000);
   rig.broker("a/x", "1", 1);
@@ -219,7 +219,7 @@ TEST(SnGateway, R93_SendsNothingToWhoDoesNotListen) {
   EXPECT_TRUE(lost.is_silent(1));
 }
 
-TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
+TEST(SnGateway, ReportsTheOutcomeOfEachCommandOnce) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig(false, 6000);
   rig.subscribe(1, command, 1);
@@ -248,7 +248,7 @@ TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
   EXPECT_EQ(rig.outcomes[3].result, CommandResult::refused);
 }
 
-TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
+TEST(SnGateway, CountsEarlierWaitingTowardsTheTimeoutOfACommand) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig(false, 6000);
   rig.subscribe(1, command, 1);
@@ -275,7 +275,7 @@ TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
   EXPECT_EQ(rig.outcomes[2].after, std::chrono::seconds(4));
 }
 
-TEST(SnGateway, DoesNotSendACommandThatCameTooLate) {
+TEST(SnGateway, TimesOutALateCommandWithoutSendingIt) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig;
   rig.subscribe(1, command, 1);
@@ -290,7 +290,7 @@ TEST(SnGateway, DoesNotSendACommandThatCameTooLate) {
 }
 
 /// It was told as sent, so its sender does not expect it hours later.
-TEST(SnGateway, DoesNotKeepACommandOfQos0ForTheNextTimeThatASleeperWakes) {
+TEST(SnGateway, DropsARefusedQos0CommandBeforeTheNextWakeUp) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig;
   rig.subscribe(1, command, 0);
@@ -336,7 +336,7 @@ TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
 }
 
 /// Another copy may come by the robot's own subscription.
-TEST(SnGateway, RefusesACommandThatComesUnaskedAlsoWhereASubscriptionMatches) {
+TEST(SnGateway, RefusesACommandOutsideTheRobotsSubscription) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
   rig.robot_message({"r1",
@@ -348,7 +348,7 @@ TEST(SnGateway, RefusesACommandThatComesUnaskedAlsoWhereASubscriptionMatches) {
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
 }
 
-TEST(SnGateway, RefusesACommandForARobotThatHasGone) {
+TEST(SnGateway, RefusesACommandForARobotWithoutASession) {
   SnRig rig;
   rig.robot_message(
       {"r1", {"ntnu-slam/server/r1/cmd", to_bytes("go"), Qos::at_most_once}, CommandId{7}});
@@ -357,7 +357,7 @@ TEST(SnGateway, RefusesACommandForARobotThatHasGone) {
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
 }
 
-TEST(SnGateway, DoesNotCallACommandRefusedThatTheRobotMayHaveObeyed) {
+TEST(SnGateway, TimesOutSentAndRefusesUnsentCommandsOfANewSession) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig;
   rig.subscribe(1, command, 1);
@@ -371,7 +371,7 @@ TEST(SnGateway, DoesNotCallACommandRefusedThatTheRobotMayHaveObeyed) {
 }
 
 /// The gateway's process was stopped, and handles what came in between before it handles timers.
-TEST(SnGateway, LetsNoRobotObeyACommandWhoseTimeIsOver) {
+TEST(SnGateway, SendsNoPubrelAfterTheTimeoutOfACommand) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 2);
   rig.broker("ntnu-slam/server/r1/cmd", "go", 2);
@@ -385,7 +385,7 @@ TEST(SnGateway, LetsNoRobotObeyACommandWhoseTimeIsOver) {
 }
 
 /// It is lost after 15 s, or disconnects; both keep the session.
-TEST(SnGateway, TimesOutTheCommandsOfAClientThatHasGone) {
+TEST(SnGateway, TimesOutCommandsOfALostOrDisconnectedClient) {
   for (const bool is_lost : {true, false}) {
     ConnectedRig rig(false, 10);
     rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
@@ -403,7 +403,7 @@ TEST(SnGateway, TimesOutTheCommandsOfAClientThatHasGone) {
   }
 }
 
-TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {
+TEST(SnGateway, ReportsNoOutcomeForAnotherClientsCopyOfACommand) {
   SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
   rig.connect(1, "watcher");
   rig.subscribe(1, "ntnu-slam/server/#", 0);

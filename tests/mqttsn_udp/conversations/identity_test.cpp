@@ -46,7 +46,7 @@ TEST(Identity, IsProvenByTheHandshakeAlone) {
   EXPECT_EQ(rig.counter("unvalidated"), 0U) << "the address has shown that it receives";
 }
 
-TEST(Identity, SpeaksAsNobodyElse) {
+TEST(Identity, MayNotConnectOrPingAsAnotherClient) {
   Rig rig(RequireIdentity::none);
   for (int i = 0; i < 3; ++i) {
     rig.send(1, Connect{false, true, protocol_id, 60, "r2"});
@@ -76,7 +76,7 @@ TEST(Identity, SpeaksAsNobodyElse) {
   EXPECT_EQ(rig.reports.size(), 1U) << "that topic is nobody's";
 }
 
-TEST(Identity, WithoutAKeyNobodySpeaksForARobotThatHasOne) {
+TEST(Identity, PlainUdpMayNotSpeakForARobotWithAKey) {
   Rig rig;
   for (int i = 0; i < 3; ++i) {
     rig.send(2, connect_r1);
@@ -96,13 +96,13 @@ TEST(Identity, WithoutAKeyNobodySpeaksForARobotThatHasOne) {
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online) << "nothing was taken over";
 }
 
-TEST(Identity, IsNotMissedWhereItIsNotRequired) {
+TEST(Identity, IsOptionalWhereItIsNotRequired) {
   Rig rig(RequireIdentity::none);
   rig.send(2, connect_r1);
   EXPECT_EQ(rig.last_to(2), "CONNACK code=0");
 }
 
-TEST(Identity, IsRequiredOfAllWhereTheConfigurationSaysSo) {
+TEST(Identity, IsRequiredOfAllClientsWhenConfigured) {
   Rig rig(RequireIdentity::all);
   rig.broker_link(false);
   rig.broker_link(true);
@@ -128,7 +128,7 @@ TEST(Identity, IsTheClientIdOfARobotThatIsRenamed) {
   EXPECT_TRUE(rig.is_silent(2));
 }
 
-TEST(Identity, TakesItsSessionToAnotherAddress) {
+TEST(Identity, MovesItsSessionToAnotherAddress) {
   Rig rig;
   rig.send(1, connect_r1);
   const auto topic = rig.register_topic(1, own_topic);
@@ -150,7 +150,7 @@ TEST(Identity, TakesItsSessionToAnotherAddress) {
   EXPECT_FALSE(rig.is_silent(6));
 }
 
-TEST(Identity, OfAKeyThatHasGoneEndsAndOneThatComesIsAskedFor) {
+TEST(Identity, EndsSessionsWhoseKeyIsRemovedOrAdded) {
   Rig rig;
   rig.send(1, connect_r1);
   rig.connect(2, "r2", false);
@@ -169,7 +169,7 @@ TEST(Identity, OfAKeyThatHasGoneEndsAndOneThatComesIsAskedFor) {
   EXPECT_NE(rig.sent_to(3).size(), 1U) << "its kept session has the message";
 }
 
-TEST(Identity, HoldsAfterARestart) {
+TEST(Identity, IsRequiredAfterARestart) {
   Rig before;
   before.send(1, connect_r1);
   before.connect(2, "r2", false);
@@ -189,7 +189,7 @@ TEST(Identity, HoldsAfterARestart) {
   EXPECT_EQ(after.last_to(1), "PINGRESP");
 }
 
-TEST(Identity, LeavesRoomForTheRecord) {
+TEST(Identity, LimitsMessagesToTheDtlsRecordSize) {
   Rig rig;
   rig.send(1, connect_r1);
   rig.subscribe(1, "a/x");

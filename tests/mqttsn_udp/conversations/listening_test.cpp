@@ -153,7 +153,7 @@ std::vector<std::string> play(const Case& one) {
   return robot.got;
 }
 
-TEST(Listening, ARobotThatOnlyListensGetsItsCommand) {
+TEST(Listening, DeliversTheCommandToARobotThatOnlyListens) {
   for (const Topic topic : {Topic::name, Topic::predefined, Topic::short_name}) {
     for (const Way way : {Way::connects, Way::kept_session, Way::second_gateway, Way::wakes}) {
       for (const bool pings : {false, true}) {
@@ -172,7 +172,7 @@ TEST(Listening, ARobotThatOnlyListensGetsItsCommand) {
 }
 
 /// The allowance pays for a few repeats only; the ping pays for the next one, at once.
-TEST(Listening, APingBringsTheRepeatThatTheAllowanceHeldBack) {
+TEST(Listening, RepeatsAfterAPingWhenTheAllowanceWasSpent) {
   for (const std::size_t octets : {60U, 200U}) {
     Gateway gateway;
     gateway.send(1, Connect{false, true, protocol_id, 60, "r1"});

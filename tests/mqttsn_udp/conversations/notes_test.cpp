@@ -10,7 +10,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-TEST(Notes, TellOnceWhatARobotThatKeepsItsSessionHasSetUp) {
+TEST(Notes, DescribeAKeptSessionOnce) {
   ConnectedRig rig(false);
   rig.register_topic(1, own_topic);
   rig.subscribe(1, "a/x", 1);
@@ -27,7 +27,7 @@ TEST(Notes, TellOnceWhatARobotThatKeepsItsSessionHasSetUp) {
   EXPECT_FALSE(note->peer);
 }
 
-TEST(Notes, AreToldAgainWhenTheSessionIsHeld) {
+TEST(Notes, ArePublishedAgainWhenTheBrokerSessionOpens) {
   ConnectedRig rig(false);
   rig.pass_s(2);
   ASSERT_EQ(rig.notes.size(), 1U);
@@ -41,7 +41,7 @@ TEST(Notes, AreToldAgainWhenTheSessionIsHeld) {
   EXPECT_EQ(rig.notes.size(), 2U) << "a clean session has none";
 }
 
-TEST(Notes, ChangeOnlyWithWhatAnotherGatewayNeeds) {
+TEST(Notes, AreNotRewrittenForMessagesStatesOrAddresses) {
   ConnectedRig rig(false);
   const auto id = rig.register_topic(1, own_topic);
   rig.subscribe(1, "a/#", 2);
@@ -63,7 +63,7 @@ TEST(Notes, ChangeOnlyWithWhatAnotherGatewayNeeds) {
   EXPECT_TRUE(decode_session(rig.notes[0].note)->subscriptions.empty());
 }
 
-TEST(Notes, AreOnlyAboutRobotsThatKeepTheirSessions) {
+TEST(Notes, ExistOnlyForKeptSessions) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.pass_s(5);
@@ -81,7 +81,7 @@ TEST(Notes, AreOnlyAboutRobotsThatKeepTheirSessions) {
   EXPECT_EQ(rig.notes.size(), 2U);
 }
 
-TEST(Notes, EndWithTheSession) {
+TEST(Notes, AreWithdrawnWithTheSession) {
   Settings settings;
   settings.max_clients = 1;
   SnRig rig(settings);
@@ -96,7 +96,7 @@ TEST(Notes, EndWithTheSession) {
   EXPECT_TRUE(rig.notes[0].note.empty());
 }
 
-TEST(Notes, FollowARobotThatIsRenamed) {
+TEST(Notes, MoveToTheNewNameOfARenamedRobot) {
   ConnectedRig rig(false);
   rig.pass_s(2);
   rig.notes.clear();
@@ -122,7 +122,7 @@ TEST(Notes, AreNotWrittenAgainAfterARestart) {
   EXPECT_EQ(after.notes.size(), 1U);
 }
 
-TEST(Notes, AreNotWrittenAgainByTheGatewayThatHasReadThem) {
+TEST(Notes, AreNotWrittenAgainByTheGatewayThatReadThem) {
   ConnectedRig before(false);
   before.subscribe(1, "a/x", 1);
   before.pass_s(2);
@@ -134,7 +134,7 @@ TEST(Notes, AreNotWrittenAgainByTheGatewayThatHasReadThem) {
   EXPECT_TRUE(next.notes.empty());
 }
 
-TEST(Notes, AreBounded) {
+TEST(Notes, AreNotWrittenBeyondTheirSizeLimit) {
   ConnectedRig rig(false, 6000);
   std::string topic = "a/" + std::string(1000, 'x');
   for (std::size_t i = 0; i < limits::max_note_octets / 1000 + 1; ++i)
@@ -156,14 +156,14 @@ TEST(Notes, AreWithdrawnWhenTheSessionOutgrowsTheBound) {
   EXPECT_TRUE(rig.notes[1].note.empty());
 }
 
-TEST(Notes, OfManyRobotsAreWrittenInTurns) {
+TEST(Notes, AreWrittenForManyRobotsWithinTwoSeconds) {
   SnRig rig;
   for (unsigned n = 0; n < 200; ++n) rig.connect(n, "r" + std::to_string(n), false);
   rig.pass_s(2);
   EXPECT_EQ(rig.notes.size(), 200U);
 }
 
-TEST(SnGateway, ReportsACleanStartBeforeAllElseOfTheNewSession) {
+TEST(SnGateway, ReportsACleanStartBeforeTheNewSubscriptions) {
   ConnectedRig rig(false);
   rig.subscribe(1, "a/x");
   EXPECT_TRUE(rig.cleaned.empty());
@@ -179,7 +179,7 @@ TEST(SnGateway, ReportsACleanStartBeforeAllElseOfTheNewSession) {
   EXPECT_EQ(rig.cleaned.size(), 2U) << "not accepted yet";
 }
 
-TEST(SnGateway, TakesAConnectForNoEvidenceThatTheRobotIsHere) {
+TEST(SnGateway, DoesNotCountAConnectAsASignOfLife) {
   for (const bool is_clean : {true, false}) {
     SnRig rig;
     for (int i = 0; i < 3; ++i) {

@@ -13,7 +13,7 @@ void connect_with_will(SnRig& rig, unsigned n, const std::string& id, const std:
   rig.send(n, WillTopic{WireQos::zero, false, topic});
 }
 
-TEST(SnGateway, TellsARefusedWillOnceForEachClient) {
+TEST(SnGateway, ReportsARefusedWillOnceForEachClient) {
   SnRig rig;
   for (int i = 0; i < 3; ++i) {
     connect_with_will(rig, 1, "r1", "elsewhere/r1");
@@ -30,7 +30,7 @@ TEST(SnGateway, TellsARefusedWillOnceForEachClient) {
   EXPECT_EQ(rig.notices.size(), 3U) << "that is no topic name";
 }
 
-TEST(SnGateway, RefusalsOfStrangersTakeNoLinesOfRobotsThatHaveAnswered) {
+TEST(SnGateway, ReportsAProvenRobotsRefusalDuringAFloodOfOthers) {
   SnRig rig;
   rig.prove(1, "r1");
   for (unsigned i = 0; i < 3 * limits::refusal_lines_burst; ++i)
@@ -47,7 +47,7 @@ TEST(SnGateway, RefusalsOfStrangersTakeNoLinesOfRobotsThatHaveAnswered) {
       << rig.notices.back().text;
 }
 
-TEST(SnGateway, TellsARefusedClientIdOnce) {
+TEST(SnGateway, ReportsARefusedClientIdOnce) {
   SnRig rig({}, {{"tank", {}, "tank-client"}});
   for (int i = 0; i < 3; ++i) {
     rig.send(1, Connect{false, true, 1, 60, "no/level"});
@@ -63,7 +63,7 @@ TEST(SnGateway, TellsARefusedClientIdOnce) {
   EXPECT_EQ(rig.counter("connects_refused"), 9U);
 }
 
-TEST(SnGateway, TellsARefusedMessageOfQosMinusOneOnceForEachClient) {
+TEST(SnGateway, ReportsARefusedQosMinusOneOnceForEachClient) {
   SnRig rig;
   const Publish publish{false, WireQos::minus_one, false, TopicIdType::short_name, 0x6162, 0, {}};
   for (int i = 0; i < 3; ++i) {
@@ -76,7 +76,7 @@ TEST(SnGateway, TellsARefusedMessageOfQosMinusOneOnceForEachClient) {
   EXPECT_EQ(rig.counter("unconnected_refused"), 6U);
 }
 
-TEST(SnGateway, TellsThatThereIsNoRoomOnce) {
+TEST(SnGateway, ReportsOnceThatAllPlacesAreTaken) {
   Settings settings;
   settings.max_clients = 1;
   ConnectedRig rig(settings);
@@ -86,7 +86,7 @@ TEST(SnGateway, TellsThatThereIsNoRoomOnce) {
   EXPECT_NE(rig.notices[0].text.find("all 1 places (mqttsn.max_clients)"), std::string::npos);
 }
 
-TEST(SnGateway, HasABudgetForRefusalsOfACrowd) {
+TEST(SnGateway, BoundsTheNumberOfNoticesAboutRefusals) {
   SnRig rig;
   for (unsigned i = 0; i < 20000; ++i)
     rig.send(i % 1000, Connect{false, true, 1, 60, "no/" + std::to_string(i)});
@@ -94,7 +94,7 @@ TEST(SnGateway, HasABudgetForRefusalsOfACrowd) {
   EXPECT_EQ(rig.counter("connects_refused"), 20000U);
 }
 
-TEST(SnGateway, SaysWhyCommandsOfARobotThatDisconnectsEnd) {
+TEST(SnGateway, ReportsWhyCommandsEndWhenTheRobotDisconnects) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
   for (int i = 0; i < 2; ++i) rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
@@ -126,7 +126,7 @@ TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
 }
 
 /// As simon622's client, which disconnects when it is sent QoS 2 under an id that it has forgotten.
-TEST(SnGateway, TellsAllIdsAgainToASleeperThatForgetsThem) {
+TEST(SnGateway, RegistersAllTopicsAgainForASleeperThatForgetsThem) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.subscribe(1, "a/y", 2);
@@ -159,7 +159,7 @@ TEST(SnGateway, TellsAllIdsAgainToASleeperThatForgetsThem) {
 }
 
 /// It gets PINGRESP behind a message of QoS 0, and refuses the message when it is asleep again.
-TEST(SnGateway, TellsAllIdsAgainToASleeperThatRefusesQos0) {
+TEST(SnGateway, RegistersAllTopicsAgainForASleeperThatRefusesQos0) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.subscribe(1, "a/y", 2);
@@ -195,7 +195,7 @@ TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U) << "now it means what it says";
 }
 
-TEST(SnGateway, RegistersAgainOnceOnly) {
+TEST(SnGateway, RegistersATopicAgainOnlyOnce) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "1", 1);
@@ -208,7 +208,7 @@ TEST(SnGateway, RegistersAgainOnceOnly) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, ServesANameWithAnAddressFromThereAlone) {
+TEST(SnGateway, ServesARobotWithAnAddressOnlyFromThatAddress) {
   const RobotName tank{"tank", {}, "tank-client", {}, "fd00::1"};
   Settings settings;
   settings.allow_unconnected_publish = true;

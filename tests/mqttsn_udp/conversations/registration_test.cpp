@@ -40,7 +40,7 @@ TEST(SnGateway, R58_GivesOutIdsThatArePositiveAsSignedNumbers) {
   EXPECT_EQ(table.id_of("kept"), 0xfffe) << "what a client was told stays";
 }
 
-TEST(SnGateway, R58_HasIdsForSoManyTopicsOnly) {
+TEST(SnGateway, R58_BoundsTheTopicsOfAClient) {
   TopicTable table;
   for (std::size_t i = 0; i < limits::max_topics_per_client; ++i)
     table.find(table.assign("t" + std::to_string(i)).value())->is_own = true;
@@ -48,7 +48,7 @@ TEST(SnGateway, R58_HasIdsForSoManyTopicsOnly) {
 }
 
 /// CONNACK cannot say that a session is not there. Its ids must not mean something else then.
-TEST(SnGateway, R58_ARobotThatGoesOnAtAnotherGatewayMeansTheSameTopicByAnId) {
+TEST(SnGateway, R58_GivesATopicTheSameIdAtEachGateway) {
   std::vector<std::string> topics;
   for (int i = 0; i < 10; ++i) topics.push_back("ntnu-slam/robot/r1/t" + std::to_string(i));
   TopicTable here;
@@ -72,7 +72,7 @@ TEST(SnGateway, R58_FindsANameByAnyOfItsIds) {
   EXPECT_EQ(table.id_of("a"), std::nullopt);
 }
 
-TEST(SnGateway, R58_TakesNoIdTwiceFromWhatWasKept) {
+TEST(SnGateway, R58_RestoresNoIdTwice) {
   TopicTable table;
   table.restore({"a", 7});
   table.restore({"b", 7});
@@ -82,7 +82,7 @@ TEST(SnGateway, R58_TakesNoIdTwiceFromWhatWasKept) {
   EXPECT_EQ(*table.name_of(7), "a");
 }
 
-TEST(SnGateway, R58_ForgetsTheLongestUnusedTopicForAnotherOne) {
+TEST(SnGateway, R58_ReplacesTheLeastRecentlyUsedTopic) {
   TopicTable table;
   table.number_by([](std::string_view) { return lowest_topic_id; });
   for (std::size_t i = 1; i <= limits::max_topics_per_client; ++i) {
@@ -100,7 +100,7 @@ TEST(SnGateway, R58_ForgetsTheLongestUnusedTopicForAnotherOne) {
   EXPECT_EQ(table.assign("newer", in_use), 5);
 }
 
-TEST(SnGateway, R65_AListenerHearsMoreTopicsThanItHasIds) {
+TEST(SnGateway, R65_DeliversMoreTopicsThanAClientHasIds) {
   SnRig rig;
   rig.connect(1, "listener", true, 6000);
   rig.subscribe(1, "ntnu-slam/robot/#", 1);
@@ -126,7 +126,7 @@ TEST(SnGateway, R65_AListenerHearsMoreTopicsThanItHasIds) {
   EXPECT_EQ(rig.counter("queue_dropped"), 0U);
 }
 
-TEST(SnGateway, R65_GivesNoIdAnewThatTheClientUses) {
+TEST(SnGateway, R65_ReassignsNoIdThatTheClientUses) {
   ConnectedRig rig(true, 6000);
   const auto own = rig.register_topic(1, own_topic);
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
@@ -143,7 +143,7 @@ TEST(SnGateway, R65_GivesNoIdAnewThatTheClientUses) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=6869"});
 }
 
-TEST(SnGateway, R63_ARobotMayMakeOnlySoManyTypes) {
+TEST(SnGateway, R63_BoundsTheMessageTypesOfARobot) {
   ConnectedRig rig;
   for (std::size_t i = 0; i < limits::max_types_per_robot; ++i)
     EXPECT_NE(rig.register_topic(1, "ntnu-slam/robot/r1/t" + std::to_string(i)), 0);
@@ -157,7 +157,7 @@ TEST(SnGateway, R63_ARobotMayMakeOnlySoManyTypes) {
   EXPECT_NE(rig.notices[0].text.find("128 types"), std::string::npos);
 }
 
-TEST(SnGateway, R63_NamesOfAllClientsTogetherAreBounded) {
+TEST(SnGateway, R63_BoundsTheNamesOfAllClientsTogether) {
   NameBudget budget;
   budget.take(limits::name_octets_together);  // by others
   {
@@ -214,7 +214,7 @@ TEST(SnGateway, R62_KeepsPredefinedAndNormalIdsApart) {
   EXPECT_EQ(rig.reports[1].topic, "a/predefined");
 }
 
-TEST(SnGateway, R63_RefusesNamesThatAreNoTopicsAndAFullTable) {
+TEST(SnGateway, R63_RefusesInvalidTopicNamesAndAFullTable) {
   Settings settings;
   settings.when_full = WhenFull::reject;
   ConnectedRig rig(settings);
@@ -277,7 +277,7 @@ TEST(SnGateway, R65_RegistersBeforeTheFirstPublishOfAWildcardMatch) {
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=32");
 }
 
-TEST(SnGateway, R66_OpensOneRegisterAfterTheOtherAndKeepsTheOrderOfEachTopic) {
+TEST(SnGateway, R66_RegistersOneTopicAtATimeAndKeepsEachTopicsOrder) {
   ConnectedRig rig(true, 600);
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/1", "1");
@@ -292,7 +292,7 @@ TEST(SnGateway, R66_OpensOneRegisterAfterTheOtherAndKeepsTheOrderOfEachTopic) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=32"});
 }
 
-TEST(SnGateway, R66_RepeatsARegisterWithTheSameMsgIdWhileOthersHaveTheirTurn) {
+TEST(SnGateway, R66_RepeatsARegisterWithItsMsgIdBesideAnother) {
   ConnectedRig rig(true, 600);
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/1", "1");
@@ -307,7 +307,7 @@ TEST(SnGateway, R66_RepeatsARegisterWithTheSameMsgIdWhileOthersHaveTheirTurn) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=31"});
 }
 
-TEST(SnGateway, R67_TakesARefusedRegisterForAnUnsubscribe) {
+TEST(SnGateway, R67_UnsubscribesWhenARegisterIsRefused) {
   ConnectedRig rig(false);
   rig.subscribe(1, "a/x");
   rig.connect(1, "r1", false);
@@ -335,7 +335,7 @@ TEST(SnGateway, R67_TakesARefusedRegisterForAnUnsubscribe) {
   EXPECT_EQ(rig.sent_to(1)[3], "REGISTER id=3 msg=4 topic=a/z");
 }
 
-TEST(SnGateway, R68_IgnoresARegackNobodyWaitsFor) {
+TEST(SnGateway, R68_IgnoresAnUnexpectedRegack) {
   ConnectedRig rig;
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/1", "1");
@@ -345,7 +345,7 @@ TEST(SnGateway, R68_IgnoresARegackNobodyWaitsFor) {
 }
 
 /// A late copy of a REGACK, or one that another sender has made up.
-TEST(SnGateway, R68_GoesOnSendingAfterACongestionThatAnswersNothing) {
+TEST(SnGateway, R68_IgnoresCongestionInAnUnexpectedRegack) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.send(1, Regack{1, 99, ReturnCode::congestion});

@@ -31,7 +31,7 @@ TEST(SnGateway, PublishesARenamedRobotsTopicsUnderItsName) {
   EXPECT_TRUE(rig.notices.empty());
 }
 
-TEST(SnGateway, GivesARenamedRobotItsCommandsUnderItsClientId) {
+TEST(SnGateway, DeliversARenamedRobotsCommandsUnderItsClientId) {
   RenamedRig rig;
   rig.subscribe(1, "ntnu-slam/server/nrf-7/#", 1);
   ASSERT_EQ(rig.subscribes.size(), 1U);
@@ -49,14 +49,14 @@ TEST(SnGateway, GivesARenamedRobotItsCommandsUnderItsClientId) {
   EXPECT_EQ(rig.unsubscribes.size(), 1U);
 }
 
-TEST(SnGateway, SpeaksToARenamedRobotByItsNameWhenItUsesThat) {
+TEST(SnGateway, UsesTheNewNameIfTheRobotSubscribedWithIt) {
   RenamedRig rig;
   rig.subscribe(1, "ntnu-slam/server/tank/+", 1);
   rig.broker("ntnu-slam/server/tank/cmd", "go", 1);
   EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=ntnu-slam/server/tank/cmd");
 }
 
-TEST(SnGateway, TranslatesNobodyElsesTopics) {
+TEST(SnGateway, TranslatesOnlyTopicsOfTheRenamedRobot) {
   RenamedRig rig;
   rig.subscribe(1, "ntnu-slam/server/nrf-7/+", 1);
   rig.subscribe(1, "ntnu-slam/robot/+/update", 1);
@@ -91,7 +91,7 @@ TEST(SnGateway, TranslatesPredefinedTopicsOfARenamedRobot) {
   for (const Report& report : rig.reports) EXPECT_EQ(report.topic, "ntnu-slam/robot/tank/update");
 }
 
-TEST(SnGateway, RemembersOverARestartHowARenamedRobotCallsItsTopics) {
+TEST(SnGateway, RemembersOverARestartThatARobotUsesItsClientId) {
   RenamedRig before;
   before.subscribe(1, "ntnu-slam/server/nrf-7/+", 1);
   const Bytes stored = encode_session(*before.gateway.snapshot("nrf-7", before.now));
@@ -124,7 +124,7 @@ struct UnnamedRig : SnRig {
   std::uint16_t update_id = 0;
 };
 
-TEST(SnGateway, GoesOnWithASessionWhoseRobotIsRenamed) {
+TEST(SnGateway, KeepsTheSessionOfARobotThatIsRenamed) {
   UnnamedRig rig;
   rig.name_it("tank");
   EXPECT_TRUE(rig.is_silent(1)) << "no DISCONNECT";
@@ -142,7 +142,7 @@ TEST(SnGateway, GoesOnWithASessionWhoseRobotIsRenamed) {
   EXPECT_EQ(rig.gateway.snapshot("nrf-7", rig.now)->robot, "tank");
 }
 
-TEST(SnGateway, GivesARobotThatIsRenamedItsCommandsUnderItsNewName) {
+TEST(SnGateway, SubscribesToTheNewNameOfARobotThatIsRenamed) {
   UnnamedRig rig;
   rig.name_it("tank");
   EXPECT_TRUE(rig.filters["nrf-7"].empty());
@@ -163,14 +163,14 @@ TEST(SnGateway, GivesARobotThatIsRenamedItsCommandsUnderItsNewName) {
       << "its firmware knows its client id only";
 }
 
-TEST(SnGateway, GivesARetainedCommandForTheNewNameToARobotThatIsRenamed) {
+TEST(SnGateway, DeliversRetainedCommandsOfTheNewName) {
   UnnamedRig rig;
   rig.name_it("tank");
   rig.broker("ntnu-slam/server/tank/cmd", "x", 1, true);
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=1 normal id=2 msg=1 data=78");
 }
 
-TEST(SnGateway, DeliversWhatWaitedForARobotThatIsRenamed) {
+TEST(SnGateway, DeliversQueuedCommandsToARobotThatIsRenamed) {
   UnnamedRig rig;
   rig.broker("ntnu-slam/server/nrf-7/cmd", "1", 1);
   rig.sleep(1);
@@ -191,7 +191,7 @@ TEST(SnGateway, DeliversWhatWaitedForARobotThatIsRenamed) {
   }
 }
 
-TEST(SnGateway, WithdrawsACommandWhoseRobotIsRenamedWhileItWaits) {
+TEST(SnGateway, TimesOutAQueuedCommandOfARobotThatIsRenamed) {
   UnnamedRig rig;
   rig.sleep(1);
   rig.broker("ntnu-slam/server/nrf-7/cmd", "1", 1);
@@ -231,7 +231,7 @@ TEST(SnGateway, SwapsTheNamesOfTwoRobots) {
   EXPECT_EQ(rig.sent_to(2).size(), 1U);
 }
 
-TEST(SnGateway, GivesARobotItsClientIdBackWhenItLosesItsName) {
+TEST(SnGateway, UsesTheClientIdAgainWhenARobotLosesItsName) {
   RenamedRig rig;
   const auto id = rig.register_topic(1, "ntnu-slam/robot/tank/update");
   rig.subscribe(1, "ntnu-slam/server/nrf-7/+", 1);
@@ -244,7 +244,7 @@ TEST(SnGateway, GivesARobotItsClientIdBackWhenItLosesItsName) {
   EXPECT_EQ(rig.last_to(1), "REGISTER id=2 msg=1 topic=ntnu-slam/server/nrf-7/run");
 }
 
-TEST(SnGateway, DisconnectsAClientWhoseIdIsAnotherRobotsNameNow) {
+TEST(SnGateway, DisconnectsAClientWhoseIdBecomesAnotherRobotsName) {
   SnRig rig;
   rig.connect(1, "c1");
   rig.connect(2, "tank");
@@ -255,7 +255,7 @@ TEST(SnGateway, DisconnectsAClientWhoseIdIsAnotherRobotsNameNow) {
   EXPECT_EQ(presence_lines(rig).back(), "tank online");
 }
 
-TEST(SnGateway, RenamesARobotThatListensToItsNewNameAlready) {
+TEST(SnGateway, RenamesARobotThatIsSubscribedToItsNewName) {
   UnnamedRig rig;
   rig.subscribe(1, "ntnu-slam/robot/tank/update", 0);
   rig.subscribe(1, "ntnu-slam/robot/nrf-7/update", 1);
@@ -270,7 +270,7 @@ TEST(SnGateway, RenamesARobotThatListensToItsNewNameAlready) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, RenamesARobotInTheMiddleOfItsConnect) {
+TEST(SnGateway, RenamesARobotDuringItsWillHandshake) {
   SnRig rig;
   rig.send(1, Connect{true, true, 1, 60, "nrf-7"});
   rig.send(1, WillTopic{WireQos::one, false, "ntnu-slam/robot/nrf-7/gone"});

@@ -12,7 +12,7 @@ Publish with_id(std::uint16_t msg_id) {
   return {false, WireQos::one, false, TopicIdType::normal, 1, msg_id, {}};
 }
 
-TEST(RepeatFilter, ForgetsTheOldestAcknowledgedMessageWhenThereIsNoRoom) {
+TEST(RepeatFilter, ForgetsTheOldestAcknowledgedMessageWhenFull) {
   constexpr TimePoint now{std::chrono::hours(1)};
   RepeatFilter filter;
   for (std::uint64_t n = 1; n <= limits::max_repeats + 1; ++n) {

@@ -38,7 +38,7 @@ Bytes note_of_r1() {
 
 SessionSnapshot read(const Bytes& note) { return decode_session(note).value(); }
 
-TEST(Roaming, ARobotGoesOnByTheNoteOfItsFormerGateway) {
+TEST(Roaming, ResumesASessionFromTheNoteOfAnotherGateway) {
   Next rig;
   rig.robot_comes();
   EXPECT_TRUE(rig.is_silent(1));
@@ -64,7 +64,7 @@ TEST(Roaming, ARobotGoesOnByTheNoteOfItsFormerGateway) {
 }
 
 /// Else the robot could take a command for a repeat of one of its former gateway.
-TEST(Roaming, MessageIdsBeginAtARandomNumber) {
+TEST(Roaming, StartsMessageIdsAtARandomNumber) {
   Next rig({}, [] { return std::uint16_t{0x4000}; });
   rig.robot_comes();
   rig.note("r1", note_of_r1());
@@ -72,7 +72,7 @@ TEST(Roaming, MessageIdsBeginAtARandomNumber) {
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 predefined id=7 msg=16385 data=676f");
 }
 
-TEST(Roaming, ARobotThatTakesTheLastPlaceGoesOnByItsNote) {
+TEST(Roaming, ResumesASessionInThePlaceOfALostClient) {
   for (const bool is_lost : {true, false}) {
     Settings settings;
     settings.max_clients = 1;
@@ -91,7 +91,7 @@ TEST(Roaming, ARobotThatTakesTheLastPlaceGoesOnByItsNote) {
   }
 }
 
-TEST(Roaming, ARobotKeepsItsPlaceWhileItSendsItsWill) {
+TEST(Roaming, KeepsARobotsPlaceDuringItsWillHandshake) {
   Settings settings;
   settings.max_clients = 1;
   Next rig(settings);
@@ -107,7 +107,7 @@ TEST(Roaming, ARobotKeepsItsPlaceWhileItSendsItsWill) {
   for (const NoteChanged& note : rig.notes) EXPECT_FALSE(note.note.empty());
 }
 
-TEST(Roaming, ARobotWithoutANoteIsTakenAfterTwoSeconds) {
+TEST(Roaming, AcceptsARobotWithoutANoteAfterTwoSeconds) {
   for (const bool is_answered : {true, false}) {
     Next rig;
     rig.robot_comes();
@@ -122,7 +122,7 @@ TEST(Roaming, ARobotWithoutANoteIsTakenAfterTwoSeconds) {
   }
 }
 
-TEST(Roaming, OnlyAConnectThatTakesUpASessionOfAnotherGatewayWaits) {
+TEST(Roaming, DelaysOnlyConnectsThatResumeAnotherGatewaysSession) {
   Next rig;
   rig.connect(1, "r1", true);
   rig.connect(1, "r1", false);
@@ -131,7 +131,7 @@ TEST(Roaming, OnlyAConnectThatTakesUpASessionOfAnotherGatewayWaits) {
   EXPECT_TRUE(rig.note_requests.empty());
 }
 
-TEST(Roaming, ARobotThatWantsACleanSessionAfterAllGetsOne) {
+TEST(Roaming, StartsACleanSessionIfASecondConnectAsksForOne) {
   Next rig;
   rig.robot_comes();
   rig.send(1, Connect{false, true, protocol_id, 60, "r1"});
@@ -144,7 +144,7 @@ TEST(Roaming, ARobotThatWantsACleanSessionAfterAllGetsOne) {
 }
 
 /// A robot that has moved, or was started again, meanwhile.
-TEST(Roaming, TheLastConnectOfARobotCountsWhereverItComesFrom) {
+TEST(Roaming, AnswersOnlyTheLastConnectOfARobot) {
   for (const bool is_clean : {true, false}) {
     Next rig;
     rig.robot_comes();
@@ -161,7 +161,7 @@ TEST(Roaming, TheLastConnectOfARobotCountsWhereverItComesFrom) {
 }
 
 /// The broker sends what has waited as soon as the session is here, before the note is read.
-TEST(Roaming, WhatComesBeforeTheNoteIsDeliveredBehindTheConnack) {
+TEST(Roaming, DeliversEarlyCommandsAfterTheConnack) {
   Next rig;
   rig.robot_comes();
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
@@ -179,7 +179,7 @@ TEST(Roaming, WhatComesBeforeTheNoteIsDeliveredBehindTheConnack) {
   EXPECT_EQ(rig.outcomes[0].after, seconds(1));
 }
 
-TEST(Roaming, WhatComesWithoutANoteWaitsForTheWillHandshake) {
+TEST(Roaming, DeliversEarlyCommandsAfterTheWillHandshake) {
   Next rig;
   rig.send(1, Connect{true, false, protocol_id, 60, "r1"});
   rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
@@ -192,7 +192,7 @@ TEST(Roaming, WhatComesWithoutANoteWaitsForTheWillHandshake) {
 }
 
 /// A client that may write at the broker can forge a note.
-TEST(Roaming, ANoteNamesTopicsAndNeverBringsMessages) {
+TEST(Roaming, TakesNoMessagesFromANote) {
   SessionSnapshot forged = read(note_of_r1());
   MessageSnapshot run;
   run.message = {r1_command, to_bytes("run"), Qos::at_least_once};
@@ -208,7 +208,7 @@ TEST(Roaming, ANoteNamesTopicsAndNeverBringsMessages) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(Roaming, ANoteAllowsNothingThatTheRobotItselfMayNot) {
+TEST(Roaming, TakesNoForbiddenWillOrSubscriptionFromANote) {
   const SessionSnapshot note = read(note_of_r1());
   for (const std::string topic : {"ntnu-slam/robot/r2/gone", "elsewhere", "a/#", ""}) {
     SessionSnapshot forged = note;
@@ -224,7 +224,7 @@ TEST(Roaming, ANoteAllowsNothingThatTheRobotItselfMayNot) {
   }
 }
 
-TEST(Roaming, ANoteAboutAnotherClientOrOfNoUseIsIgnored) {
+TEST(Roaming, IgnoresInvalidNotesAndNotesAboutOtherClients) {
   const Bytes note = note_of_r1();
   SessionSnapshot other_robot = read(note);
   other_robot.robot = "r2";
@@ -241,7 +241,7 @@ TEST(Roaming, ANoteAboutAnotherClientOrOfNoUseIsIgnored) {
   }
 }
 
-TEST(Roaming, ANoteBringsNoMoreSubscriptionsThanAClientMayHave) {
+TEST(Roaming, BoundsTheSubscriptionsFromANote) {
   SessionSnapshot forged = read(note_of_r1());
   for (int i = 0; i < 1000; ++i) forged.subscriptions.push_back({"a/" + std::to_string(i)});
   Next rig;
@@ -250,7 +250,7 @@ TEST(Roaming, ANoteBringsNoMoreSubscriptionsThanAClientMayHave) {
   EXPECT_EQ(rig.filters["r1"].size(), limits::max_subscriptions_per_client);
 }
 
-TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
+TEST(Roaming, HandsOnUnsentMessagesOfARobotThatMovedAway) {
   SnRig rig;
   rig.send(1, Connect{true, false, 1, 60, "r1"});
   rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
@@ -291,7 +291,7 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
 }
 
 /// Its robot has forgotten the topic id, so the command waits for another REGISTER.
-TEST(Roaming, ARobotThatIsGivenUpHandsOnNoCommandThatWasReportedAsSent) {
+TEST(Roaming, HandsOnNoCommandThatWasReportedAsSent) {
   SnRig rig;
   rig.connect(1, "r1");
   rig.subscribe(1, r1_command, 0);
@@ -304,7 +304,7 @@ TEST(Roaming, ARobotThatIsGivenUpHandsOnNoCommandThatWasReportedAsSent) {
   EXPECT_EQ(rig.outcomes.size(), 1U);
 }
 
-TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
+TEST(Roaming, HandsOnAllCommandsOfARobotWhoseConnectWaits) {
   Next rig;
   rig.robot_comes();
   rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_most_once}, CommandId{5}});
@@ -318,7 +318,7 @@ TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
   EXPECT_TRUE(rig.give_up("r1").empty());
 }
 
-TEST(Roaming, WhatWaitsWithAConnectIsRefusedWhenTheGatewayStops) {
+TEST(Roaming, RefusesCommandsOfAWaitingConnectAtShutdown) {
   Next rig;
   rig.robot_comes();
   rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
@@ -336,7 +336,7 @@ TEST(Roaming, WhatWaitsWithAConnectIsRefusedWhenTheGatewayStops) {
 }
 
 /// What a sleeper's gateway has for it follows it.
-TEST(Roaming, ACommandForASleeperFollowsIt) {
+TEST(Roaming, HandsOnCommandsOfASleeper) {
   ConnectedRig rig(false);
   rig.subscribe(1, r1_command, 1);
   rig.sleep(1);

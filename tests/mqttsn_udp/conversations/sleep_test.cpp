@@ -102,7 +102,7 @@ TEST(SnGateway, R117_BoundsTheBufferInOctets) {
   EXPECT_LT(rig.gateway.queued_for("r1"), 300U);
 }
 
-TEST(SnGateway, R118_PingreqFromAnyAddressWakesAsleepClient) {
+TEST(SnGateway, R118_WakesASleepingClientByPingreqFromAnyAddress) {
   SleepRig rig;
   rig.broker("a/x", "1", 1);
   rig.broker("a/x", "2", 2);
@@ -159,7 +159,7 @@ TEST(SnGateway, R121_DoesNotDeliverAgainAtTheNextPingreq) {
   EXPECT_EQ(rig.wake(), Lines{"PINGRESP"});
 }
 
-TEST(SnGateway, R122_JoinsWhatArrivesWhileAwakeWithinABound) {
+TEST(SnGateway, R122_DeliversABoundedNumberOfMessagesPerWakeUp) {
   Settings settings;
   settings.max_sleeping_messages = 2;
   SleepRig rig(true, settings);
@@ -253,7 +253,7 @@ TEST(SnGateway, R127_LosesASleeperThatDoesNotWake) {
 }
 
 /// It has missed one wake-up. It sends no other DISCONNECT, and its radio is off after PINGRESP.
-TEST(SnGateway, R113_LetsALostSleeperSleepOn) {
+TEST(SnGateway, R113_RevivesALostSleeperByItsPingreq) {
   SleepRig rig(false);
   rig.pass_s(151);
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);

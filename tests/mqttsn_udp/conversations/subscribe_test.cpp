@@ -62,7 +62,7 @@ TEST(SnGateway, R97_RefusesInvalidFiltersAndQos) {
   EXPECT_NE(rig.notices[0].text.find("topics.extra_subscribe"), std::string::npos);
 }
 
-TEST(SnGateway, R98_SendsSubackBeforeWhatTheSubscriptionCauses) {
+TEST(SnGateway, R98_SendsSubackBeforeMessagesOfTheSubscription) {
   ConnectedRig rig;
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/x", 7));
@@ -75,7 +75,7 @@ TEST(SnGateway, R98_SendsSubackBeforeWhatTheSubscriptionCauses) {
                                    "PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=6e6577"}));
 }
 
-TEST(SnGateway, R99_TakesTheSameSubscribeAgain) {
+TEST(SnGateway, R99_AnswersARepeatedSubscribe) {
   ConnectedRig rig;
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/x", 7));
@@ -93,7 +93,7 @@ TEST(SnGateway, R99_TakesTheSameSubscribeAgain) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=6869"});
 }
 
-TEST(SnGateway, R100_RefusesWithoutRoomAndWhenTheBrokerDoes) {
+TEST(SnGateway, R100_RefusesASubscribeWhenFullOrRefusedByTheBroker) {
   Settings settings;
   settings.when_full = WhenFull::reject;
   ConnectedRig rig(settings);
@@ -114,7 +114,7 @@ TEST(SnGateway, R100_RefusesWithoutRoomAndWhenTheBrokerDoes) {
   EXPECT_EQ(rig.counter("topics_refused"), 1U);
 }
 
-TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextRequest) {
+TEST(SnGateway, R100_EndsASubscriptionThatTheBrokerRefusesLate) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.subscribe_result("a/x", false);  // granted while the broker was away
@@ -126,7 +126,7 @@ TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextR
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=9 code=3");
 }
 
-TEST(SnGateway, R100_TellsARefusalToTheRobotThatItIsForAndToAllItsRequests) {
+TEST(SnGateway, R100_AnswersARefusalToAllRequestsOfThatRobotOnly) {
   ConnectedRig rig;
   rig.connect(2, "r2");
   rig.answers_subscribes = false;
@@ -143,7 +143,7 @@ TEST(SnGateway, R100_TellsARefusalToTheRobotThatItIsForAndToAllItsRequests) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, R101_EndsASubscriptionAtTheBrokerWithItsRobots) {
+TEST(SnGateway, R101_UnsubscribesAtTheBrokerForEachRobot) {
   SnRig rig;
   for (unsigned n = 1; n <= 2; ++n) {
     rig.connect(n, "r" + std::to_string(n));
@@ -159,14 +159,14 @@ TEST(SnGateway, R101_EndsASubscriptionAtTheBrokerWithItsRobots) {
   EXPECT_EQ(rig.unsubscribes[1].robot, "r2");
 }
 
-TEST(SnGateway, R102_DeliversARetainedMessageAsItComes) {
+TEST(SnGateway, R102_DeliversARetainedMessageWithItsRetainFlag) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.broker("a/x", "kept", 0, true);
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=1 normal id=1 msg=0 data=6b657074"});
 }
 
-TEST(SnGateway, GivesAMessageToItsRobotAlone) {
+TEST(SnGateway, DeliversAMessageOnlyToItsRobot) {
   SnRig rig;
   for (const unsigned n : {1U, 2U}) {
     rig.connect(n, "r" + std::to_string(n));
@@ -180,7 +180,7 @@ TEST(SnGateway, GivesAMessageToItsRobotAlone) {
 
 /// The broker has the subscriptions of a robot that came from another gateway, also when the note
 /// about them is lost.
-TEST(SnGateway, BelievesTheBrokerAboutWhatARobotThatKeepsItsSessionHasSubscribedTo) {
+TEST(SnGateway, DeliversMessagesOfAKeptSessionWithoutKnownFilters) {
   ConnectedRig rig(false);
   rig.robot_message({"r1", {"a/x", to_bytes("hi"), Qos::exactly_once}});
   EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=a/x");
@@ -206,7 +206,7 @@ TEST(SnGateway, R103_DeliversOnceForOverlappingFilters) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, R103_TakesEqualMessagesForSeveral) {
+TEST(SnGateway, R103_DeliversEachOfTwoEqualMessages) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.subscribe(1, "a/#", 0);
@@ -215,7 +215,7 @@ TEST(SnGateway, R103_TakesEqualMessagesForSeveral) {
   EXPECT_EQ(rig.sent_to(1).size(), 2U) << "copies are the core's concern";
 }
 
-TEST(SnGateway, R104_UnsubscribesInEveryWayAndAlwaysAnswers) {
+TEST(SnGateway, R104_UnsubscribesByEachKindOfTopicAndAlwaysAnswers) {
   Settings settings;
   settings.predefined_topics = {{7, "a/seven", {}}};
   SnRig rig(settings);
@@ -272,7 +272,7 @@ TEST(SnGateway, R100_LetsAClientMakeAllItsSubscriptionsAtOnce) {
   EXPECT_EQ(rig.sent_to(1).size(), limits::max_subscriptions_per_client);
 }
 
-TEST(SnGateway, R105_GivesAClientItsOwnMessages) {
+TEST(SnGateway, R105_DeliversToAClientItsOwnMessages) {
   ConnectedRig rig;
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
   rig.subscribe(1, "ntnu-slam/robot/r1/adv", 0);

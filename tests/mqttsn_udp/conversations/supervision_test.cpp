@@ -17,7 +17,7 @@ TEST(SnGateway, R106_AnswersAPlainPing) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
 }
 
-TEST(SnGateway, R107_TakesAPingWithClientIdFromAnActiveClientForAPing) {
+TEST(SnGateway, R107_AnswersAPingWithClientIdOfAnActiveClient) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
   rig.send(1, Pingreq{"r1"});
@@ -27,7 +27,7 @@ TEST(SnGateway, R107_TakesAPingWithClientIdFromAnActiveClientForAPing) {
   EXPECT_EQ(rig.sent_to(1).size(), 1U) << "nothing is buffered";
 }
 
-TEST(SnGateway, R108_TakesAPingrespAtAnyTimeAndNeedsNone) {
+TEST(SnGateway, R108_AcceptsAPingrespAtAnyTimeAndNeedsNone) {
   ConnectedRig rig;
   rig.pass_s(80);
   rig.send(1, Pingresp{});
@@ -51,7 +51,7 @@ TEST(SnGateway, PingsAClientAndTimesItsAnswer) {
   EXPECT_EQ(answer["mesh"], "thread");
 }
 
-TEST(SnGateway, SaysWhyAPingWasNotAnswered) {
+TEST(SnGateway, ReportsWhyAPingWasNotAnswered) {
   ConnectedRig rig;
   rig.connect(2, "r2");
   rig.sleep(2);
@@ -77,7 +77,7 @@ TEST(SnGateway, BoundsOpenPings) {
   EXPECT_EQ(rig.sent_to(1).size(), OperatorPings::max_open);
 }
 
-TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {
+TEST(SnGateway, R109_CountsEveryMessageAsASignOfLife) {
   ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   Unsubscribe unsubscribe;
@@ -95,7 +95,7 @@ TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {
   EXPECT_FALSE(is_active(rig));
 }
 
-TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
+TEST(SnGateway, ReportsSignsOfLifeAtMostOnceASecond) {
   ConnectedRig rig;
   rig.signs_of_life = 0;
   Subscribe subscribe;
@@ -108,7 +108,7 @@ TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
   EXPECT_EQ(rig.signs_of_life, 6U);
 }
 
-TEST(SnGateway, TakesNoPingOfADisconnectedClientForASignOfLife) {
+TEST(SnGateway, DoesNotCountAPingOfADisconnectedClientAsASignOfLife) {
   ConnectedRig rig(false);
   rig.send(1, Disconnect{});
   rig.pass_s(2);
@@ -136,7 +136,7 @@ TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
   EXPECT_TRUE(is_active(patient));
 }
 
-TEST(SnGateway, R111_KnowsOnlyTheTimeItIsGiven) {
+TEST(SnGateway, R111_IgnoresAnEarlyDeadline) {
   SnRig rig;  // steady time is the only time that the machine's interface has
   rig.connect(1, "r1");
   ASSERT_TRUE(rig.gateway.deadline());
@@ -183,7 +183,7 @@ TEST(SnGateway, R113_RevivesALostClientFromItsAddress) {
   }
 }
 
-TEST(SnGateway, R113_ForgetsALostCleanClientForANewOne) {
+TEST(SnGateway, R113_EvictsALostCleanClientForANewOne) {
   Settings settings;
   settings.max_clients = 2;
   ConnectedRig rig(settings);
@@ -199,7 +199,7 @@ TEST(SnGateway, R113_ForgetsALostCleanClientForANewOne) {
   EXPECT_EQ(rig.last_to(1), "DISCONNECT plain");
 }
 
-TEST(SnGateway, R113_RevivesACleanClientWithoutWhatWasNotDelivered) {
+TEST(SnGateway, R113_RevivesACleanClientWithoutUndeliveredMessages) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x");
   rig.broker("a/x", "1", 1);
@@ -210,7 +210,7 @@ TEST(SnGateway, R113_RevivesACleanClientWithoutWhatWasNotDelivered) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
 }
 
-TEST(SnGateway, R130_AnswersADisconnectAndSupervisesNoLonger) {
+TEST(SnGateway, R130_AnswersADisconnectAndEndsSupervision) {
   ConnectedRig rig(false);
   rig.send(1, Disconnect{});
   EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});

@@ -48,7 +48,7 @@ TEST(SnGateway, SendsCommandsWhileARegisterStaysUnanswered) {
   }
 }
 
-TEST(SnGateway, SetsATopicAsideWithAGrowingPauseAndSaysItOnce) {
+TEST(SnGateway, PausesAnUnansweredTopicEverLongerAndReportsItOnce) {
   DeafRig rig(false);
   std::vector<Duration> pauses;
   std::optional<TimePoint> last;
@@ -72,7 +72,7 @@ TEST(SnGateway, SetsATopicAsideWithAGrowingPauseAndSaysItOnce) {
   EXPECT_GE(rig.counter("topics_set_aside"), 8U);
 }
 
-TEST(SnGateway, RemembersOnlySoManyTopicsThatAClientDoesNotAnswer) {
+TEST(SnGateway, BoundsTheNumberOfPausedTopicsOfAClient) {
   DeafRig rig;
   const auto topic = [](std::size_t i) {
     return "ntnu-slam/robot/x" + std::to_string(i) + "/update";
@@ -94,7 +94,7 @@ TEST(SnGateway, RemembersOnlySoManyTopicsThatAClientDoesNotAnswer) {
   EXPECT_TRUE(lines[0].starts_with("REGISTER")) << lines[0];
 }
 
-TEST(SnGateway, DeliversATopicThatWasSetAsideOnceItIsAnswered) {
+TEST(SnGateway, DeliversAPausedTopicOnceItsRegisterIsAnswered) {
   DeafRig rig(false);
   rig.broker("ntnu-slam/robot/x/update", "1", 1);
   rig.broker("ntnu-slam/robot/x/update", "2", 1);
@@ -139,7 +139,7 @@ TEST(SnGateway, KeepsTheOrderOfCommandsBehindAPromptRegister) {
                                    "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=3 data=312c31"}));
 }
 
-TEST(SnGateway, SaysNoAcknowledgementOnlyOfWhatWasTransmitted) {
+TEST(SnGateway, ReportsNoAcknowledgementOnlyForSentCommands) {
   ConnectedRig rig(true, 6000);
   rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
   rig.broker("ntnu-slam/server/r1/run", "1", 1);
@@ -181,7 +181,7 @@ TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
   }
 }
 
-TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
+TEST(SnGateway, SendsTheNextCommandWhileAPubrelStaysUnanswered) {
   ConnectedRig rig(true, 6000);
   rig.subscribe(1, r1_command, 2);
   rig.broker(r1_command, "1", 2);
@@ -196,7 +196,7 @@ TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
             (Lines{"PUBREL msg=1", "PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=2 data=32"}));
 }
 
-TEST(SnGateway, IsNotHeldByAClientThatAnswersPubrelWithPubrec) {
+TEST(SnGateway, SendsTheNextCommandIfPubrelIsAnsweredWithPubrec) {
   ConnectedRig rig(true, 6000);
   rig.subscribe(1, r1_command, 2);
   rig.broker(r1_command, "1", 2);
@@ -215,7 +215,7 @@ TEST(SnGateway, IsNotHeldByAClientThatAnswersPubrelWithPubrec) {
   EXPECT_TRUE(rig.is_silent(1)) << "each PUBREC is answered; the repetitions are over";
 }
 
-TEST(SnGateway, TakesALateAcknowledgementOfWhatItHasPutBack) {
+TEST(SnGateway, AcceptsALatePubackOfARequeuedMessage) {
   ConnectedRig rig(false, 6000);
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "1", 1);
@@ -226,7 +226,7 @@ TEST(SnGateway, TakesALateAcknowledgementOfWhatItHasPutBack) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, SparesAKeptSessionAMessageThatItNeverAcknowledges) {
+TEST(SnGateway, DeliversCommandsBesideAMessageNeverAcknowledged) {
   ConnectedRig rig(false, 6000);
   rig.subscribe(1, r1_command, 1);
   rig.subscribe(1, "a/x", 1);

@@ -46,7 +46,7 @@ TEST(SnGateway, R71_AcknowledgesQos1OnlyWhenTheMessageIsSafe) {
   EXPECT_TRUE(rig.is_silent(1)) << "a receipt fires once";
 }
 
-TEST(SnGateway, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
+TEST(SnGateway, ReportsRepeatsAlwaysAndOtherStepsWhileTraced) {
   UplinkRig rig;
   rig.publish(1, 1, 1, 7);
   EXPECT_EQ(rig.reports.at(0).wire.message_id, 7);
@@ -77,7 +77,7 @@ TEST(SnGateway, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
   EXPECT_EQ(rig.steps[2].receipt, (Receipt{Mesh::thread, 3}));
 }
 
-TEST(SnGateway, TellsOfEachTransmissionWhileItIsTraced) {
+TEST(SnGateway, ReportsEachTransmissionWhileTraced) {
   UplinkRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd");
   rig.gateway.on_trace(true);
@@ -93,7 +93,7 @@ TEST(SnGateway, TellsOfEachTransmissionWhileItIsTraced) {
   EXPECT_EQ(rig.steps[1].command, rig.steps[0].command);
 }
 
-TEST(SnGateway, R72_SaysThatAnIdIsUnknownAtAnyQos) {
+TEST(SnGateway, R72_RefusesAnUnknownTopicIdAtAnyQos) {
   UplinkRig rig;
   for (const unsigned qos : {0U, 1U, 2U}) {
     rig.publish(1, 99, qos, 7);
@@ -102,7 +102,7 @@ TEST(SnGateway, R72_SaysThatAnIdIsUnknownAtAnyQos) {
   EXPECT_TRUE(rig.reports.empty());
 }
 
-TEST(SnGateway, R73_SaysThatAPredefinedIdIsUnknown) {
+TEST(SnGateway, R73_RefusesAnUnknownPredefinedId) {
   Settings settings;
   settings.predefined_topics = {{7, "a/mine", "r1"}, {8, "a/others", "r2"}};
   UplinkRig rig(settings);
@@ -152,7 +152,7 @@ TEST(SnGateway, R75_ForwardsQos2ExactlyOnce) {
 }
 
 /// The client takes PUBREC for the end of each exchange.
-TEST(SnGateway, R75_GoesOnWithAClientThatSendsNoPubrel) {
+TEST(SnGateway, R75_ServesAClientThatSendsNoPubrel) {
   UplinkRig rig;
   constexpr std::uint16_t last = limits::max_inbound_qos2 + 2;
   for (std::uint16_t id = 1; id <= last; ++id) {
@@ -196,7 +196,7 @@ TEST(SnGateway, R76_ForwardsARepeatedQos1MessageOnce) {
   EXPECT_EQ(rig.reports.size(), 4U) << "the window is over";
 }
 
-TEST(SnGateway, R76_KnowsAWaitingMessageWhateverIsAcknowledgedMeanwhile) {
+TEST(SnGateway, R76_RecognizesARepeatOfAWaitingMessageAfterManyOthers) {
   UplinkRig rig;
   rig.publish(1, 1, 1, 1, "waits");
   for (std::uint16_t id = 2; id <= limits::max_repeats + 2; ++id) {
@@ -263,7 +263,7 @@ TEST(SnGateway, R76_PublishesFiftyAndFiftyEqualMessages) {
 }
 
 /// Nordic's client: DUP is never set, the second and third time come 8 and 16 s after the first.
-TEST(SnGateway, R76_KnowsNordicsRepeatsAfterALostPuback) {
+TEST(SnGateway, R76_RecognizesNordicsRepeatsAfterALostPuback) {
   for (const unsigned earlier_messages : {0U, 1U, 10U}) {
     EqualMessages rig;
     for (std::uint16_t id = 1; id <= earlier_messages; ++id) rig.send_one(WireQos::one, id);
@@ -278,7 +278,7 @@ TEST(SnGateway, R76_KnowsNordicsRepeatsAfterALostPuback) {
   }
 }
 
-TEST(SnGateway, R76_KnowsARepeatByDupWhateverTheClientDoesWithItsMsgIds) {
+TEST(SnGateway, R76_RecognizesARepeatByDupUnderAReusedMsgId) {
   EqualMessages rig;
   for (int i = 0; i < 10; ++i) {
     rig.send_one(WireQos::one, 7);
@@ -313,7 +313,7 @@ TEST(SnGateway, R76_PublishesAllButTheFirstFewOfAHeartbeatUnderOneMsgId) {
   }
 }
 
-TEST(SnGateway, R76_TakesAnEqualMessageForARepeatWhileTheFirstIsUnacknowledged) {
+TEST(SnGateway, R76_SuppressesEqualMessagesWhileTheFirstIsUnacknowledged) {
   UplinkRig rig;
   for (const auto& text : {"one", "two"}) {  // this client uses one MsgId for everything
     rig.publish(1, 1, 1, 7, text);
@@ -325,7 +325,7 @@ TEST(SnGateway, R76_TakesAnEqualMessageForARepeatWhileTheFirstIsUnacknowledged) 
 }
 
 /// A copy that the network made, or kept back until the client was two messages further.
-TEST(SnGateway, R76_KnowsALateCopyOfAClientThatCounts) {
+TEST(SnGateway, R76_RecognizesALateCopyOfAClientThatCountsMsgIds) {
   EqualMessages rig;
   for (std::uint16_t id = 1; id <= 20; ++id) {
     const WireQos qos = id % 2 == 0 ? WireQos::two : WireQos::one;
@@ -339,7 +339,7 @@ TEST(SnGateway, R76_KnowsALateCopyOfAClientThatCounts) {
 }
 
 /// The gateway has had no room for a while; the client asks again under the same MsgId.
-TEST(SnGateway, R76_DoesNotTakeRefusedMessagesForCountedOnes) {
+TEST(SnGateway, R76_LearnsNothingFromRefusedMessages) {
   EqualMessages rig;
   for (int i = 0; i < 10; ++i) {
     rig.publish(1, 1, 1, 7, "ok");
@@ -351,7 +351,7 @@ TEST(SnGateway, R76_DoesNotTakeRefusedMessagesForCountedOnes) {
   EXPECT_EQ(rig.reports.size(), 50U);
 }
 
-TEST(SnGateway, R76_TakesTheRepetitionOfARefusedMessageForANewOne) {
+TEST(SnGateway, R76_ForwardsTheRepeatOfARefusedMessage) {
   UplinkRig rig;
   rig.publish(1, 1, 1, 5);
   rig.receipt(rig.reports.at(0).receipt.id, ReceiptOutcome::refused);
@@ -362,7 +362,7 @@ TEST(SnGateway, R76_TakesTheRepetitionOfARefusedMessageForANewOne) {
   EXPECT_EQ(rig.last_to(1), "PUBACK id=1 msg=5 code=0");
 }
 
-TEST(SnGateway, R77_TakesAnyOctetsAndNone) {
+TEST(SnGateway, R77_ForwardsAnyPayloadAndAnEmptyOne) {
   UplinkRig rig;
   rig.publish_octets("07 0c 10 00 01 00 00");
   EXPECT_TRUE(rig.reports.at(0).payload.empty());
@@ -371,7 +371,7 @@ TEST(SnGateway, R77_TakesAnyOctetsAndNone) {
   EXPECT_EQ(rig.reports.at(1).payload, (Bytes{0x00, 0xff}));
 }
 
-TEST(SnGateway, R78_CarriesRetainUp) {
+TEST(SnGateway, R78_ForwardsTheRetainFlag) {
   UplinkRig rig;
   rig.publish_octets("09 0c 10 00 01 00 00 68 69");
   rig.publish_octets("09 0c 00 00 01 00 00 68 69");
@@ -388,7 +388,7 @@ TEST(SnGateway, R79_TakesMsgId0AtQos1And2) {
   EXPECT_EQ(rig.sent_to(1), (Lines{"PUBACK id=1 msg=0 code=0", "PUBREC msg=0"}));
 }
 
-TEST(SnGateway, R80_IsSilentOrSaysCongestionWhenNothingCanBeTaken) {
+TEST(SnGateway, R80_IsSilentOrAnswersCongestionWhenFull) {
   UplinkRig silent;
   silent.publish(1, 1, 1, 5);
   silent.receipt(silent.reports.at(0).receipt.id, ReceiptOutcome::refused);
@@ -455,7 +455,7 @@ TEST(SnGateway, R84_KeepsTheOrderOfArrival) {
     EXPECT_EQ(rig.reports[i].payload, to_bytes(std::to_string(i)));
 }
 
-TEST(SnGateway, AnswersNoReceiptOfASessionThatIsGone) {
+TEST(SnGateway, AnswersNoReceiptOfAnEndedSession) {
   UplinkRig rig;
   rig.publish(1, 1, 1, 5);
   rig.send(1, Disconnect{});
@@ -465,7 +465,7 @@ TEST(SnGateway, AnswersNoReceiptOfASessionThatIsGone) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-TEST(SnGateway, SaysOncePerDeviceWhichLineWouldAllowATopic) {
+TEST(SnGateway, ReportsOncePerClientWhichSettingAllowsATopic) {
   SnRig rig({}, {}, {}, {});
   rig.connect(1, "r1");
   for (int i = 0; i < 3; ++i) rig.send(1, Register{0, 1, "v2/robot/r1/adv"});

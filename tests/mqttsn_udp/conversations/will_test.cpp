@@ -78,7 +78,7 @@ TEST(SnGateway, R46_NotCleanWithAnEmptyWillTopicDeletesOnlyTheWill) {
   EXPECT_EQ(will_of(rig), "none");
 }
 
-TEST(SnGateway, R47_KeepsWhatWasNotDeliveredWhileDisconnectedOrLost) {
+TEST(SnGateway, R47_KeepsUndeliveredMessagesWhileDisconnectedOrLost) {
   SnRig rig;
   stored(rig);
   rig.broker("a/x", "kept", 1);
@@ -90,7 +90,7 @@ TEST(SnGateway, R47_KeepsWhatWasNotDeliveredWhileDisconnectedOrLost) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=2 data=6b657074"});
 }
 
-TEST(SnGateway, R48_TellsIdsAgainAfterAResumedSessionAndTakesTheOldOnes) {
+TEST(SnGateway, R48_RegistersAgainInAResumedSessionAndAcceptsOldIds) {
   ConnectedRig rig(false);
   const auto up = rig.register_topic(1, first_will);
   rig.subscribe(1, "a/x");
@@ -102,7 +102,7 @@ TEST(SnGateway, R48_TellsIdsAgainAfterAResumedSessionAndTakesTheOldOnes) {
   EXPECT_EQ(rig.reports[0].topic, first_will);
 }
 
-TEST(SnGateway, R48_RegistersBeforeItRepeatsWhatWasInFlight) {
+TEST(SnGateway, R48_RegistersBeforeItRepeatsInFlightMessages) {
   ConnectedRig rig(false);
   rig.subscribe(1, "a/x", 2);
   rig.broker("a/x", "hi", 2);

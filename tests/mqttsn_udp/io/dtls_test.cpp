@@ -96,7 +96,7 @@ TEST(Dtls, TakesTheSuitesOfSmallDevicesAndForwardSecrecy) {
   }
 }
 
-TEST(Dtls, LetsNobodySpeakAsAnother) {
+TEST(Dtls, RefusesAConnectUnderAnotherClientId) {
   DtlsRig rig;
   DtlsClient robot(rig, "r2", key_of_r2);
   ASSERT_TRUE(robot.has_connection());
@@ -126,7 +126,7 @@ TEST(Dtls, RefusesAnUnknownIdentityAndAWrongKey) {
   join(robot);
 }
 
-TEST(Dtls, AnswersAHelloWithLessThanItIsAndRemembersNothing) {
+TEST(Dtls, AnswersAHelloWithFewerOctetsAndKeepsNoState) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   robot.step();
@@ -152,7 +152,7 @@ TEST(Dtls, AnswersAHelloWithLessThanItIsAndRemembersNothing) {
 
 class DtlsOnABadNetwork : public testing::TestWithParam<Network> {};
 
-TEST_P(DtlsOnABadNetwork, ARobotGetsInAndEachMessageUp) {
+TEST_P(DtlsOnABadNetwork, ConnectsARobotAndForwardsEachMessageOnce) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1, GetParam());
   ASSERT_TRUE(robot.has_connection(std::chrono::seconds(60)));
@@ -174,7 +174,7 @@ TEST_P(DtlsOnABadNetwork, ARobotGetsInAndEachMessageUp) {
   EXPECT_EQ(rig.core.reports.size(), 20U) << "each once";
 }
 
-TEST(Dtls, GivesItsLastFlightAgain) {
+TEST(Dtls, RepeatsItsLastFlight) {
   for (unsigned seed = 1; seed <= 8; ++seed) {
     DtlsRig rig;
     DtlsClient robot(rig, "r1", key_of_r1, Network{0.3, false, seed, true});
@@ -186,7 +186,7 @@ INSTANTIATE_TEST_SUITE_P(Networks, DtlsOnABadNetwork,
                          testing::Values(Network{0.2, false, 1}, Network{0.2, true, 2},
                                          Network{0, true, 3}));
 
-TEST(Dtls, TakesNoRecordTwice) {
+TEST(Dtls, IgnoresReplayedRecords) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   join(robot);
@@ -200,7 +200,7 @@ TEST(Dtls, TakesNoRecordTwice) {
   EXPECT_EQ(rig.core.reports.size(), 2U);
 }
 
-TEST(Dtls, ALostConnectionLosesNoSession) {
+TEST(Dtls, KeepsTheSessionOverANewConnection) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   join(robot);
@@ -217,7 +217,7 @@ TEST(Dtls, ALostConnectionLosesNoSession) {
   EXPECT_EQ(rig.counter("dtls_handshakes"), 3U);
 }
 
-TEST(Dtls, AHelloInARobotsNameEndsNoConnection) {
+TEST(Dtls, KeepsTheConnectionAfterAForgedHello) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   join(robot);
@@ -228,7 +228,7 @@ TEST(Dtls, AHelloInARobotsNameEndsNoConnection) {
   EXPECT_EQ(robot.receive(), puback + " msg=5 code=0");
 }
 
-TEST(Dtls, ForgedDatagramsEndNoConnection) {
+TEST(Dtls, KeepsTheConnectionDespiteForgedDatagrams) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   join(robot);
@@ -248,7 +248,7 @@ TEST(Dtls, ForgedDatagramsEndNoConnection) {
   EXPECT_EQ(rig.core.reports.size(), 1U);
 }
 
-TEST(Dtls, ARemovedKeyEndsItsConnectionAtOnce) {
+TEST(Dtls, EndsTheConnectionOfARemovedKeyAtOnce) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   DtlsClient other(rig, "r2", key_of_r2);
@@ -288,7 +288,7 @@ TEST(Dtls, CountsTruncatedDatagrams) {
   EXPECT_TRUE(test::eventually(rig.io, [&] { return rig.counter("truncated") == 1U; }));
 }
 
-TEST(Dtls, TellsRobotsWhenItEnds) {
+TEST(Dtls, SendsCloseNotifyAtShutdown) {
   std::optional<DtlsRig> rig(std::in_place);
   DtlsClient robot(*rig, "r1", key_of_r1);
   join(robot);
@@ -305,7 +305,7 @@ std::size_t resident_octets() {
 }
 
 /// In full with SLAMGW_FLOOD=10000.
-TEST(Dtls, HandshakesWithoutEndShutNoRobotOutAndFillNoMemory) {
+TEST(Dtls, ServesRobotsInBoundedMemoryDuringAHandshakeFlood) {
   const char* const wanted = std::getenv("SLAMGW_FLOOD");
   const unsigned count = wanted ? static_cast<unsigned>(std::strtoul(wanted, nullptr, 10)) : 600;
   DtlsRig rig;

@@ -161,7 +161,7 @@ class LanAnnouncementTest : public testing::Test {
       [this](const Notice& notice) { log.push_back(notice.text); }};
 };
 
-TEST_F(LanAnnouncementTest, NamesThePortUntilItIsWithdrawn) {
+TEST_F(LanAnnouncementTest, AnnouncesThePortUntilItIsWithdrawn) {
   avahi.come();
   announcement->announce({"slam-gateway pi", 47193});
   EXPECT_TRUE(announces("slam-gateway pi _mqttsn._udp 47193 -1 -1"));
@@ -172,7 +172,7 @@ TEST_F(LanAnnouncementTest, NamesThePortUntilItIsWithdrawn) {
   EXPECT_TRUE(eventually([&] { return avahi.announced.empty(); }));
 }
 
-TEST_F(LanAnnouncementTest, EndsWithTheGateway) {
+TEST_F(LanAnnouncementTest, WithdrawsTheServiceWhenDestroyed) {
   avahi.come();
   announcement->announce({"pi", 47193});
   ASSERT_TRUE(announces("pi _mqttsn._udp 47193 -1 -1"));
@@ -192,7 +192,7 @@ TEST_F(LanAnnouncementTest, WaitsForAvahiAndFollowsItsRestarts) {
   }
 }
 
-TEST_F(LanAnnouncementTest, TellsOnceThatThereIsNoBusAndTriesAgain) {
+TEST_F(LanAnnouncementTest, ReportsAMissingBusOnceAndRetries) {
   bus.reset();
   announcement->announce({"pi", 47193});
   EXPECT_EQ(lines("the system bus is not available"), 1);
@@ -202,7 +202,7 @@ TEST_F(LanAnnouncementTest, TellsOnceThatThereIsNoBusAndTriesAgain) {
   EXPECT_EQ(lines("the system bus is not available"), 1);
 }
 
-TEST_F(LanAnnouncementTest, TakesAnotherNameWhereOthersHaveIt) {
+TEST_F(LanAnnouncementTest, ChoosesAnotherNameWhenTheNameIsTaken) {
   avahi.taken_here = {"pi"};
   avahi.taken_on_lan = {"pi #2", "pi #3"};
   avahi.come();
@@ -215,7 +215,7 @@ TEST_F(LanAnnouncementTest, TakesAnotherNameWhereOthersHaveIt) {
   EXPECT_TRUE(announces("pi #2 _mqttsn._udp 47193 -1 -1")) << "from the first name on";
 }
 
-TEST_F(LanAnnouncementTest, GivesUpWhereAllNamesAreTaken) {
+TEST_F(LanAnnouncementTest, GivesUpWhenAllNamesAreTaken) {
   avahi.taken_here = {"pi"};
   for (int number = 2; number <= LanAnnouncement::max_names; ++number)
     avahi.taken_on_lan.insert("pi #" + std::to_string(number));
@@ -224,7 +224,7 @@ TEST_F(LanAnnouncementTest, GivesUpWhereAllNamesAreTaken) {
   EXPECT_TRUE(eventually([&] { return lines("20 names like 'pi' are taken") == 1; }));
 }
 
-TEST_F(LanAnnouncementTest, TellsWhatAvahiRefuses) {
+TEST_F(LanAnnouncementTest, ReportsARefusalByAvahiAndRetries) {
   avahi.is_failing = true;
   avahi.come();
   announcement->announce({"pi", 47193});

@@ -123,7 +123,7 @@ bool gets_its_command(UdpRig& rig, const Case& one) {
   return is_well && robot.hears(payload);
 }
 
-TEST(MqttsnAdapter, BringsTheCommandToARobotThatOnlyListens) {
+TEST(MqttsnAdapter, DeliversTheCommandToARobotThatOnlyListens) {
   std::vector<Case> cases;
   Settings settings;
   for (const Topic topic : {Topic::name, Topic::predefined, Topic::short_name}) {

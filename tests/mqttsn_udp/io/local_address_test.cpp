@@ -57,7 +57,7 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
   test::MemorySessionStore store;
 };
 
-TEST_P(LocalAddressOf, R17_AClientStaysWhenTheInterfaceIsMadeAgain) {
+TEST_P(LocalAddressOf, R17_KeepsAClientWhenTheInterfaceIsRecreated) {
   UdpRig rig = make_rig();
   udp::socket client = make_client(rig);
   remake_before(rig);
@@ -66,7 +66,7 @@ TEST_P(LocalAddressOf, R17_AClientStaysWhenTheInterfaceIsMadeAgain) {
   expect(rig, client, Pingreq{}, "PINGRESP");
 }
 
-TEST_P(LocalAddressOf, R17_ASleeperStaysWhenTheInterfaceIsMadeAgain) {
+TEST_P(LocalAddressOf, R17_KeepsASleeperWhenTheInterfaceIsRecreated) {
   UdpRig rig = make_rig();
   udp::socket client = make_client(rig);
   expect(rig, client, Disconnect{100}, "DISCONNECT plain");
@@ -76,7 +76,7 @@ TEST_P(LocalAddressOf, R17_ASleeperStaysWhenTheInterfaceIsMadeAgain) {
   EXPECT_EQ(receive(rig.io, client), "PINGRESP");
 }
 
-TEST_P(LocalAddressOf, R17_ARestoredClientStaysWhenTheInterfaceIsMadeAgain) {
+TEST_P(LocalAddressOf, R17_KeepsARestoredClientWhenTheInterfaceIsRecreated) {
   std::optional<udp::socket> client;
   {
     UdpRig before = make_rig();
@@ -97,7 +97,7 @@ INSTANTIATE_TEST_SUITE_P(Gateway, LocalAddressOf, testing::Values("*", "auto", "
 
 class LocalAddressOfOne : public LocalAddressOf {};
 
-TEST_P(LocalAddressOfOne, R17_ALinkLocalClientStaysWhenTheInterfaceIsMadeAgain) {
+TEST_P(LocalAddressOfOne, R17_KeepsALinkLocalClientWhenTheInterfaceIsRecreated) {
   UdpRig rig = make_rig();
   udp::socket client = make_client(rig, "fe80::1%wpan0", "fe80::2%wpan0");
   remake_before(rig);
@@ -110,7 +110,7 @@ INSTANTIATE_TEST_SUITE_P(Gateway, LocalAddressOfOne, testing::Values("wpan0"));
 
 class LocalAddressPerMessage : public LocalAddressOf {};
 
-TEST_P(LocalAddressPerMessage, R17_IsRenewedByEachMessage) {
+TEST_P(LocalAddressPerMessage, R17_IsTheDestinationOfTheLastMessage) {
   UdpRig rig = make_rig();
   udp::socket client = robot(io, "wpan0", "fd00:db8::2");
   const auto is_answered_by = [&](const std::string& address, const Packet& packet,

@@ -26,7 +26,7 @@ TEST(MqttsnAdapter, R17_AnswersFromTheAddressThatWasAsked) {
   }
 }
 
-TEST(MqttsnAdapter, R22_ListensWhereConfigurationSays) {
+TEST(MqttsnAdapter, R22_ListensOnTheConfiguredAddresses) {
   UdpRig rig({"127.0.0.1:0", "[::1]:0"});
   UdpClient v4(rig, "127.0.0.1", 0);
   UdpClient v6(rig, "::1", 1);
@@ -60,7 +60,7 @@ TEST(MqttsnAdapter, CarriesARobotsMessageUpAndACommandDown) {
   EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=" + cmd + " msg=0 data=79");
 }
 
-TEST(MqttsnAdapter, TakesARobotFromAnotherGatewayAndGivesItUpAgain) {
+TEST(MqttsnAdapter, TakesOverARoamingRobotAndHandsItOn) {
   const std::string cmd = "ntnu-slam/server/r1/cmd";
   UdpRig rig({"127.0.0.1:0"});
   rig.adapter.ask_where_served([](const std::string& robot) { return robot == "r1"; });
@@ -76,7 +76,7 @@ TEST(MqttsnAdapter, TakesARobotFromAnotherGatewayAndGivesItUpAgain) {
   EXPECT_EQ(rig.adapter.presence_of("r1"), std::nullopt);
 }
 
-TEST(MqttsnAdapter, R9_NoticesOversizedDatagramsAndGoesOn) {
+TEST(MqttsnAdapter, R9_CountsOversizedDatagramsAndContinues) {
   UdpRig rig({"127.0.0.1:0"});
   UdpClient client(rig, "127.0.0.1");
   client.send_octets(Bytes(65507, 0x0c));
@@ -127,7 +127,7 @@ TEST(MqttsnAdapter, R19_HearsSearchesByBroadcastToANetwork) {
   }
 }
 
-TEST(MqttsnAdapter, R19_WaitsForAnInterfaceThatIsNotThereYet) {
+TEST(MqttsnAdapter, R19_WaitsForAMissingInterface) {
   boost::asio::io_context io;
   FakeCore core;
   Settings settings = UdpRig::with({}, {"127.0.0.1:0"});
@@ -143,7 +143,7 @@ TEST(MqttsnAdapter, R19_WaitsForAnInterfaceThatIsNotThereYet) {
   adapter.stop();
 }
 
-TEST(MqttsnAdapter, SaysInWordsWhatItCannotListenTo) {
+TEST(MqttsnAdapter, NamesTheAddressOnWhichItCannotListen) {
   boost::asio::io_context io;
   udp::socket other(io, {boost::asio::ip::address_v4::loopback(), 0});
   const std::string taken = "127.0.0.1:" + std::to_string(other.local_endpoint().port());

@@ -95,7 +95,7 @@ TEST_F(Multicast, ServesItsOwnInterfaceOnly) {
 }
 
 /// `mqttsn.interface` as it is by default.
-class ServedByItself : public Multicast {
+class DefaultInterface : public Multicast {
  protected:
   /// What a CONNECT from there is answered, to the address that clients there know.
   std::string answer(UdpRig& rig, const std::string& from) {
@@ -125,7 +125,7 @@ class ServedByItself : public Multicast {
   const std::string accepted = "CONNACK code=0";
 };
 
-TEST_F(ServedByItself, AreThreadAndLoopback) {
+TEST_F(DefaultInterface, ServesThreadAndLoopback) {
   UdpRig rig = UdpRig::as_is(settings(Settings{}.interface));
   EXPECT_EQ(rig.core.links.back().detail, thread_only);
   EXPECT_EQ(answer(rig, "lo"), accepted);
@@ -140,7 +140,7 @@ TEST_F(ServedByItself, AreThreadAndLoopback) {
       << rig.core.notices[0].text;
 }
 
-TEST_F(ServedByItself, AreNotTheThreadAddressesOverAnotherWire) {
+TEST_F(DefaultInterface, IgnoresThreadAddressesOverAnotherInterface) {
   UdpRig rig = UdpRig::as_is(settings("auto"));
   udp::socket client = robot(rig.io, "eth0", "198.51.100.2");
   client.send_to(boost::asio::buffer(encode(Connect{false, true, 1, 60, "intruder"})),
@@ -148,7 +148,7 @@ TEST_F(ServedByItself, AreNotTheThreadAddressesOverAnotherWire) {
   EXPECT_EQ(receive(rig.io, client, nullptr, std::chrono::milliseconds(100)), "nothing");
 }
 
-TEST_F(ServedByItself, AreAllNetworksUntilAThreadInterfaceComes) {
+TEST_F(DefaultInterface, ServesAllNetworksUntilAThreadInterfaceAppears) {
   unplug("wpan0");
   UdpRig rig = UdpRig::as_is(settings("auto"));
   EXPECT_EQ(rig.core.links.back().detail, all_networks);
@@ -178,7 +178,7 @@ TEST_F(ServedByItself, AreAllNetworksUntilAThreadInterfaceComes) {
   EXPECT_TRUE(rig.core.links.back().is_up);
 }
 
-TEST_F(ServedByItself, AreAllNetworksOnlyWithAReminder) {
+TEST_F(DefaultInterface, WarnsThatAllNetworksAreServed) {
   UdpRig rig = UdpRig::as_is(settings("*"));
   EXPECT_EQ(answer(rig, "eth0"), accepted);
   ASSERT_EQ(rig.core.notices.size(), 1U);
@@ -232,7 +232,7 @@ TEST_F(Multicast, R18_AdvertisesBeyondTheFirstHopOnEveryInterface) {
   }
 }
 
-TEST_F(Multicast, R16_AdvertisesFromAnAddressThatLasts) {
+TEST_F(Multicast, R16_AdvertisesFromTheEid) {
   boost::asio::io_context io;
   udp::socket listener = robot(io, "wpan0", "::", port);
   join(listener, "wpan0");
@@ -256,7 +256,7 @@ TEST_F(Multicast, R16_KeepsSilentWhileItOnlyHasLocators) {
   EXPECT_EQ(receive(rig.io, searching, nullptr, std::chrono::milliseconds(50)), "nothing");
 }
 
-TEST_F(Multicast, R11_AdvertisesWhereAnInterfaceComesBack) {
+TEST_F(Multicast, R11_AdvertisesOnlyOnTheInterfaceThatReturns) {
   for (const std::string served : {"*", "auto", "wpan0"}) {
     boost::asio::io_context io;
     udp::socket on_thread = robot(io, "wpan0", "::", port);
@@ -277,7 +277,7 @@ TEST_F(Multicast, R11_AdvertisesWhereAnInterfaceComesBack) {
   }
 }
 
-TEST_F(Multicast, R19_ComesBackWithItsInterface) {
+TEST_F(Multicast, R19_ServesAgainWhenItsInterfaceReturns) {
   UdpRig rig = UdpRig::as_is(settings("wpan0"));
   unplug("wpan0");
   const auto is_down = [&] { return !rig.core.links.back().is_up; };
@@ -289,7 +289,7 @@ TEST_F(Multicast, R19_ComesBackWithItsInterface) {
   EXPECT_EQ(receive(rig.io, on_thread), "GWINFO gw=1 address=");
 }
 
-TEST_F(Multicast, R19_JoinsAgainOnAnInterfaceThatComesBack) {
+TEST_F(Multicast, R19_JoinsTheGroupAgainWhenAnInterfaceReturns) {
   UdpRig rig = UdpRig::as_is(settings());
   unplug("wpan0");
   plug("wpan0");

@@ -68,14 +68,14 @@ TEST_F(SavedAnswers, ShareTheNextWriteWhileOneIsUnderWay) {
   EXPECT_EQ(third.receive(), "CONNACK code=0");
 }
 
-TEST_F(SavedAnswers, LeaveAllTheSameWhenTheDiskHangs) {
+TEST_F(SavedAnswers, LeaveUnsavedWhenTheDiskHangs) {
   client.send(Connect{false, true, 1, 60, "r1"});
   ASSERT_TRUE(is_being_written(1));
   EXPECT_EQ(client.receive(), "CONNACK code=0");
   EXPECT_TRUE(store.is_busy());
 }
 
-TEST_F(SavedAnswers, LeaveAtOnceWhenTheStoreFails) {
+TEST_F(SavedAnswers, LeaveUnsavedAtOnceWhenTheStoreFails) {
   client.send(Connect{false, true, 1, 60, "r1"});
   ASSERT_TRUE(is_being_written(1));
   store.finish(false);
@@ -86,7 +86,7 @@ TEST_F(SavedAnswers, LeaveAtOnceWhenTheStoreFails) {
 
 /// The loop stands still until the first write has taken too long. That write ends, and the next
 /// one begins, before the handler of the first one's timer runs.
-TEST_F(SavedAnswers, WaitAsLongForTheNextWriteWhenTheTimerOfTheLastOneIsLate) {
+TEST_F(SavedAnswers, WaitInFullForTheNextWriteAfterALateTimer) {
   client.send(Connect{false, true, 1, 60, "r1"});
   ASSERT_TRUE(is_being_written(1));
   UdpClient second(rig, "127.0.0.1");

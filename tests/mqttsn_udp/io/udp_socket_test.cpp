@@ -32,7 +32,7 @@ TEST_F(KeptSocket, IsUsedWhenNothingHasChanged) {
   }
 }
 
-TEST_F(KeptSocket, IsNotUsedWhenItsInterfaceWasMadeAgain) {
+TEST_F(KeptSocket, IsNotUsedWhenItsInterfaceWasRecreated) {
   const int kept = dup(UdpSocket(io, "[::]:47193", "wpan0").descriptor());
   remake("wpan0");
   UdpSocket socket(io, "[::]:47193", "wpan0", kept);
@@ -65,7 +65,7 @@ class SentTogether : public ::testing::Test {
   std::vector<int> arrived;
 };
 
-TEST_F(SentTogether, GoInOrderAndOnlyAfterTheHandler) {
+TEST_F(SentTogether, ArriveInOrder) {
   for (std::uint8_t i = 0; i < 200; ++i) send_soon(i);
   run_until(200);
   std::vector<int> all(200);
@@ -73,7 +73,7 @@ TEST_F(SentTogether, GoInOrderAndOnlyAfterTheHandler) {
   EXPECT_EQ(arrived, all);
 }
 
-TEST_F(SentTogether, OneThatTheKernelRefusesCostsTheOthersNothing) {
+TEST_F(SentTogether, LoseOnlyDatagramsThatTheKernelRefuses) {
   constexpr std::size_t too_long = 70000;
   send_soon(1);
   send_soon(2, too_long);
@@ -84,7 +84,7 @@ TEST_F(SentTogether, OneThatTheKernelRefusesCostsTheOthersNothing) {
   EXPECT_EQ(sender->counts().sends_failed, 2u);
 }
 
-TEST_F(SentTogether, AnInterfaceThatHasGoneIsForgotten) {
+TEST_F(SentTogether, ArriveWithoutAnInterfaceThatIsGone) {
   constexpr std::uint32_t no_such_interface = 4711;
   send_soon(1, 1, no_such_interface);
   send_soon(2);
@@ -93,7 +93,7 @@ TEST_F(SentTogether, AnInterfaceThatHasGoneIsForgotten) {
   EXPECT_EQ(sender->counts().sends_failed, 0u);
 }
 
-TEST_F(SentTogether, WhatIsPutOffGoesBeforeTheSocketCloses) {
+TEST_F(SentTogether, LeaveBeforeTheSocketCloses) {
   send_soon(1);
   sender->close();
   run_until(1);
@@ -101,7 +101,7 @@ TEST_F(SentTogether, WhatIsPutOffGoesBeforeTheSocketCloses) {
 }
 
 /// The answers to datagrams that came together are one call to the kernel, after the last of them.
-TEST_F(SentTogether, AnswersGoAfterTheLastDatagramOfThoseThatCameTogether) {
+TEST_F(SentTogether, AnswersLeaveAfterTheLastDatagramOfABatch) {
   const auto server = std::make_shared<UdpSocket>(io, "127.0.0.1:0", "");
   std::vector<std::size_t> left_after;  // datagrams that had left after each one received
   const auto count_left = [&] {

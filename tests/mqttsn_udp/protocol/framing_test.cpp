@@ -29,7 +29,7 @@ TEST(SnGateway, R2_SendsTheThreeOctetLengthOnlyFrom256Octets) {
 }
 
 /// Lengths of datagrams on both sides of the longer Length field, and of what Thread carries.
-TEST(SnGateway, R2_TakesEachLengthAtTheBoundsWhole) {
+TEST(SnGateway, R2_ForwardsWholePayloadsAtTheLengthBounds) {
   ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
   constexpr std::size_t header = 7;
@@ -84,7 +84,7 @@ TEST(SnGateway, R5_IgnoresReservedTypes) {
   EXPECT_EQ(rig.counter("malformed"), 6U);
 }
 
-TEST(SnGateway, R6_IgnoresWhatOnlyGatewaysSend) {
+TEST(SnGateway, R6_IgnoresMessagesThatOnlyGatewaysSend) {
   ConnectedRig rig;
   for (const Packet& packet :
        {Packet{Connack{}}, Packet{WillTopicReq{}}, Packet{WillMsgReq{}}, Packet{Suback{}},
@@ -107,7 +107,7 @@ TEST(SnGateway, R7_IgnoresFlagsWithoutMeaning) {
   EXPECT_EQ(rig.datagrams.back().bytes[2], 0x20);
 }
 
-TEST(SnGateway, R8_AbandonsWhatTheNetworkCannotCarry) {
+TEST(SnGateway, R8_DropsMessagesThatTheNetworkCannotCarry) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd");
   rig.broker("ntnu-slam/server/r1/cmd", std::string(1223, 'x'));
@@ -121,7 +121,7 @@ TEST(SnGateway, R8_AbandonsWhatTheNetworkCannotCarry) {
   EXPECT_NE(rig.last_to(1), "nothing") << "nothing stalls behind it";
 }
 
-TEST(SnGateway, R8_CountsNoRegisterThatTheClientDoesNotNeed) {
+TEST(SnGateway, R8_DropsAnOverlongTopicOnlyIfItNeedsARegister) {
   const std::string longest(1225, 'x');  // of a SUBSCRIBE; a REGISTER has one octet more
   Settings settings;
   settings.predefined_topics = {{7, "a/" + longest, {}}};
@@ -151,7 +151,7 @@ TEST(SnGateway, R9_DropsOverlongDatagrams) {
   EXPECT_EQ(rig.counter("oversized"), 2U);
 }
 
-TEST(SnGateway, R10_BoundsAndExpiresWhatStrangersMake) {
+TEST(SnGateway, R10_BoundsAndExpiresHandshakesOfStrangers) {
   SnRig rig;
   for (unsigned n = 0; n < 3000; ++n)
     rig.send(n, Connect{true, true, 1, 60, "s" + std::to_string(n)});

@@ -26,7 +26,7 @@ TEST(SourceAddress, R16_SharesTheRobotsPrefix) {
   EXPECT_EQ(choose_source({eid, omr, link_local}, link_local), link_local);
 }
 
-TEST(SourceAddress, R16_OfAMulticastIsTheMeshLocalEid) {
+TEST(SourceAddress, R16_IsTheMeshLocalEidForAMulticast) {
   const IpAddress realm = {0xff, 0x03, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1};
   const IpAddress link = {0xff, 0x02, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1};
   EXPECT_EQ(choose_source({link_local, rloc, omr, eid}, realm), eid);

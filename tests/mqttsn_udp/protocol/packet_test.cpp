@@ -57,7 +57,7 @@ TEST(Packet, R2_WritesTheThreeOctetLengthFrom256Octets) {
   EXPECT_EQ(bytes.size(), 258U);
 }
 
-TEST(Packet, R3_RefusesALengthThatIsNotTheDatagrams) {
+TEST(Packet, R3_RefusesALengthOtherThanTheDatagrams) {
   EXPECT_EQ(decode(hex("02 16 00")).error(), DecodeError::length_mismatch);
   EXPECT_EQ(decode(hex("04 16")).error(), DecodeError::length_mismatch);
   EXPECT_EQ(decode(hex("00 16")).error(), DecodeError::too_short);
@@ -74,7 +74,7 @@ TEST(Packet, R4_RefusesEveryVectorCutAtAnyOctet) {
     EXPECT_FALSE(decode(ByteView(whole).first(size)));
 }
 
-TEST(Packet, R4_RefusesAnotherSizeOfFixedMessages) {
+TEST(Packet, R4_RefusesWrongSizesOfFixedMessages) {
   for (const std::string_view wire :
        {"04 05 00 00", "03 06 00", "03 08 00", "08 0b 00 05 00 01 00 00", "08 0d 00 05 00 01 00 00",
         "05 0e 00 02 00", "03 0f 00", "09 13 20 00 05 00 0a 00 00", "03 17 00", "04 1b 00 00",
