@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any octets as a life of the headers for robots, with what must hold looked at after each step:
-// for the fuzzer, and for a short random run among the tests.
+// Feeds arbitrary octets to the headers for robots and checks their invariants after each step.
+// Used by the fuzzer, and by a short random run among the tests.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace slamgw::firmware {
 
-/// What can be read is of the gateway's models, and is written as it was read.
+/// Returns true if a decoded message is one of the gateway's models and encodes to the same octets.
 inline bool ble_holds(ByteView octets) {
   slam_ble_message message{};
   std::array<slam_position, SLAM_MAX_POSITIONS> positions{};
@@ -26,7 +26,7 @@ inline bool ble_holds(ByteView octets) {
   return octets.size() > SLAM_BLE_MAX_SIZE ? out.empty() : std::ranges::equal(out, octets);
 }
 
-/// Inputs are: kind 1, argument 1, and for a datagram or a payload a length 1 and so many octets.
+/// An input: kind 1, argument 1, and for a datagram or a payload a length 1 and that many octets.
 class SnLife {
  public:
   SnLife() {
@@ -40,7 +40,7 @@ class SnLife {
     slam_sn_connect(&client_, now_);
   }
 
-  /// False when something did not hold.
+  /// Returns false when an invariant is broken.
   bool run(ByteView script) {
     std::size_t at = 0;
     const auto next = [&] { return at < script.size() ? script[at++] : std::uint8_t{0}; };
@@ -80,7 +80,7 @@ class SnLife {
     }
   }
 
-  /// The Length is put there, so that it is right most of the time.
+  /// Prepends the Length, so that it is right most of the time.
   void receive(ByteView octets) {
     Bytes datagram{static_cast<std::uint8_t>(octets.size() + 1)};
     datagram.insert(datagram.end(), octets.begin(), octets.end());
@@ -92,7 +92,7 @@ class SnLife {
       reads_ = reads_ + static_cast<unsigned char>(event.name[i]);
   }
 
-  /// What leaves can be read, carries message ids where it must, and comes to an end.
+  /// Returns true if each sent datagram is valid, has a message id where needed, and sending ends.
   bool drains() {
     for (int i = 0; i < 4; ++i) {
       std::size_t size = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random octets for both headers, the same in each run: no crash, and what must hold holds.
+// Random octets for both headers, the same in each run: no crash and no broken invariant.
 #include "tests/firmware/any_octets.hpp"
 
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 namespace slamgw::firmware {
 namespace {
 
-/// Vectors, one octet of which may be another.
+/// Adds test vectors, one octet of which may be changed.
 void add_vector(Bytes& script, std::mt19937& random) {
   const auto& vectors = mqttsn::message_vectors;
   Bytes octets = mqttsn::hex(vectors[random() % vectors.size()].wire);
@@ -21,7 +21,7 @@ void add_vector(Bytes& script, std::mt19937& random) {
   script.insert(script.end(), octets.begin() + 1, octets.end());
 }
 
-/// An acceptance of what is likely to be open: message ids go up from 0xfff0.
+/// Adds an acceptance of a request that is likely to be open: message ids go up from 0xfff0.
 void add_acceptance(Bytes& script, std::mt19937& random) {
   const auto id = static_cast<std::uint8_t>(0xf0 + random() % 8);
   const auto topic = static_cast<std::uint8_t>(random() % 4);

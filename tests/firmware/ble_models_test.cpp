@@ -162,8 +162,7 @@ TEST(BleModels, RepeatAfterTheIntervalsThatTheGatewayExpects) {
   }
 }
 
-/// The same times as the simulated robot (RobotTest.RepeatsAReliableMessage...), over a clock that
-/// wraps meanwhile.
+/// The simulated robot repeats at the same times. The clock wraps during this test.
 TEST(BleModels, RepeatAtDoublingDistancesUntilAMinute) {
   const std::uint32_t begin = 0xfffffc00;
   slam_ble_repeat repeat{};
@@ -193,7 +192,6 @@ TEST(BleModels, SendOneCopyWhenPolledLate) {
   EXPECT_EQ(slam_ble_repeat_step(&repeat, 100000), SLAM_BLE_WAIT);
 }
 
-/// The simulated robot's first update, octet for octet.
 TEST(BleModels, EncodeTheSimulatedRobotsFirstUpdate) {
   using sim::ble::Robot;
   sim::ble::RobotSettings settings;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// firmware/examples/ble_robot.c on a mesh with the daemon's side of it, on a virtual clock.
+// firmware/examples/ble_robot.c against the daemon's BLE mesh adapter, on a virtual clock.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
@@ -10,7 +10,7 @@ extern "C" {
 
 namespace {
 
-// What the example asks of the firmware around it.
+// State of the functions that the example calls in its firmware.
 std::vector<slamgw::Bytes> said;
 std::int16_t place_x_cm = 10;
 std::vector<std::pair<int, int>> targets;
@@ -80,7 +80,7 @@ TEST_F(ExampleOnBle, PublishesItsPosition) {
   EXPECT_EQ(reports[0].topic, "ntnu-slam/robot/nr1/update");
   EXPECT_EQ(reports[0].payload, ble::hex("0a 00 ec ff"));
   EXPECT_EQ(reports[1].payload, ble::hex("0b 00 ec ff"));
-  EXPECT_EQ(sent, reports.size()) << "nothing had to be repeated";
+  EXPECT_EQ(sent, reports.size()) << "each update is sent once";
 }
 
 TEST_F(ExampleOnBle, DeliversEachUpdateOnceOverALossyRadio) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Both headers as a C99 program includes them, with bounds of its own. */
+/* Both headers as a C99 program includes them, with smaller bounds. */
 #define SLAM_SN_MAX_PACKET 64u
 #define SLAM_SN_MAX_TOPICS 2u
 #define SLAM_SN_MAX_HEARD 1u
@@ -9,7 +9,7 @@
 
 size_t c99_connect(uint8_t* out, size_t capacity);
 
-/* The first datagram of a client in 64-octet packets. */
+/* Writes the first datagram of a client with packets of 64 octets, and returns its size. */
 size_t c99_connect(uint8_t* out, size_t capacity) {
   static const struct slam_sn_topic topics[] = {{"a/b", 0, 0}};
   static const struct slam_sn_settings settings = {"r1", NULL, NULL, topics, 1, 0, true, 0, 60, 0};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The C headers for robots, as a program in C++ includes them. Their casts are those of C.
+// The C headers for robots, as a C++ program includes them. They use C casts.
 #pragma once
 
 #pragma GCC diagnostic push

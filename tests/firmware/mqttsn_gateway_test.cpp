@@ -49,7 +49,7 @@ class Link {
   bool publish(std::uint8_t flags, const std::string& data) {
     return slam_sn_publish(&client, now_ms(), 0, flags, data.data(), data.size());
   }
-  /// One message after the other, as soon as there is room.
+  /// Publishes one message after the other, as soon as there is room.
   void publish_all(std::uint8_t flags, int count) {
     for (int i = 0, waits = 0; i < count && waits < 10000; ++waits) {
       if (publish(flags, std::to_string(i))) ++i;
@@ -133,7 +133,7 @@ TEST(SnClientAtTheGateway, LosesNothingOverALossyRadio) {
     link.publish_all(qos, 40);
     EXPECT_EQ(link.acknowledged, 40U) << seed;
     auto arrived = link.reported();
-    if (link.client.lost > 0)  // a session that begins anew has forgotten what came before
+    if (link.client.lost > 0)  // a new session does not recognize repeats
       arrived.erase(std::unique(arrived.begin(), arrived.end()), arrived.end());
     std::erase(arrived, "lost");  // its will
     EXPECT_EQ(arrived, numbers(40)) << seed;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam_mqttsn.h, octet by octet: what it sends are the vectors of tests/vectors.
+// slam_mqttsn.h, octet by octet: it sends the vectors of tests/vectors.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -212,7 +212,7 @@ TEST(SnClient, ReportsMessagesOfItsSubscriptions) {
   EXPECT_EQ(robot.sent(), Hex{vector_named("PUBACK-ok")});
 
   EXPECT_EQ(robot.hear(vector_named("PUBLISH-q1-dup")).kind, SLAM_SN_NOTHING);
-  EXPECT_EQ(robot.sent(), Hex{vector_named("PUBACK-ok")}) << "answered, and not obeyed twice";
+  EXPECT_EQ(robot.sent(), Hex{vector_named("PUBACK-ok")}) << "acknowledged, but not reported twice";
   EXPECT_EQ(robot.client.repeats, 1U);
   EXPECT_EQ(robot.hear(vector_named("PUBLISH-q0-normal-id5-hi")).kind, SLAM_SN_MESSAGE);
   EXPECT_TRUE(robot.sent().empty());
@@ -241,7 +241,7 @@ TEST(SnClient, LearnsTopicsOfAWildcard) {
   robot.sent();
   robot.hear("08 13 20 00 00 00 01 00");
   EXPECT_EQ(robot.hear(vector_named("PUBLISH-q0-normal-id5-hi")).kind, SLAM_SN_NOTHING);
-  EXPECT_EQ(robot.sent(), Hex{"070d0005000002"}) << "the id is unknown, at QoS 0 too";
+  EXPECT_EQ(robot.sent(), Hex{"070d0005000002"}) << "code 2 (invalid topic id), at QoS 0 too";
   robot.hear(vector_named("REGISTER-from-gw-id5-a/b"));
   EXPECT_EQ(robot.sent(), Hex{"070b0005123400"});
   const auto event = robot.hear(vector_named("PUBLISH-q0-normal-id5-hi"));
@@ -257,20 +257,20 @@ TEST(SnClient, ForgetsTheOldestTopicWhenItsTableIsFull) {
     robot.hear("08 0a 00 0" + std::to_string(id) + " 00 01 61 3" + std::to_string(id));
     robot.sent();
   };
-  const auto knows = [&](unsigned id) {
+  const auto recognizes = [&](unsigned id) {
     const bool is_heard =
         robot.hear("08 0c 00 00 0" + std::to_string(id) + " 00 00 21").kind == SLAM_SN_MESSAGE;
     robot.sent();
     return is_heard;
   };
   for (unsigned id = 6; id <= 9; ++id) learn(id);
-  for (unsigned id = 6; id <= 9; ++id) EXPECT_TRUE(knows(id)) << id;
+  for (unsigned id = 6; id <= 9; ++id) EXPECT_TRUE(recognizes(id)) << id;
   learn(9);
-  EXPECT_TRUE(knows(6)) << "the same topic again takes no place";
+  EXPECT_TRUE(recognizes(6)) << "a repeated topic takes no second place";
   learn(1);
-  EXPECT_FALSE(knows(6));
-  EXPECT_TRUE(knows(1));
-  EXPECT_TRUE(knows(7));
+  EXPECT_FALSE(recognizes(6));
+  EXPECT_TRUE(recognizes(1));
+  EXPECT_TRUE(recognizes(7));
   const std::string name(2 * (SLAM_SN_MAX_NAME + 1), '6');
   robot.hear(to_hex(Bytes{SLAM_SN_MAX_NAME + 7}) + "0a 00 02 00 01" + name);
   EXPECT_EQ(robot.sent(), Hex{"070b0002000103"});
@@ -316,7 +316,7 @@ TEST(SnClient, KeepsItsMessageOverAReconnect) {
   robot.sent();
   robot.hear("02 18");
   const auto sent = robot.pass(2 * SLAM_SN_RECONNECT_MS);
-  ASSERT_EQ(sent.size(), 1U) << "and the message waits";
+  ASSERT_EQ(sent.size(), 1U) << "only CONNECT, while the message waits";
   EXPECT_GE(sent[0].after_ms, SLAM_SN_RECONNECT_MS);
   robot.hear("03 05 00");
   EXPECT_EQ(robot.sent(), Hex{"090a00000004612f62"});
@@ -344,11 +344,11 @@ TEST(SnClient, StaysConnectedWhileOtherRequestsAreAnswered) {
   EXPECT_EQ(robot.client.lost, 0U);
 }
 
-/// The gateway may have begun the session once more, without what was registered.
+/// The gateway may have started a second session, without the registered topics.
 TEST(SnClient, RestartsTheSetupAfterASecondConnack) {
   SnRobot robot;
   robot.start();
-  EXPECT_EQ(robot.pass(SLAM_SN_RETRY_MS).size(), 2U) << "CONNECT goes again";
+  EXPECT_EQ(robot.pass(SLAM_SN_RETRY_MS).size(), 2U) << "CONNECT is repeated";
   robot.hear("03 05 00");
   robot.sent();
   robot.hear("07 0b 00 05 00 01 00");
@@ -356,7 +356,7 @@ TEST(SnClient, RestartsTheSetupAfterASecondConnack) {
   EXPECT_FALSE(slam_sn_is_ready(&robot.client));
   EXPECT_EQ(robot.sent().size(), 1U);
   robot.hear("03 05 00");
-  EXPECT_TRUE(robot.sent().empty()) << "there is a CONNACK for each CONNECT";
+  EXPECT_TRUE(robot.sent().empty()) << "the third CONNACK answers no CONNECT";
 }
 
 TEST(SnClient, IgnoresAnUnexpectedConnack) {
@@ -400,7 +400,7 @@ TEST(SnClient, ResumesItsSessionWhenItWakes) {
   EXPECT_EQ(robot.sent().size(), 1U);
 }
 
-/// The gateway repeats a message on the next connection when its answer was lost.
+/// The gateway repeats a message after the next CONNECT when the client's answer was lost.
 TEST(SnClient, RecognizesARepeatOfAMessageFromBeforeItsSleep) {
   for (const std::string qos : {"2", "4"}) {
     SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
@@ -410,7 +410,7 @@ TEST(SnClient, RecognizesARepeatOfAMessageFromBeforeItsSleep) {
     robot.sleep_and_wake();
     const std::string dup = qos == "2" ? "a" : "c";
     EXPECT_EQ(robot.hear("09 0c " + dup + "0 00 05 00 07 68 69").kind, SLAM_SN_NOTHING);
-    EXPECT_EQ(robot.sent().size(), 1U) << "it is answered";
+    EXPECT_EQ(robot.sent().size(), 1U) << "the repeat is acknowledged";
     EXPECT_EQ(robot.client.repeats, 1U);
   }
 }
@@ -422,7 +422,7 @@ TEST(SnClient, AcceptsANewMessageWithAnIdFromBeforeItsSleep) {
   robot.sent();
   robot.sleep_and_wake();
   EXPECT_EQ(robot.hear("09 0c 40 00 05 00 01 68 69").kind, SLAM_SN_MESSAGE)
-      << "of a gateway that has lost the session";
+      << "without DUP, from a gateway that has lost the session";
 }
 
 TEST(SnClient, RegistersATopicAgainAfterACongestedRegack) {
@@ -455,7 +455,7 @@ TEST(SnClient, PublishesWhileItSleeps) {
   SnRobot robot;
   robot.get_ready();
   EXPECT_TRUE(slam_sn_sleep(&robot.client, robot.now, 10));
-  EXPECT_FALSE(slam_sn_sleep(&robot.client, robot.now, 10)) << "something is under way";
+  EXPECT_FALSE(slam_sn_sleep(&robot.client, robot.now, 10)) << "the first DISCONNECT is still open";
   robot.sent();
   robot.hear("02 18");
   EXPECT_TRUE(robot.publish(SLAM_SN_QOS1));

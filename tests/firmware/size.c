@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* All that a robot may call, so that a compiler for Cortex-M shows how large it is. */
+/* All functions that a robot may call, to measure their code size on a Cortex-M. */
 #ifdef SIZE_OF_BLE
 #include "slam_ble_models.h"
 #else

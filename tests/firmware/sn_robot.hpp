@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A client of slam_mqttsn.h with its settings, without a gateway: a test writes what the gateway
-// says. The clock wraps soon after its start.
+// A client of slam_mqttsn.h with its settings, without a gateway: a test writes the gateway's
+// messages. The clock wraps soon after its start.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -26,14 +26,14 @@ class SnRobot {
   SnRobot(const SnRobot&) = delete;
   SnRobot& operator=(const SnRobot&) = delete;
 
-  /// The first CONNECT has the message id `random`, which is not sent.
+  /// Sends CONNECT. It has the message id `random`, which is not on the wire.
   void start(std::uint16_t random = 0xffff) {
     settings.topics = topics.data();
     settings.topic_count = static_cast<std::uint8_t>(topics.size());
     ASSERT_TRUE(slam_sn_init(&client, &settings, random));
     slam_sn_connect(&client, now);
   }
-  /// ... and all of the gateway's answers; topics get the ids 5, 6 ...
+  /// Connects, and receives all of the gateway's answers; topics get the ids 5, 6 ...
   void get_ready(std::uint16_t random = 0xffff) {
     start(random);
     sent();
@@ -42,7 +42,7 @@ class SnRobot {
     ASSERT_TRUE(slam_sn_is_ready(&client));
   }
 
-  /// The gateway accepts the one request that is sent now, with this topic id.
+  /// Accepts the one request that the client sends now, with this topic id.
   void answer_setup(std::uint8_t id) {
     const auto out = sent();
     ASSERT_EQ(out.size(), 1U);
@@ -58,7 +58,7 @@ class SnRobot {
     slam_sn_receive(&client, now, datagram.data(), datagram.size(), &event);
     return event;
   }
-  /// What it sends now, as hex.
+  /// Returns the datagrams that the client sends now, as hex.
   std::vector<std::string> sent() {
     std::vector<std::string> out;
     while (true) {
@@ -73,7 +73,7 @@ class SnRobot {
     std::string octets;
     bool operator==(const Sent&) const = default;
   };
-  /// Lets time pass from deadline to deadline.
+  /// Lets time pass from deadline to deadline. Returns the datagrams sent.
   std::vector<Sent> pass(std::uint32_t ms) {
     std::vector<Sent> out;
     const std::uint32_t begin = now;
@@ -87,7 +87,7 @@ class SnRobot {
     now = begin + ms;
     return out;
   }
-  /// Falls asleep, wakes, and is connected again; its one topic has the id 5.
+  /// Falls asleep, wakes and connects again; its one topic has the id 5.
   void sleep_and_wake() {
     EXPECT_TRUE(slam_sn_sleep(&client, now, 10));
     sent();
