@@ -10,7 +10,8 @@ namespace slamgw::mqttsn {
 
 /// `CONNECT will=0 clean=1 protocol=1 duration=60 client=r1`
 std::string describe(const Packet& packet);
-/// The same from octets; also through `fwd(<node id in hex>,<radius>)`. `invalid` when it is none.
+/// Describes octets. A forwarder's header becomes `fwd(<node id in hex>,<radius>)`. Returns
+/// `invalid` for octets that are not a message.
 std::string describe_octets(ByteView octets);
 
 /// "03 02 68 69", spaces optional.

@@ -64,7 +64,7 @@ void FuzzLife::one_input(ByteReader& in) {
   }
 }
 
-/// The message proper: its Length is made to fit, so that more than the decoder is reached.
+/// Sends one message with a fitting Length, so that more than the decoder is reached.
 void FuzzLife::datagram(std::uint8_t from, ByteView octets) {
   Endpoint endpoint;
   endpoint.port = from % 6;
@@ -84,7 +84,7 @@ void FuzzLife::broker_message(std::uint8_t argument, ByteView payload) {
                              now_);
 }
 
-/// Notes are those that the gateway has made, so that they are read.
+/// Changes the broker link or roams. Notes are the gateway's own, so that they are readable.
 void FuzzLife::link_or_roam(std::uint8_t argument) {
   const std::string robot = argument % 8 < 4 ? "c" : "d";
   switch (argument % 4) {
@@ -113,7 +113,7 @@ bool FuzzLife::drain() {
   return true;
 }
 
-/// Everything that leaves is a message of MQTT-SN 1.2 that the network carries.
+/// Returns true for a valid MQTT-SN 1.2 message that the network can carry.
 bool FuzzLife::is_sound(const SendDatagram& sent) const {
   if (sent.bytes.size() > limits::max_datagram_octets) return false;
   if (!is_encapsulated(sent.bytes)) return decode(sent.bytes).has_value();
@@ -121,7 +121,8 @@ bool FuzzLife::is_sound(const SendDatagram& sent) const {
   return outer && decode(outer->inner).has_value();
 }
 
-/// A robot whose CONNECT waits for its note is here, too, and has no session yet.
+/// Returns true if the gateway's invariants hold. A robot whose CONNECT waits for its note is
+/// present without a session.
 bool FuzzLife::holds() const {
   const auto is_here = [this](const std::string& robot) {
     return gateway_.presence_of(robot).has_value();

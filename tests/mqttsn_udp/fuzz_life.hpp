@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Octets as a sequence of inputs to the gateway's machine, with its invariants looked at after
-// each: for the fuzzer, and for a short random run among the tests.
+// Feeds octets as a sequence of inputs to the gateway's machine and checks its invariants after
+// each. Used by the fuzzer, and by a short random run among the tests.
 #pragma once
 
 #include <set>
@@ -15,8 +15,8 @@ class FuzzLife {
  public:
   FuzzLife();
 
-  /// Inputs are: kind 1, argument 1, and for some a length 1 and so many octets. False when an
-  /// invariant broke.
+  /// An input: kind 1, argument 1, and for some a length 1 and that many octets. Returns false when
+  /// an invariant is broken.
   bool run(ByteView script);
 
  private:
@@ -33,7 +33,7 @@ class FuzzLife {
   std::vector<std::uint64_t> owed_;
   std::vector<SubscribeRequest> asked_;
   std::map<std::string, Bytes> notes_;
-  std::set<std::string> robots_;  // that came or went, ever
+  std::set<std::string> robots_;  // all that ever came or went
 };
 
 }  // namespace slamgw::mqttsn

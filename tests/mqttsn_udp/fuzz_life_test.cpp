@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// R10 in the daily tests: random lives that begin with clients in every state.
+// R10: random input to gateways that begin with clients in every state.
 #include "tests/mqttsn_udp/fuzz_life.hpp"
 
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@ namespace slamgw::mqttsn {
 namespace {
 
 void add_datagram(Bytes& script, std::uint8_t from, const Packet& packet) {
-  const Bytes octets = encode(packet);  // its Length is put there again
+  const Bytes octets = encode(packet);  // FuzzLife adds its Length again
   script.insert(script.end(), {6, from, static_cast<std::uint8_t>(octets.size() - 1)});
   script.insert(script.end(), octets.begin() + 1, octets.end());
 }

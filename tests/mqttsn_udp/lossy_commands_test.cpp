@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands over a radio that loses a fifth of the datagrams each way, on a virtual clock, and what
-// the gateway learns of a client's round trip (RFC 6298).
+// Commands over a radio that loses a fifth of the datagrams each way, on a virtual clock; and the
+// gateway's estimate of a client's round trip (RFC 6298).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -43,7 +43,7 @@ class LossyLink {
     }
   }
 
-  /// How long the command took to the robot; nothing when it never came.
+  /// Returns the time that the command took to the robot; nullopt if it never arrived.
   std::optional<Duration> delay(int number) const {
     const auto came = came_.find(number);
     if (came == came_.end()) return std::nullopt;
@@ -115,7 +115,7 @@ TEST(Commands, AreNotRepeatedToASlowClient) {
       link.command(i);
       link.pass(seconds(5));
     }
-    EXPECT_LE(link.copies() - 60 - learning, 1U) << "once it is known how long it takes";
+    EXPECT_LE(link.copies() - 60 - learning, 1U) << "after the round trip is learned";
   }
 }
 
@@ -127,7 +127,7 @@ TEST(Commands, AreRepeatedRetryCountTimes) {
   rig.subscribe(1, r1_command, 1);
   rig.broker(r1_command, "1", 1);
   rig.pass_s(100);
-  EXPECT_EQ(rig.sent_to(1).size(), 4U) << "once and retry_count times";
+  EXPECT_EQ(rig.sent_to(1).size(), 4U) << "the first time and retry_count repetitions";
 }
 
 TEST(RetransmissionTimeout, FollowsTheRoundTripAndItsVariation) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One long conversation, run again with each of its datagrams lost in turn (and once more with each
-// repeated): whatever is lost, both sides end up with the same.
+// repeated). Both sides must end in the same state.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@ const std::string down = "ntnu-slam/server/r1/n";
 
 enum class Fault { lose, repeat };
 
-/// A client that repeats each request until it is answered, and what it got.
+/// A client that repeats each request until it is answered, and the messages that it got.
 class Conversation {
  public:
   Conversation(Fault fault, std::size_t at) : fault_(fault), at_(at) {}
@@ -42,10 +42,10 @@ class Conversation {
     ask(Pingreq{}, "PINGRESP");
     rig_.pass_s(120);  // the gateway's own repetitions
     listen();
-    rig_.pass_s(2000);  // and then silence: it is lost
+    rig_.pass_s(2000);  // then the silent client is lost
   }
 
-  /// Nothing when all is as it should be.
+  /// Returns an empty string if the final state is as expected.
   std::string complaint() const {
     if (!unanswered_.empty()) return "no answer to " + unanswered_;
     std::string payloads;
@@ -88,7 +88,7 @@ class Conversation {
     for (; acknowledged_ < rig_.reports.size(); ++acknowledged_)
       rig_.receipt(rig_.reports[acknowledged_].receipt.id);
   }
-  /// Takes what has come; true when `answer` is there.
+  /// Reads all messages to the client. Returns true if `answer` is among them.
   bool listen(const std::string& answer = "nothing") {
     bool is_answered = false;
     for (auto lines = rig_.sent_to(1); !lines.empty(); lines = rig_.sent_to(1)) {

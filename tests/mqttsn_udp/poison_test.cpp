@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text for which a broker closes the connection of all robots (is_mqtt_text) is refused with return
-// code 3 (not supported) wherever a client, or a stored session, may bring it in.
+// Text for which a broker closes its connection (is_mqtt_text). The gateway refuses it from clients
+// with return code 3 (not supported), and drops it from stored sessions.
 #include <gtest/gtest.h>
 
 #include "tests/mqttsn_udp/sn_rig.hpp"

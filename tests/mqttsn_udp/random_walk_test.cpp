@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Several clients and the gateway on one virtual clock, joined by a network that loses, doubles,
-// delays and reorders datagrams. Whatever it does, the promises hold.
+// delays and reorders datagrams. The promises of delivery must hold.
 #include <gtest/gtest.h>
 
 #include "tests/mqttsn_udp/sn_rig.hpp"
@@ -14,7 +14,7 @@ using std::chrono::milliseconds;
 struct Weather {
   double loss = 0;
   double duplicate = 0;
-  int max_delay_ms = 0;  // different for each datagram, so they overtake each other
+  int max_delay_ms = 0;  // differs for each datagram, so they overtake each other
 };
 
 class Walk {
@@ -31,7 +31,7 @@ class Walk {
       }
       one_step(step);
     }
-    EXPECT_TRUE(is_done()) << "somebody is stuck";
+    EXPECT_TRUE(is_done()) << "a client is stuck";
   }
 
   void check() {
@@ -78,7 +78,8 @@ class Walk {
       return;
     }
     const auto before = rig_.gateway.snapshot(clients_[arrival.n].id(), rig_.now);
-    const bool sleeps = before && before->state == ClientState::asleep;  // or is awake for a while
+    const bool sleeps =
+        before && before->state == ClientState::asleep;  // or awake until the PINGRESP
     const Packet packet = *decode(arrival.octets);
     if (std::holds_alternative<Pingreq>(packet) || std::holds_alternative<Connect>(packet))
       listens_[arrival.n] = true;
@@ -86,7 +87,7 @@ class Walk {
     collect(sleeps && !listens_[arrival.n] ? static_cast<int>(arrival.n) : -1);
   }
 
-  /// Takes over what the gateway sent; nothing of its own to `sleeper` (R116).
+  /// Sends the gateway's datagrams over the network. None may go to `sleeper` unasked (R116).
   void collect(int sleeper = -1) {
     for (const SendDatagram& sent : rig_.datagrams) {
       const unsigned n = sent.to.address[15];
@@ -135,7 +136,7 @@ class Walk {
     return true;
   }
 
-  /// In order, QoS 2 exactly once; what came before the subscription is nobody's.
+  /// Checks for order and QoS 2 exactly once, from the first message after the subscription.
   void check_down(const WalkClient& client) {
     int last = -1;
     for (const std::string& payload : client.taken()) {

@@ -20,9 +20,9 @@ TEST(SnGateway, R133_StopsAfterItsRepetitionsUntilTheClientIsHeard) {
     rig.broker("a/x", "2", 1);
     rig.pass_s(1000);
     EXPECT_EQ(rig.sent_to(1).size(), 10U)
-        << "five at an even pace, then ever more slowly, for 40 s";
+        << "five at even intervals, then at growing ones, for 40 s";
     EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online)
-        << "keep-alive alone decides about lost";
+        << "only the keep-alive makes a client lost";
     rig.send(1, Pingreq{});
     const Lines lines = rig.sent_to(1);
     ASSERT_EQ(lines.size(), 2U);
@@ -140,7 +140,7 @@ TEST(SnGateway, R141_KeepsNodesApartAndLetsClientsMoveBetweenThem) {
   rig.sent_to(1);
   rig.broker("a/x");
   EXPECT_TRUE(rig.last_to(1).starts_with("fwd(41,0) "));
-  rig.connect(2, "r1", false);  // direct access now
+  rig.connect(2, "r1", false);  // without the forwarder
   rig.broker("a/x");
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_EQ(rig.sent_to(2), Lines{"REGISTER id=1 msg=1 topic=a/x"});
@@ -185,12 +185,13 @@ TEST(SnGateway, R145_KeepsClientsWhileTheBrokerIsAway) {
   rig.send(1, Pingreq{});
   EXPECT_EQ(rig.last_to(1), "PINGRESP");
   rig.publish(1, id, 1, 5);
-  EXPECT_EQ(rig.reports.size(), 1U) << "whether there is room is for the core to say";
+  EXPECT_EQ(rig.reports.size(), 1U) << "the core decides whether there is room";
   rig.connect(2, "r2");
-  EXPECT_EQ(rig.gateway.presence_of("r2"), Presence::online) << "robots may come back meanwhile";
+  EXPECT_EQ(rig.gateway.presence_of("r2"), Presence::online)
+      << "robots can reconnect without the broker";
   rig.broker_link(true);
   rig.broker("a/x");
-  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "nothing needs to be asked again";
+  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "subscriptions are kept";
 }
 
 TEST(SnGateway, R146_QueuesForEveryClientBeforeItReturns) {
@@ -214,7 +215,7 @@ TEST(SnGateway, R147_NeverLetsOneClientWaitForAnother) {
     const auto msg_id = std::get<Publish>(*decode(rig.datagrams.back().bytes)).msg_id;
     rig.send(2, Puback{1, msg_id, ReturnCode::accepted});
   }
-  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "its REGISTER is not answered";
+  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "only REGISTER, which r1 does not answer";
   EXPECT_EQ(rig.sent_to(2).size(), 3U);
 }
 
@@ -230,12 +231,12 @@ TEST(SnGateway, AppliesNewNamesAndRulesWithoutDroppingSessions) {
   EXPECT_TRUE(rig.is_silent(2));
   EXPECT_EQ(rig.presence.back().robot, "tank");
   rig.broker("a/x");
-  EXPECT_TRUE(rig.is_silent(1)) << "not allowed any more";
+  EXPECT_TRUE(rig.is_silent(1)) << "no longer allowed";
   rig.subscribe(1, "b", 0);
   rig.broker("b");
   EXPECT_EQ(rig.sent_to(1).size(), 1U);
   rig.publish(1, id, 1, 7);
-  EXPECT_EQ(rig.reports.size(), 1U) << "the session goes on";
+  EXPECT_EQ(rig.reports.size(), 1U) << "the session is kept";
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One robot's life from discovery to loss, as Nordic's client leads it.
+// One session from discovery to loss, as Nordic's client behaves.
 #include <gtest/gtest.h>
 
 #include "tests/mqttsn_udp/sn_rig.hpp"

@@ -93,9 +93,9 @@ void SnRig::publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t ms
 
 void SnRig::broker(const std::string& topic, const std::string& payload, unsigned qos,
                    bool retain) {
-  drain();  // what restored sessions have asked for
+  drain();  // the requests of restored sessions
   const auto target = TopicScheme("ntnu-slam", "gw").parse_command_topic(topic);
-  std::map<std::string, bool> robots;  // and whether one has asked
+  std::map<std::string, bool> robots;  // and whether it has subscribed
   if (target && !retain) robots[std::string(target->robot)] = false;
   for (const auto& [robot, all] : filters) {
     if (std::ranges::any_of(all, [&](const auto& filter) { return filter_matches(filter, topic); }))

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gateway's machine on a virtual clock with clients that are just addresses: sends octets or
-// packets, collects what comes out as text, and stands for the robots' sessions at the broker.
+// The gateway's machine on a virtual clock with clients that are only addresses. Sends octets or
+// packets, collects the output as text, and acts as the robots' sessions at the broker.
 #pragma once
 
 #include <deque>
@@ -28,7 +28,7 @@ class SnRig {
 
   /// Clients from this number on have IPv4 addresses.
   static constexpr unsigned first_ipv4 = 0x1000;
-  /// Where client number `n` sends from; the node id of a forwarder after a slash is not part.
+  /// Returns the address of client number `n`, without the node id of a forwarder.
   static Endpoint address(unsigned n);
   static LocalAddress local();
 
@@ -38,41 +38,41 @@ class SnRig {
   void connect(unsigned n, const std::string& id, bool clean = true, std::uint16_t duration_s = 60);
   std::uint16_t register_topic(unsigned n, const std::string& topic);
   void subscribe(unsigned n, const std::string& filter, unsigned qos = 1);
-  /// Client `n` connects as `id` and acknowledges a message, so it has shown that it receives.
+  /// Connects client `n` as `id` and acknowledges a message, so it has shown that it receives.
   void prove(unsigned n, const std::string& id, std::uint16_t duration_s = 60);
   void sleep(unsigned n, std::uint16_t duration_s = 100);
   void publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t msg_id,
                const std::string& payload = "hi");
 
   // Verbs of the core.
-  /// To each robot that has asked for it. A command that its robot has not asked for comes unasked,
-  /// unless it is retained.
+  /// Sends a message to each robot that has subscribed to it. A command without a subscription is
+  /// delivered as unasked, unless it is retained.
   void broker(const std::string& topic, const std::string& payload = "hi", unsigned qos = 0,
               bool retain = false);
   void robot_message(RobotMessage message);
   void receipt(std::uint64_t id, ReceiptOutcome outcome = ReceiptOutcome::safe);
-  /// The broker's answer to all robots that wait for it.
+  /// Answers all robots that wait for this SUBSCRIBE at the broker.
   void subscribe_result(const std::string& filter, bool granted);
   void note(const std::string& robot, ByteView note);
   std::vector<WaitingMessage> give_up(const std::string& robot);
   void broker_link(bool is_up);
   void ping(std::uint64_t id, const std::string& robot);
   void stop();
-  /// The configuration is read again: `robots` of it now says this, and all else is as it was.
+  /// Reloads the configuration with these `robots`.
   void rename(std::vector<RobotName> names);
-  /// The same of robots' keys.
+  /// Reloads the robots' keys.
   void use_keys(Identities of);
 
   /// Lets time pass, firing each deadline on its way.
   void pass(Duration time);
   void pass_s(int seconds) { pass(std::chrono::seconds(seconds)); }
 
-  /// What client `n` was sent since the last call, as text.
+  /// Returns the messages to client `n` since the last call, as text.
   std::vector<std::string> sent_to(unsigned n);
   bool is_silent(unsigned n) { return sent_to(n).empty(); }
   std::string last_to(unsigned n);
   std::vector<std::string> multicasts;
-  std::vector<SendDatagram> datagrams;  ///< everything, ever
+  std::vector<SendDatagram> datagrams;  ///< all that were sent
   std::vector<Report> reports;
   std::vector<PresenceChange> presence;
   std::vector<SubscribeRequest> subscribes;
@@ -82,7 +82,7 @@ class SnRig {
   std::vector<NoteChanged> notes;
   std::vector<NoteRequest> note_requests;
   std::vector<PingEnded> pings;
-  /// What the robots' sessions at the broker have.
+  /// The filters of each robot's session at the broker.
   std::map<std::string, std::set<std::string>> filters;
   std::vector<CommandOutcome> outcomes;
   std::vector<MessageStep> steps;
@@ -94,11 +94,11 @@ class SnRig {
   const TopicPolicy policy;
   SnGateway gateway;
   TimePoint now{std::chrono::hours(1)};
-  /// The core answers each SubscribeRequest at once unless this is off.
+  /// If true, the core grants each SubscribeRequest at once.
   bool answers_subscribes = true;
-  /// Off: clients have to show that they receive, by what they answer.
+  /// If false, clients must show by an answer that they receive.
   bool are_addresses_validated = true;
-  /// By client: the identity that its key proves over DTLS; the others are on plain UDP.
+  /// By client: the identity that its DTLS key proves. All other clients use plain UDP.
   std::map<unsigned, std::string> proven;
 
  private:
@@ -121,7 +121,7 @@ struct ConnectedRig : SnRig {
   explicit ConnectedRig(Settings settings) : SnRig(std::move(settings)) { connect(1, "r1"); }
 };
 
-/// One list from several, for comparing.
+/// Joins lists, for comparisons.
 using Lines = std::vector<std::string>;
 
 }  // namespace slamgw::mqttsn

@@ -23,7 +23,7 @@ std::vector<Packet> WalkClient::on_tick(TimePoint now) {
   if (!request_ || now < repeat_at_) return {};
   const auto* publish = std::get_if<Publish>(&*request_);
   if (publish && publish->qos == WireQos::one && tries_ >= max_tries_qos1) {
-    request_.reset();  // nobody knows whether it went up
+    request_.reset();  // it is unknown whether it went up
     return {};
   }
   ++tries_;
@@ -95,7 +95,7 @@ std::vector<Packet> WalkClient::on_packet(const Packet& packet, TimePoint now) {
       is_asleep_ = true;
       wake_at_ = now + seconds(20);
     } else if (std::holds_alternative<Pingreq>(request)) {
-      is_asleep_ = false;  // up again: CONNECT makes it active
+      is_asleep_ = false;  // CONNECT makes it active again
       is_connected_ = false;
     } else if (std::holds_alternative<Pubrel>(request) || std::holds_alternative<Puback>(packet)) {
       published_.back().is_acknowledged = true;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A client as the specification wants it, for the random walk: one request at a time, repeated
-// until it is answered; publishes numbered messages, takes numbered messages, sleeps now and then.
+// A client that follows the specification, for the random walk: one request at a time, repeated
+// until it is answered. It publishes and receives numbered messages, and sleeps now and then.
 // An independent model: it shares only the codec with the gateway.
 #pragma once
 
@@ -20,10 +20,10 @@ class WalkClient {
  public:
   WalkClient(std::string id, unsigned messages, std::uint64_t seed);
 
-  /// What it sends now.
+  /// Returns the packets that it sends now.
   std::vector<Packet> on_tick(TimePoint now);
   std::vector<Packet> on_packet(const Packet& packet, TimePoint now);
-  /// No new sleep from now on; it says goodbye to nobody.
+  /// Starts no new sleep from now on, and does not disconnect.
   void stay_awake() { may_sleep_ = false; }
 
   bool is_done() const { return published_.size() == messages_ && !request_ && !is_asleep_; }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Handshakes that never end take no place from a robot, however many they are.
+// A flood of unfinished handshakes takes no place from a robot.
 #include "adapters/mqttsn_udp/clients/handshake_places.hpp"
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ Endpoint endpoint(unsigned network, unsigned host, unsigned port) {
 
 class HandshakePlaces : public testing::Test {
  protected:
-  /// Begins a handshake, and returns the one that it has ended.
+  /// Begins a handshake. Returns the handshake that was ended to make room.
   std::optional<Endpoint> add(const Endpoint& from) {
     const auto gone = find_handshake_to_end(under_way, from.address);
     if (gone) under_way.erase(*gone);
@@ -39,7 +39,7 @@ TEST_F(HandshakePlaces, AreBoundedForEachAddress) {
     const auto gone = add(endpoint(1, 1, port));
     ASSERT_EQ(gone.has_value(), port >= limits::max_dtls_handshakes_of_address);
     if (gone) {
-      EXPECT_EQ(gone->port, port - limits::max_dtls_handshakes_of_address) << "the oldest";
+      EXPECT_EQ(gone->port, port - limits::max_dtls_handshakes_of_address) << "the oldest is ended";
     }
   }
   EXPECT_EQ(under_way.size(), limits::max_dtls_handshakes_of_address);
@@ -49,7 +49,7 @@ TEST_F(HandshakePlaces, KeepARobotsHandshakeDuringAFloodFromItsNetwork) {
   const Endpoint robot = endpoint(1, 0xffff, 1);
   EXPECT_FALSE(add(robot));
   for (unsigned i = 0; i < 2000; ++i)
-    ASSERT_FALSE(add(endpoint(1, i % 60, i)) == robot) << "others have more";
+    ASSERT_FALSE(add(endpoint(1, i % 60, i)) == robot) << "other addresses have more";
   EXPECT_EQ(under_way.size(), limits::max_dtls_handshakes_of_network);
 }
 

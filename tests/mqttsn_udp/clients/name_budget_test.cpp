@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a subscription is charged is what it takes: here and in the robot's session at the broker.
+// A subscription is charged for the memory that it takes, here and in the robot's broker session.
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 
 #include <gtest/gtest.h>
@@ -17,8 +17,8 @@ namespace {
 constexpr unsigned clients = 32;
 constexpr unsigned filters_each = 64;
 
-/// Octets that are taken for each octet that is charged.
-double taken_of_charged(const std::function<std::string(unsigned)>& filter_of) {
+/// Returns the allocated octets for each octet that is charged.
+double octets_for_each_charged(const std::function<std::string(unsigned)>& filter_of) {
   SnRig rig;
   sessions::RobotSessions at_broker(sessions::SessionNames(TopicScheme("ntnu-slam", "gw")),
                                     [](const auto&) { return false; });
@@ -32,7 +32,7 @@ double taken_of_charged(const std::function<std::string(unsigned)>& filter_of) {
                         {rig.now, {}});
     charged += NameBudget::of_filter(filter.size());
   }
-  rig.filters.clear();  // what the rig has of them does not count
+  rig.filters.clear();  // the rig's own copies do not count
   std::exchange(rig.subscribes, {}).clear();
   std::exchange(rig.datagrams, {}).clear();
   const std::size_t after = mallinfo2().uordblks;
@@ -41,16 +41,16 @@ double taken_of_charged(const std::function<std::string(unsigned)>& filter_of) {
 
 TEST(NameBudget, ChargesFiltersForTheirMemory) {
   const double ordinary =
-      taken_of_charged([](unsigned i) { return "a/robot-" + std::to_string(i) + "/+"; });
+      octets_for_each_charged([](unsigned i) { return "a/robot-" + std::to_string(i) + "/+"; });
   if (ordinary == 0) GTEST_SKIP() << "the allocator of this build counts nothing";
   EXPECT_LT(ordinary, 2);
-  EXPECT_LT(taken_of_charged([](unsigned i) {
+  EXPECT_LT(octets_for_each_charged([](unsigned i) {
               std::string filter = "a/" + std::to_string(i);
               for (int level = 2; level < 63; ++level) filter += "/x";
               return filter + "/+";
             }),
             1.25);
-  EXPECT_LT(taken_of_charged([](unsigned i) {
+  EXPECT_LT(octets_for_each_charged([](unsigned i) {
               return "a/" + std::to_string(i) + "/" + std::to_string(i) + "/" + std::to_string(i);
             }),
             2);

@@ -12,7 +12,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// What a store would have: all that was dirty, read at once.
+/// Saves all changed sessions at once, as a store does.
 void save(SnRig& rig, std::map<std::string, Bytes>& store) {
   for (const std::string& id : rig.gateway.take_changed(1000)) {
     if (const auto snapshot = rig.gateway.snapshot(id, rig.now)) {
@@ -32,7 +32,7 @@ void restart(SnRig& before, SnRig& after) {
     ASSERT_TRUE(snapshot) << id;
     EXPECT_TRUE(after.gateway.restore(*snapshot, after.now));
   }
-  after.broker_link(true);  // drains what restoring left
+  after.broker_link(true);  // drains the actions of restoring
 }
 
 TEST(SnGateway, R47_RestoresTopicsSubscriptionsAndWillAfterARestart) {
@@ -47,7 +47,7 @@ TEST(SnGateway, R47_RestoresTopicsSubscriptionsAndWillAfterARestart) {
   ASSERT_EQ(after.subscribes.size(), 1U);
   EXPECT_EQ(after.subscribes[0].filter, "a/x");
   EXPECT_EQ(after.subscribes[0].robot, "r1");
-  EXPECT_TRUE(after.subscribes[0].is_standing) << "it has had the retained messages";
+  EXPECT_TRUE(after.subscribes[0].is_standing) << "its retained messages were delivered before";
   EXPECT_EQ(after.presence.at(0).presence, Presence::online);
   EXPECT_TRUE(after.is_silent(1));
   after.publish(1, id, 1, 7);
@@ -61,11 +61,10 @@ TEST(SnGateway, R47_RestoresTopicsSubscriptionsAndWillAfterARestart) {
   EXPECT_EQ(after.reports[1].payload, to_bytes("bye"));
 }
 
-/// Of a filter, so that few clients fill the room.
+/// Length of a filter, so that few clients use up the shared bound.
 constexpr std::size_t long_name = 20'000;
 
-/// Of the clients that fill the room together one that took its part in time has it after a
-/// restart, whatever its name.
+/// A client whose filters fitted keeps them, in whichever order the sessions are restored.
 TEST(SnGateway, RestoresEveryFilterThatFittedBeforeARestart) {
   SnRig before;
   before.connect(1, "zz", false);
@@ -75,7 +74,7 @@ TEST(SnGateway, RestoresEveryFilterThatFittedBeforeARestart) {
   SnRig after;
   NameBudget taken;
   for (const auto& each : last.subscriptions) taken.take(NameBudget::of_filter(each.filter.size()));
-  for (std::size_t n = 0; n < 60; ++n) {  // as the room is given out: first together, then to each
+  for (std::size_t n = 0; n < 60; ++n) {  // uses the shared bound first, then each client's own
     wide.client_id = wide.robot = "c" + std::to_string(n);
     wide.peer.reset();
     wide.subscriptions.clear();
@@ -96,12 +95,12 @@ TEST(SnGateway, RestoresEveryFilterThatFittedBeforeARestart) {
     EXPECT_EQ(after.gateway.snapshot(wide.client_id, after.now)->subscriptions.size(),
               wide.subscriptions.size());
   }
-  EXPECT_FALSE(taken.may_take(limits::name_octets_for_each, 1024)) << "the room is full";
+  EXPECT_FALSE(taken.may_take(limits::name_octets_for_each, 1024)) << "the shared bound is used up";
   ASSERT_TRUE(after.gateway.restore(last, after.now));
   EXPECT_EQ(after.gateway.snapshot("zz", after.now)->subscriptions.size(), 8U);
 }
 
-/// As an earlier version has kept them, which let each client have them.
+/// Earlier versions had no shared bound.
 TEST(SnGateway, RestoresNoMoreFiltersThanTheSharedBound) {
   constexpr std::size_t clients = 45;
   SnRig before;
@@ -156,7 +155,7 @@ TEST(SnGateway, ReportsKeptSubscriptionsThatAreNoLongerAllowed) {
 const std::string cmd_topic = "ntnu-slam/server/r1/cmd";
 const std::string run_topic = "ntnu-slam/server/r1/run";
 
-/// A `cmd` is in flight and a `run` waits behind it; they came nine seconds ago.
+/// Leaves a `cmd` in flight and a `run` behind it, both nine seconds old.
 void leave_two_commands(SnRig& before) {
   before.connect(1, "r1", false, 6000);
   before.subscribe(1, cmd_topic, 1);
@@ -196,7 +195,7 @@ TEST(SnGateway, KeepsTheTimeoutOfACommandOverARestart) {
   EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
   EXPECT_EQ(after.outcomes[0].after, limits::command_patience);
   after.pass_s(28);
-  EXPECT_EQ(after.outcomes.size(), 3U) << "in the order in which they came";
+  EXPECT_EQ(after.outcomes.size(), 3U) << "the third command times out last";
 }
 
 TEST(SnGateway, CountsItsDowntimeTowardsTheTimeoutOfCommands) {
@@ -242,7 +241,7 @@ TEST(SnGateway, DropsDamagedCommandsAndBoundsTheirAgeAtARestore) {
   EXPECT_EQ(after.outcomes[0].after, std::chrono::hours(1));
 }
 
-/// In a fleet another gateway has told the outcome by then, and this one must see that.
+/// In a fleet another gateway may have reported the outcome already. The age shows it.
 TEST(SnGateway, ReportsTheFullAgeOfACommandRestoredLate) {
   SnRig before, after;
   leave_two_commands(before);
@@ -264,7 +263,7 @@ TEST(SnGateway, ReportsNoOutcomeAgainAfterARestart) {
   before.pass_s(30);
   EXPECT_EQ(before.outcomes.size(), 2U);
   restart(before, after);
-  EXPECT_EQ(after.gateway.queued_for("r1"), 0U) << "and it is not carried out";
+  EXPECT_EQ(after.gateway.queued_for("r1"), 0U) << "the command is not sent again";
   after.pass_s(60);
   EXPECT_TRUE(after.outcomes.empty());
 }
@@ -380,7 +379,7 @@ TEST(SnGateway, R75_ServesAClientWithoutPubrelOverARestart) {
   for (std::uint16_t msg_id = many + 1; msg_id <= 2 * many; ++msg_id) publish(after, msg_id);
   EXPECT_EQ(after.reports.size(), many);
   after.publish(1, topic, 2, many + 1);
-  EXPECT_EQ(after.reports.size(), many) << "those from before the restart have gone first";
+  EXPECT_EQ(after.reports.size(), many) << "the oldest entries are dropped first";
 }
 
 TEST(SnGateway, R76_RecognizesRepeatsAfterARestart) {
@@ -407,7 +406,7 @@ TEST(SnGateway, R76_RemembersOverARestartThatAClientCountsMsgIds) {
   before.gateway.take_changed(1000);
   for (std::uint16_t msg_id = 7; msg_id < 8 + limits::min_counted_ids; ++msg_id)
     before.publish(1, id, 1, msg_id, "step");
-  EXPECT_EQ(before.gateway.take_changed(1000), Lines{"r1"}) << "that is worth writing down";
+  EXPECT_EQ(before.gateway.take_changed(1000), Lines{"r1"}) << "counting ids is saved";
   before.gateway.set_all_dirty();
   SnRig after;
   restart(before, after);
@@ -418,7 +417,7 @@ TEST(SnGateway, R76_RemembersOverARestartThatAClientCountsMsgIds) {
   EXPECT_EQ(after.reports.size(), 1U);
 }
 
-/// An earlier version took wildcards as short names.
+/// An earlier version accepted wildcards as short names.
 TEST(SnGateway, R85_RegistersTheNameOfAMessageForAKeptShortWildcard) {
   SnRig before({}, {}, {}, {"#"});
   before.connect(1, "r1", false);
@@ -432,8 +431,8 @@ TEST(SnGateway, R85_RegistersTheNameOfAMessageForAKeptShortWildcard) {
   EXPECT_EQ(after.last_to(1).substr(0, 8), "REGISTER");
 }
 
-/// A message that came after the snapshot had the next MsgId. The robot may hold this MsgId until a
-/// PUBREL that was lost.
+/// A message after the snapshot has used the next MsgId. If its PUBREL was lost, the robot still
+/// takes this MsgId for that message.
 TEST(SnGateway, R90_ReusesNoMsgIdAfterACrash) {
   ConnectedRig before(false);
   before.subscribe(1, "a/x", 2);
@@ -479,7 +478,7 @@ TEST(SnGateway, R76_RecognizesARepeatAfterACrashIfTheClientSendsRarely) {
   for (std::uint16_t n = 1; n <= 2 * limits::max_repeats_saved_at_once; ++n) say(100 + n);
   before.gateway.take_changed(1000);
   say(99);
-  EXPECT_FALSE(before.gateway.has_changed()) << "its messages would cost too many writes";
+  EXPECT_FALSE(before.gateway.has_changed()) << "saving each message would cost too many writes";
   before.pass(limits::repeat_window + std::chrono::seconds{1});
   before.gateway.take_changed(1000);
   say(98);
@@ -525,7 +524,7 @@ TEST(SnGateway, ListsOnlyChangedSessionsForSaving) {
   EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r2"});
   rig.send(1, Disconnect{});
   EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r1"});
-  EXPECT_FALSE(rig.gateway.snapshot("r1", TimePoint{})) << "a clean session is gone";
+  EXPECT_FALSE(rig.gateway.snapshot("r1", TimePoint{})) << "a clean session ends with DISCONNECT";
 }
 
 TEST(SnGateway, ListsChangedSessionsInBatches) {
@@ -572,7 +571,7 @@ SessionSnapshot whole_session() {
   return session;
 }
 
-/// What version 0.1.0 writes of it.
+/// That session as version 0.1.0 writes it.
 constexpr std::string_view whole_record =
     "bf6776657273696f6e0169636c69656e745f6964656e72662d3765726f626f7462723765737461746501656c"
     "6f63616c50fd02000000000000000000000000000069696e746572666163650466736f636b65740165636c65"
@@ -596,7 +595,6 @@ TEST(SessionCodec, WritesAndReadsTheFormatOfVersion010) {
   EXPECT_EQ(to_hex(encode_session(*read)), whole_record);
 }
 
-/// Whatever became of the octets, restoring them harms nothing.
 TEST(SessionCodec, RejectsOrRestoresDamagedRecordsSafely) {
   SnRig before;
   before.send(1, Connect{true, false, 1, 60, "r1"});
@@ -626,13 +624,13 @@ TEST(SessionCodec, RejectsOrRestoresDamagedRecordsSafely) {
   EXPECT_GT(restored, 0U);
 }
 
-/// A client that may write under another gateway's name at the broker can send it.
+/// A client that may write below another gateway's topics at the broker can send such a record.
 TEST(SessionCodec, RejectsDeeplyNestedRecords) {
   constexpr std::size_t octets = 130'000;
   for (const std::uint8_t head :
        std::initializer_list<std::uint8_t>{0x9f, 0xbf, 0x7f, 0x5f, 0x81, 0xa1, 0xc1, 0xd8}) {
     EXPECT_FALSE(decode_session(Bytes(octets, head))) << unsigned{head};
-    Bytes keyed;  // as the value of a map's key, and the next in that
+    Bytes keyed;  // each map is the value in the map before
     while (keyed.size() < octets) keyed.insert(keyed.end(), {0xbf, 0x61, 'a', head});
     EXPECT_FALSE(decode_session(keyed)) << unsigned{head};
   }
@@ -658,7 +656,7 @@ TEST(SnGateway, UnsubscribesRestoredFiltersThatAreNoLongerAllowed) {
   EXPECT_TRUE(after.gateway.restore(snapshot, after.now));
   after.broker_link(true);
   EXPECT_EQ(after.filters["r1"], std::set<std::string>{"a/x"});
-  ASSERT_EQ(after.unsubscribes.size(), 1U) << "the broker's session has it";
+  ASSERT_EQ(after.unsubscribes.size(), 1U) << "the session at the broker still has it";
   EXPECT_EQ(after.unsubscribes[0].filter, "ntnu-slam/server/r2/cmd");
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// No answer on which a client relies leaves before the client's session is saved, in the order in
-// which the client is sent things; and a disk that does not save silences nobody.
+// An answer on which a client relies waits until the client's session is saved. Messages to one
+// client keep their order. Without a working disk, answers leave unsaved.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -11,14 +11,14 @@ namespace {
 
 constexpr std::size_t all = 100000;
 
-/// The rig with a store that writes when a test says so.
+/// A rig with a store that writes when the test calls end_save().
 class UnsavedAnswers : public testing::Test {
  protected:
   UnsavedAnswers() {
     rig.gateway.answer_when_saved();
     rig.gateway.on_saved(true, rig.now);
   }
-  /// The shell begins to write: these sessions.
+  /// Begins a write, as the shell does. Returns the sessions that it includes.
   Lines begin_save() { return rig.gateway.take_changed(all); }
   void end_save(bool is_saved = true) {
     rig.gateway.on_saved(is_saved, rig.now);
@@ -91,7 +91,7 @@ TEST_F(UnsavedAnswers, AreNotOvertakenByLaterMessagesToTheClient) {
   rig.send(1, Pingreq{});
   rig.send(2, Pingreq{});
   EXPECT_TRUE(rig.is_silent(1));
-  EXPECT_EQ(rig.last_to(2), "PINGRESP") << "its own session waits for nothing";
+  EXPECT_EQ(rig.last_to(2), "PINGRESP") << "its own session is saved";
   save();
   const Lines sent = rig.sent_to(1);
   ASSERT_EQ(sent.size(), 3U);
@@ -121,7 +121,7 @@ TEST_F(UnsavedAnswers, DelayNoRefusalPingrespOrDisconnect) {
   rig.send(1, Pingreq{});
   EXPECT_EQ(rig.last_to(1), "PINGRESP");
   rig.send(2, Register{0, 1, own_topic});
-  EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "a stranger has no session";
+  EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "an unknown client has no session";
 }
 
 TEST_F(UnsavedAnswers, LeaveUnsavedOnlyWhileTheStoreFails) {
@@ -134,9 +134,9 @@ TEST_F(UnsavedAnswers, LeaveUnsavedOnlyWhileTheStoreFails) {
   EXPECT_EQ(rig.counter("answered_unsaved"), 2U);
   EXPECT_EQ(rig.notices.size(), 1U);
   rig.send(3, Connect{false, true, protocol_id, 60, "r3"});
-  EXPECT_EQ(rig.last_to(3), "CONNACK code=0") << "nothing waits for a store that fails";
+  EXPECT_EQ(rig.last_to(3), "CONNACK code=0") << "no answer waits for a failing store";
   EXPECT_EQ(rig.counter("answered_unsaved"), 3U);
-  EXPECT_EQ(begin_save(), (Lines{"r2", "r3"})) << "they are saved all the same";
+  EXPECT_EQ(begin_save(), (Lines{"r2", "r3"})) << "they are still to be saved";
   end_save(false);
   end_save();
   rig.send(4, Connect{false, true, protocol_id, 60, "r4"});
@@ -145,7 +145,7 @@ TEST_F(UnsavedAnswers, LeaveUnsavedOnlyWhileTheStoreFails) {
   EXPECT_EQ(rig.last_to(4), "CONNACK code=0");
   rig.send(5, Connect{false, true, protocol_id, 60, "r5"});
   end_save(false);
-  EXPECT_EQ(rig.notices.size(), 1U) << "once an hour";
+  EXPECT_EQ(rig.notices.size(), 1U) << "at most one notice an hour";
 }
 
 TEST_F(UnsavedAnswers, IncludeThePingrespToASleeperAtANewAddress) {
@@ -206,7 +206,7 @@ TEST_F(UnsavedAnswers, AreSavedInBoundedBatches) {
   }
 }
 
-/// `mqttsn.max_clients` may be far above the number of ended sessions that wait for the disk.
+/// `mqttsn.max_clients` may exceed `max_changed`, the bound for the ids of ended sessions.
 TEST(ChangedSessions, HaveRoomForAllClientsAndABoundedRest) {
   constexpr std::size_t clients = limits::max_changed;
   ChangedSessions changed(clients);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an address is sent in whose name an attacker sends: less than three times what he spent, IP
-// and UDP headers included. And clients that do answer get all of theirs.
+// A forged source address gets less than three times the octets that the attacker sends, IP and
+// UDP headers included. Clients that answer get all of their messages.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -20,15 +20,15 @@ RandomSource random_source(std::uint64_t seed) {
       [random = std::mt19937_64(seed)]() mutable { return static_cast<std::uint16_t>(random()); };
 }
 
-/// Of a datagram on its network.
+/// Returns the size of a datagram with its IP and UDP headers.
 std::size_t octets_on_the_wire(const Endpoint& endpoint, const Bytes& message) {
   return message.size() + (is_ipv4(endpoint.address) ? 28 : 48);
 }
 
-/// A gateway that believes no address, and what went each way between it and one address.
+/// A gateway that trusts no address, and the octets in each direction between it and one address.
 struct Victim {
   SnRig rig;
-  unsigned number = 1;  // of its address
+  unsigned number = 1;  // of the victim's address
   std::size_t in = 0;
 
   explicit Victim(const Settings& settings = {})
@@ -58,7 +58,7 @@ std::uint16_t short_id(const char* name) {
   return static_cast<std::uint16_t>(name[0] << 8 | name[1]);
 }
 
-/// A client that answers whatever it is asked, as the specification wants it.
+/// Answers every request to a client, as the specification demands. Collects the payloads in `got`.
 void answer_all(SnRig& rig, std::size_t& seen, std::vector<std::string>& got) {
   for (; seen < rig.datagrams.size(); ++seen) {
     const Packet packet = *decode(rig.datagrams[seen].bytes);
@@ -76,9 +76,9 @@ TEST(Amplification, AsksForTheWillOnceForEachConnect) {
   Victim victim;
   victim.send(Connect{true, true, 1, 60, "x"});
   victim.rig.pass_s(600);
-  EXPECT_EQ(victim.datagrams(), 1U) << "it was WILLTOPICREQ four times";
+  EXPECT_EQ(victim.datagrams(), 1U) << "WILLTOPICREQ is not repeated";
   victim.send(Connect{true, true, 1, 60, "x"});
-  EXPECT_EQ(victim.datagrams(), 2U) << "a client that lost it asks again";
+  EXPECT_EQ(victim.datagrams(), 2U) << "a repeated CONNECT is answered again";
 }
 
 TEST(Amplification, FloodGuardLimitsAnswersToRefusedConnects) {
@@ -127,7 +127,7 @@ TEST(Amplification, SendsALongMessageOnlyAfterAProbe) {
   client.subscribe("ntnu-slam/server/r1/map", WireQos::zero);
   const std::string map(900, 'm');
   client.rig.broker("ntnu-slam/server/r1/map", map, 1);
-  EXPECT_EQ(client.rig.last_to(1).substr(0, 8), "REGISTER") << "it asks: do you receive?";
+  EXPECT_EQ(client.rig.last_to(1).substr(0, 8), "REGISTER") << "REGISTER is the probe";
   EXPECT_LT(client.out(), 3 * client.in);
   std::size_t seen = 0;
   std::vector<std::string> got;
@@ -176,7 +176,7 @@ TEST(Amplification, RejectsMsgIdsGuessedFromAnotherAddressAsProof) {
   EXPECT_LT(attack.out(), 3 * attack.in);
 }
 
-/// One random datagram of somebody who knows the protocol, the topics and small MsgIds.
+/// Returns a random packet of an attacker who knows the protocol, the topics and small MsgIds.
 Packet random_packet(std::mt19937_64& random) {
   const auto below = [&](unsigned n) { return static_cast<std::uint16_t>(random() % n); };
   const auto id = "c" + std::to_string(below(3));
@@ -206,7 +206,7 @@ Packet random_packet(std::mt19937_64& random) {
   }
 }
 
-/// One datagram of the walk: now and then a session that subscribes, else anything.
+/// Returns one datagram of the walk: sometimes of a session that subscribes, else a random one.
 Bytes forged(std::mt19937_64& random, int step) {
   if (step % 12 == 0) return encode(Connect{false, true, 1, 600, step % 24 == 0 ? "c0" : "c1"});
   if (step % 12 == 1) {
@@ -225,7 +225,7 @@ void publish_something(SnRig& rig, std::mt19937_64& random) {
              static_cast<unsigned>(random() % 3), random() % 4 == 0);
 }
 
-/// The attacker forges datagrams of two victims, so that sessions move between them as well.
+/// The attacker forges datagrams of two victims, so sessions move between them as well.
 TEST(Amplification, SendsLessThanThreeTimesTheOctetsOfARandomSequence) {
   std::size_t published = 0;
   Settings settings;
@@ -262,10 +262,10 @@ TEST(Amplification, SendsLessThanThreeTimesTheOctetsOfARandomSequence) {
       published += packet && std::holds_alternative<Publish>(*packet) ? 1 : 0;
     }
   }
-  EXPECT_GT(published, 1000U) << "the sequences reach what they are to reach";
+  EXPECT_GT(published, 1000U) << "the sequences cause enough messages";
 }
 
-/// A PINGREQ can be forged as easily as the CONNECT that gave the id.
+/// A PINGREQ can be forged as easily as the CONNECT with the same client id.
 TEST(Amplification, RejectsPingsWithTheClientIdAsProof) {
   for (const WireQos qos : {WireQos::zero, WireQos::one}) {
     Victim victim;
@@ -282,7 +282,7 @@ TEST(Amplification, RejectsPingsWithTheClientIdAsProof) {
   }
 }
 
-/// As many clients do that use predefined ids only.
+/// Many clients that use only predefined ids behave like this.
 TEST(Amplification, SendsMoreQos0ToAListenerThatPingsByName) {
   for (const bool pings_by_name : {true, false}) {
     Victim client;

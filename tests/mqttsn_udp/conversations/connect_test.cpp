@@ -41,7 +41,7 @@ TEST(SnGateway, R25_ConnectsAtOnceOnAnEmptyWillTopic) {
   rig.send_octets(1, hex("02 07"));
   EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
   rig.pass_s(200);
-  EXPECT_TRUE(rig.reports.empty()) << "no will";
+  EXPECT_TRUE(rig.reports.empty()) << "without a will";
 }
 
 TEST(SnGateway, R26_TakesAnEmptyWillMessage) {
@@ -61,7 +61,7 @@ TEST(SnGateway, R27_GivesUpAnUnfinishedHandshakeQuietly) {
   rig.pass_s(100);
   EXPECT_EQ(rig.sent_to(2), Lines(4, "WILLTOPICREQ"));
   rig.send(1, Pingreq{});
-  EXPECT_EQ(rig.last_to(1), "PINGRESP") << "the session is as before";
+  EXPECT_EQ(rig.last_to(1), "PINGRESP") << "the session is unchanged";
 }
 
 TEST(SnGateway, R28_RestartsTheHandshakeOnARepeatedConnect) {
@@ -88,7 +88,7 @@ TEST(SnGateway, R29_EndsTheHandshakeOnAnyOtherMessage) {
     rig.send(1, packet);
     EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"}) << describe(packet);
     rig.send(1, WillTopic{WireQos::zero, false, own_topic});
-    EXPECT_TRUE(rig.is_silent(1)) << "the attempt is gone";
+    EXPECT_TRUE(rig.is_silent(1)) << "the handshake has ended";
     rig.pass_s(60);
     EXPECT_TRUE(rig.is_silent(1));
   }
@@ -134,7 +134,7 @@ TEST(SnGateway, R33_IsSilentOrRejectsWhenFull) {
   silent.send(2, plain("r2"));
   EXPECT_TRUE(silent.is_silent(2));
   silent.send(1, plain("r1"));
-  EXPECT_EQ(silent.last_to(1), "CONNACK code=0") << "who is in stays in";
+  EXPECT_EQ(silent.last_to(1), "CONNACK code=0") << "an accepted client keeps its place";
   settings.when_full = WhenFull::reject;
   ConnectedRig rejecting(settings);
   rejecting.send(2, plain("r2"));
@@ -179,7 +179,7 @@ TEST(SnGateway, R36_FollowsAClientToANewAddress) {
   rig.send(1, WillMsg{});
   rig.subscribe(1, "a/x");
   rig.connect(2, "r1", false);
-  EXPECT_TRUE(rig.reports.empty()) << "moving is not dying";
+  EXPECT_TRUE(rig.reports.empty()) << "a move does not publish the will";
   rig.broker("a/x");
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_FALSE(rig.is_silent(2));
@@ -213,7 +213,7 @@ TEST(SnGateway, R37_GivesAnAddressToItsLatestClient) {
   ASSERT_EQ(rig.reports.size(), 1U) << "A is lost";
   EXPECT_EQ(rig.reports[0].robot, "a");
   rig.broker("a/x");
-  EXPECT_TRUE(rig.is_silent(1)) << "never to B";
+  EXPECT_TRUE(rig.is_silent(1)) << "B does not get A's message";
 
   SnRig sleeping;
   sleeping.connect(1, "a", false);
@@ -297,9 +297,9 @@ TEST(SnGateway, R31_RefusesTheNamesOfRobotsOnOtherMeshes) {
     EXPECT_EQ(rig.last_to(1), "CONNACK code=3") << name;
   }
   rig.connect(2, "c2");
-  EXPECT_EQ(rig.presence.back().robot, "both") << "the configuration says so";
+  EXPECT_EQ(rig.presence.back().robot, "both") << "the configuration names it";
   rig.send(3, Connect{true, true, 1, 60, "lego-2"});
-  elsewhere.insert("lego-2");  // taken in meanwhile
+  elsewhere.insert("lego-2");  // taken on the other mesh during the handshake
   rig.send(3, WillTopic{WireQos::zero, false, ""});
   EXPECT_EQ(rig.last_to(3), "CONNACK code=3");
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two clients that connect in turns with one client id.
+// Two clients that connect in turns with the same client id.
 #include <gtest/gtest.h>
 
 #include "tests/mqttsn_udp/sn_rig.hpp"
@@ -7,7 +7,7 @@
 namespace slamgw::mqttsn {
 namespace {
 
-/// Both keep alive, and take the session from each other.
+/// Connects two clients in turns, so that they take the session from each other.
 void contest(SnRig& rig, int times) {
   for (int i = 0; i < times; ++i) {
     rig.connect(1 + static_cast<unsigned>(i % 2), "r1", true);
@@ -22,7 +22,7 @@ TEST(Contested, ReportsAClientIdThatTwoAddressesUseInTurns) {
   EXPECT_TRUE(rig.notices.empty());
   contest(rig, 4);
   EXPECT_TRUE(rig.presence.back().is_contested);
-  ASSERT_EQ(rig.notices.size(), 1U) << "once";
+  ASSERT_EQ(rig.notices.size(), 1U) << "one notice for all takeovers";
   EXPECT_EQ(rig.notices[0].severity, Severity::warning);
   EXPECT_EQ(rig.notices[0].robot, "r1");
   for (const unsigned n : {1U, 2U}) {
@@ -46,7 +46,7 @@ TEST(Contested, EndsWhenOneAddressIsSilentForAMinute) {
 
 TEST(Contested, IgnoresARobotThatMovesOrRestarts) {
   SnRig rig;
-  for (unsigned n = 1; n <= 10; ++n) {  // at ever new addresses
+  for (unsigned n = 1; n <= 10; ++n) {  // a new address each time
     rig.connect(n, "r1", true);
     rig.pass_s(31);
   }

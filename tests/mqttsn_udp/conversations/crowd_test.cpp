@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Clients that have not shown that they receive give way to others when all places are taken.
+// When all places are taken, clients that have not shown that they receive are evicted.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -20,14 +20,14 @@ Connect connect(const std::string& id, std::uint16_t duration_s, bool is_clean =
   return {false, is_clean, 1, duration_s, id};
 }
 
-/// Takes all places from one address, as a client that never says anything else.
+/// Takes all places from one address, with a CONNECT for each.
 void fill(SnRig& rig, unsigned from, std::uint16_t duration_s) {
   for (unsigned i = 0; i < 120; ++i) rig.send(from, connect("x" + to_string(i), duration_s));
-  // Each of them was the client at that address until the next one came.
+  // Each is the client at that address until the next CONNECT.
   rig.sent_to(from);
 }
 
-/// As `fill`, behind a forwarder: each client has an address of its own.
+/// Takes all places behind one forwarder, where each client has its own node id.
 void fill_nodes(SnRig& rig, unsigned from, std::uint16_t duration_s) {
   for (unsigned i = 0; i < 120; ++i) {
     const std::string id = "x" + to_string(i);
@@ -61,10 +61,10 @@ TEST(Crowd, EvictsUnprovenClientsForAnotherNetwork) {
   SnRig rig(small());
   for (unsigned i = 0; i < 120; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
   rig.send(1, SearchGw{1});
-  EXPECT_TRUE(rig.is_silent(1)) << "a CONNECT from there would get no place";
+  EXPECT_TRUE(rig.is_silent(1)) << "a CONNECT from that network would get no place";
   rig.send(SnRig::first_ipv4 + 1, SearchGw{1});
   EXPECT_EQ(rig.last_to(SnRig::first_ipv4 + 1), "GWINFO gw=1 address=");
-  EXPECT_EQ(answer_to_new(rig, 1), "nothing") << "of the same /64, whose clients are all alike";
+  EXPECT_EQ(answer_to_new(rig, 1), "nothing") << "its /64 has most of the places itself";
   EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "CONNACK code=0");
 }
 
@@ -109,7 +109,7 @@ TEST(Crowd, ReportsTheNetworkWithMostClients) {
   EXPECT_EQ(places.most_unproven.address, "fd00::/64");
   EXPECT_EQ(places.most_unproven.clients, 20U);
   EXPECT_EQ(places.most.address, "fd00::/64");
-  EXPECT_EQ(places.most.clients, 21U) << "one has answered";
+  EXPECT_EQ(places.most.clients, 21U) << "includes the proven client";
   rig.prove(10, "x0", 60000);
   EXPECT_EQ(rig.gateway.places().unproven, 19U);
 }
@@ -125,7 +125,7 @@ TEST(Crowd, EvictsUnprovenClientsAfterARestart) {
   EXPECT_EQ(answer_to_new(after, 1), "CONNACK code=0");
 }
 
-/// The key counts as an answer, also where the first message is out of place.
+/// The key counts as an answer, even if the first message is unexpected.
 TEST(Crowd, KeepsThePlaceOfARobotThatProvesItsKey) {
   Settings settings;
   settings.max_clients = 1;

@@ -81,7 +81,7 @@ TEST(SnGateway, R20_IgnoresSearchesWhileItCannotServeClients) {
   rig.broker_link(true);
   rig.connect(2, "r2");
   rig.send(1, SearchGw{1});
-  EXPECT_TRUE(rig.is_silent(1)) << "full";
+  EXPECT_TRUE(rig.is_silent(1)) << "all places are taken";
   rig.send(2, Disconnect{});
   rig.send(1, SearchGw{1});
   EXPECT_EQ(rig.last_to(1), "GWINFO gw=1 address=");
@@ -93,7 +93,7 @@ TEST(SnGateway, R21_LimitsAnswersPerSource) {
   EXPECT_EQ(rig.sent_to(1).size(), limits::stranger_burst);
   EXPECT_EQ(rig.counter("unanswered"), 500U - limits::stranger_burst);
   rig.send(2, SearchGw{1});
-  EXPECT_EQ(rig.sent_to(2).size(), 1U) << "others are not limited by it";
+  EXPECT_EQ(rig.sent_to(2).size(), 1U) << "other sources are not limited";
   rig.pass_s(1);
   rig.send(1, SearchGw{1});
   EXPECT_EQ(rig.sent_to(1).size(), 1U);

@@ -53,7 +53,7 @@ TEST(SnGateway, R86_RegistersATopicAgainThatTheClientForgot) {
   rig.send(1, Regack{1, 2, ReturnCode::accepted});
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=3 data=6869"});
   rig.send(1, Puback{1, 3, ReturnCode::invalid_topic_id});
-  EXPECT_TRUE(rig.is_silent(1)) << "once only";
+  EXPECT_TRUE(rig.is_silent(1)) << "registered again only once";
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
@@ -81,7 +81,7 @@ TEST(SnGateway, R86_WaitsForACongestedClientAndDropsRefusedMessages) {
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=1 qos=1 retain=0 normal id=1 msg=1 data=31");
   rig.send(1, Puback{1, 1, ReturnCode::not_supported});
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=1 data=31")
-      << "once more, for DUP may be what it refused";
+      << "repeated without DUP, which the client may have refused";
   rig.send(1, Puback{1, 1, ReturnCode::not_supported});
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=32"});
   rig.broker("a/x", "3", 1);
@@ -160,10 +160,10 @@ TEST(SnGateway, R90_NumbersMessagesOfEachClientFrom1To32767) {
     EXPECT_NE(rig.last_to(1).find("msg=" + std::to_string(msg_id) + " "), std::string::npos);
     rig.send(1, Puback{1, msg_id, ReturnCode::accepted});
   }
-  EXPECT_NE(rig.last_to(2).find("msg=1 "), std::string::npos) << "its own numbers";
+  EXPECT_NE(rig.last_to(2).find("msg=1 "), std::string::npos) << "each client has its own numbers";
 }
 
-/// Only the answer to an id that was drawn since the restart shows that the client receives.
+/// Only an answer to a MsgId from after the restart shows that the client receives.
 TEST(SnGateway, R90_RecognizesMsgIdsSinceARestartAcrossTheWrap) {
   for (const int random : {0, 1, 0x7ffd, 0x7ffe, 0x7fff, 0x8000, 0xffff}) {
     Delivery delivery;
@@ -225,7 +225,7 @@ TEST(SnGateway, ReportsTheOutcomeOfEachCommandOnce) {
   rig.subscribe(1, command, 1);
   rig.broker(command, "0", 0);
   ASSERT_EQ(rig.outcomes.size(), 1U);
-  EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent) << "nobody acknowledges QoS 0";
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent) << "QoS 0 has no acknowledgement";
   EXPECT_EQ(rig.outcomes[0].type, "cmd");
   EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
   rig.broker(command, "1", 1);
@@ -263,7 +263,7 @@ TEST(SnGateway, CountsEarlierWaitingTowardsTheTimeoutOfACommand) {
   rig.pass(std::chrono::milliseconds(23'900));
   EXPECT_TRUE(rig.outcomes.empty());
   rig.pass(std::chrono::milliseconds(200));
-  ASSERT_EQ(rig.outcomes.size(), 1U) << "29 s after it came to the gateway, before the fresh one";
+  ASSERT_EQ(rig.outcomes.size(), 1U) << "times out 29 s after its arrival, before the fresh one";
   EXPECT_EQ(rig.outcomes[0].id, CommandId{7});
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
   EXPECT_EQ(rig.outcomes[0].after, std::chrono::seconds(29));
@@ -289,7 +289,7 @@ TEST(SnGateway, TimesOutALateCommandWithoutSendingIt) {
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
 }
 
-/// It was told as sent, so its sender does not expect it hours later.
+/// The command was reported as sent, so it must not arrive hours later.
 TEST(SnGateway, DropsARefusedQos0CommandBeforeTheNextWakeUp) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   ConnectedRig rig;
@@ -317,7 +317,7 @@ TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
   EXPECT_NE(rig.outcomes[0].why.find("sleeps"), std::string::npos);
   rig.send(1, Pingreq{"r1"});
-  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "its operator believes that it was not obeyed";
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "the timeout was reported, so it is not sent";
   EXPECT_EQ(rig.outcomes.size(), 1U);
 }
 
@@ -331,11 +331,11 @@ TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
   EXPECT_EQ(rig.outcomes[0].why, "the robot has not subscribed to ntnu-slam/server/r1/cmd");
   rig.connect(2, "r2", false);
   rig.broker("ntnu-slam/server/r2/cmd", "go", 1);
-  ASSERT_EQ(rig.outcomes.size(), 2U) << "also when its session is kept";
+  ASSERT_EQ(rig.outcomes.size(), 2U) << "with a kept session, too";
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
-/// Another copy may come by the robot's own subscription.
+/// A copy from the robot's own subscription may follow.
 TEST(SnGateway, RefusesACommandOutsideTheRobotsSubscription) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
@@ -370,7 +370,7 @@ TEST(SnGateway, TimesOutSentAndRefusesUnsentCommandsOfANewSession) {
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
-/// The gateway's process was stopped, and handles what came in between before it handles timers.
+/// A process that was stopped handles waiting datagrams before its timers.
 TEST(SnGateway, SendsNoPubrelAfterTheTimeoutOfACommand) {
   ConnectedRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd", 2);
@@ -379,12 +379,12 @@ TEST(SnGateway, SendsNoPubrelAfterTheTimeoutOfACommand) {
   rig.sent_to(1);
   rig.now += limits::command_patience;
   rig.send(1, Pubrec{sent.msg_id});
-  EXPECT_TRUE(rig.is_silent(1)) << "a PUBREL would let it begin";
+  EXPECT_TRUE(rig.is_silent(1)) << "a PUBREL would release the command";
   ASSERT_EQ(rig.outcomes.size(), 1U);
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
 }
 
-/// It is lost after 15 s, or disconnects; both keep the session.
+/// The client is lost after 15 s, or disconnects. Its session is kept in both cases.
 TEST(SnGateway, TimesOutCommandsOfALostOrDisconnectedClient) {
   for (const bool is_lost : {true, false}) {
     ConnectedRig rig(false, 10);

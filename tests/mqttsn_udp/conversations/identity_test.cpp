@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A key proves over DTLS which client speaks: it may speak as itself alone, its session follows it,
-// and nobody without its key speaks for it where an identity is required.
+// A DTLS key proves which client speaks. It may speak only as itself, and its session follows it.
+// Where an identity is required, clients without the key may not speak for it.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -38,12 +38,12 @@ TEST(Identity, IsProvenByTheHandshakeAlone) {
   rig.send(1, connect_r1);
   EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
   EXPECT_EQ(rig.datagrams.back().identity, "r1");
-  EXPECT_TRUE(rig.presence.back().is_proven) << "no message had to be acknowledged";
+  EXPECT_TRUE(rig.presence.back().is_proven) << "without an acknowledged message";
   EXPECT_NE(rig.presence.back().address.find("over DTLS"), std::string::npos);
   EXPECT_EQ(rig.counter("clients_unanswered"), 0U);
   rig.subscribe(1, "a/x");
   rig.broker("a/x", std::string(500, 'x'), 1);
-  EXPECT_EQ(rig.counter("unvalidated"), 0U) << "the address has shown that it receives";
+  EXPECT_EQ(rig.counter("unvalidated"), 0U) << "the handshake has validated the address";
 }
 
 TEST(Identity, MayNotConnectOrPingAsAnotherClient) {
@@ -53,14 +53,14 @@ TEST(Identity, MayNotConnectOrPingAsAnotherClient) {
     EXPECT_EQ(rig.last_to(1), "CONNACK code=3");
   }
   EXPECT_EQ(rig.counter("connects_refused"), 3U);
-  EXPECT_EQ(rig.notices.size(), 1U) << "once in a burst";
+  EXPECT_EQ(rig.notices.size(), 1U) << "one notice for a burst";
   EXPECT_TRUE(rig.has_notice("over DTLS may not connect as 'r2' (CONNACK 0x03): its key belongs"));
   EXPECT_FALSE(rig.gateway.presence_of("r2"));
 
   rig.connect(2, "r2", false);
   rig.sleep(2);
   rig.send(1, Pingreq{"r2"});
-  EXPECT_EQ(rig.last_to(1), "DISCONNECT plain") << "a stranger's";
+  EXPECT_EQ(rig.last_to(1), "DISCONNECT plain") << "as for an unknown client";
   rig.broker("ntnu-slam/server/r2/cmd");
   EXPECT_TRUE(rig.is_silent(1));
 
@@ -73,7 +73,7 @@ TEST(Identity, MayNotConnectOrPingAsAnotherClient) {
     rig.send(n, publish);
   };
   publish_for(1, "ab");
-  EXPECT_EQ(rig.reports.size(), 1U) << "that topic is nobody's";
+  EXPECT_EQ(rig.reports.size(), 1U) << "the topic of no robot is allowed";
 }
 
 TEST(Identity, PlainUdpMayNotSpeakForARobotWithAKey) {
@@ -82,18 +82,18 @@ TEST(Identity, PlainUdpMayNotSpeakForARobotWithAKey) {
     rig.send(2, connect_r1);
     rig.send(2, Pingreq{"r1"});
   }
-  EXPECT_TRUE(rig.is_silent(2)) << "no answer at all";
+  EXPECT_TRUE(rig.is_silent(2)) << "without any answer";
   EXPECT_EQ(rig.counter("identity_missing"), 6U);
   EXPECT_EQ(rig.notices.size(), 1U);
   EXPECT_TRUE(rig.has_notice("[fd00::2]:47193 as 'r1' gets no answer: it must come over DTLS"));
   EXPECT_FALSE(rig.gateway.presence_of("r1"));
   rig.send(2, Connect{false, true, protocol_id, 60, "r2"});
-  EXPECT_EQ(rig.last_to(2), "CONNACK code=0") << "that one has no key";
+  EXPECT_EQ(rig.last_to(2), "CONNACK code=0") << "r2 has no key";
   rig.send(1, connect_r1);
   EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
   rig.send(2, connect_r1);
   EXPECT_TRUE(rig.is_silent(2));
-  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online) << "nothing was taken over";
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online) << "the session was not taken over";
 }
 
 TEST(Identity, IsOptionalWhereItIsNotRequired) {
@@ -135,7 +135,7 @@ TEST(Identity, MovesItsSessionToAnotherAddress) {
   rig.subscribe(1, "a/x");
   rig.proven[5] = "r1";
   rig.publish(5, topic, 1, 7, "from elsewhere");
-  ASSERT_EQ(rig.reports.size(), 1U) << "no CONNECT, no registration";
+  ASSERT_EQ(rig.reports.size(), 1U) << "without CONNECT and REGISTER";
   EXPECT_EQ(rig.reports.back().robot, "r1");
   rig.receipt(rig.reports.back().receipt.id);
   EXPECT_NE(rig.last_to(5).find("PUBACK"), std::string::npos);
@@ -157,16 +157,17 @@ TEST(Identity, EndsSessionsWhoseKeyIsRemovedOrAdded) {
   rig.subscribe(2, "a/x");
   rig.sent_to(1);
   rig.use_keys({"r2"});
-  EXPECT_NE(rig.gateway.presence_of("r1"), Presence::online) << "its key has gone";
-  EXPECT_NE(rig.gateway.presence_of("r2"), Presence::online) << "it has a key now";
+  EXPECT_NE(rig.gateway.presence_of("r1"), Presence::online) << "its key was removed";
+  EXPECT_NE(rig.gateway.presence_of("r2"), Presence::online)
+      << "it has a key now, and is on plain UDP";
   rig.broker("a/x", "hi", 1);
-  EXPECT_TRUE(rig.is_silent(2)) << "nothing in clear any more";
+  EXPECT_TRUE(rig.is_silent(2)) << "no message leaves unencrypted";
   rig.send(1, Pingreq{});
   EXPECT_NE(rig.gateway.presence_of("r1"), Presence::online);
   rig.proven[3] = "r2";
   rig.send(3, Connect{false, false, protocol_id, 60, "r2"});
   rig.pass_s(3);
-  EXPECT_NE(rig.sent_to(3).size(), 1U) << "its kept session has the message";
+  EXPECT_NE(rig.sent_to(3).size(), 1U) << "its kept session still has the message";
 }
 
 TEST(Identity, IsRequiredAfterARestart) {
@@ -182,7 +183,7 @@ TEST(Identity, IsRequiredAfterARestart) {
   EXPECT_TRUE(after.gateway.restore(*r1, after.now));
   EXPECT_TRUE(after.gateway.restore(*r2, after.now));
   EXPECT_EQ(after.gateway.presence_of("r1"), Presence::online);
-  EXPECT_NE(after.gateway.presence_of("r2"), Presence::online) << "it came without its key";
+  EXPECT_NE(after.gateway.presence_of("r2"), Presence::online) << "it connected without its key";
   after.send(2, Pingreq{});
   EXPECT_NE(after.gateway.presence_of("r2"), Presence::online);
   after.send(1, Pingreq{});

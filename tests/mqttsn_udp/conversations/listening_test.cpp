@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots that subscribe and then only listen, each at an address that has proven nothing: their
-// commands come within seconds, whatever kind of topic id they use and however they came.
+// Robots that subscribe and then only listen, at addresses that are not validated. Their commands
+// arrive within seconds, for each kind of topic id and each way to connect.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,7 +26,7 @@ struct Case {
 const std::string command_topic = "ntnu-slam/server/r1/cmd";
 constexpr std::uint16_t predefined_id = 7;
 
-/// A gateway that believes no address.
+/// A gateway that trusts no address.
 struct Gateway : SnRig {
   Gateway() : SnRig(settings(), {}, {}, {"ab"}, random_source()) {
     are_addresses_validated = false;
@@ -41,8 +41,8 @@ struct Gateway : SnRig {
   }
 };
 
-/// A robot as real clients are: it answers REGISTER and PUBLISH, and sends nothing else by itself
-/// but pings.
+/// A robot that behaves like real clients: it answers REGISTER and PUBLISH, and sends only pings of
+/// its own accord.
 class Listener {
  public:
   Listener(Gateway& gateway, unsigned number) : gateway_(&gateway), number_(number) {}
@@ -74,7 +74,7 @@ class Listener {
     gateway_->send(number_, packet);
     answer();
   }
-  /// Time passes; it pings every 3 s if it does so at all.
+  /// Lets time pass. The robot pings every 3 s if `ping` is given.
   void listen_s(int seconds, const std::optional<Pingreq>& ping) {
     for (int second = 1; second <= seconds; ++second) {
       gateway_->pass_s(1);
@@ -112,7 +112,7 @@ std::string topic_of(Topic topic) {
   return {};
 }
 
-/// What the robot gets within 5 s.
+/// Returns the payloads that the robot gets within 5 s.
 std::vector<std::string> play(const Case& one) {
   Gateway gateway;
   Gateway second;
@@ -171,7 +171,7 @@ TEST(Listening, DeliversTheCommandToARobotThatOnlyListens) {
   }
 }
 
-/// The allowance pays for a few repeats only; the ping pays for the next one, at once.
+/// The allowance covers a few repeats. Each ping adds enough for the next one.
 TEST(Listening, RepeatsAfterAPingWhenTheAllowanceWasSpent) {
   for (const std::size_t octets : {60U, 200U}) {
     Gateway gateway;
@@ -179,12 +179,12 @@ TEST(Listening, RepeatsAfterAPingWhenTheAllowanceWasSpent) {
     gateway.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, command_topic, 0});
     gateway.broker(command_topic, std::string(octets, 'c'), 1);
     EXPECT_NE(gateway.last_to(1).find("PUBLISH"), std::string::npos);
-    gateway.pass_s(18);  // all of it is lost
+    gateway.pass_s(18);  // all repeats are lost
     gateway.sent_to(1);
     gateway.send(1, Pingreq{});
     const Packet packet = *decode(gateway.datagrams.back().bytes);
     const auto* probe = std::get_if<Register>(&packet);
-    EXPECT_EQ(probe != nullptr, octets == 200) << "it asks first when the command is too large";
+    EXPECT_EQ(probe != nullptr, octets == 200) << "a large command needs a probe first";
     if (probe) gateway.send(1, Regack{probe->topic_id, probe->msg_id, ReturnCode::accepted});
     EXPECT_EQ(gateway.last_to(1).substr(0, 13), "PUBLISH dup=1");
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is reported for the robots' sessions at the broker: notes for other gateways, clean starts,
-// and what is evidence that a robot is here.
+// Reports for the robots' sessions at the broker: notes for other gateways, clean starts and signs
+// of life.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
@@ -14,7 +14,7 @@ TEST(Notes, DescribeAKeptSessionOnce) {
   ConnectedRig rig(false);
   rig.register_topic(1, own_topic);
   rig.subscribe(1, "a/x", 1);
-  EXPECT_TRUE(rig.notes.empty()) << "all of it together";
+  EXPECT_TRUE(rig.notes.empty()) << "both changes are in one note";
   rig.pass_s(2);
   ASSERT_EQ(rig.notes.size(), 1U);
   EXPECT_EQ(rig.notes[0].robot, "r1");
@@ -33,12 +33,12 @@ TEST(Notes, ArePublishedAgainWhenTheBrokerSessionOpens) {
   ASSERT_EQ(rig.notes.size(), 1U);
   rig.gateway.on_session_held("r1");
   rig.pass_s(2);
-  ASSERT_EQ(rig.notes.size(), 2U) << "the first may have been lost";
+  ASSERT_EQ(rig.notes.size(), 2U) << "the first note may have been lost";
   EXPECT_EQ(rig.notes[1].note, rig.notes[0].note);
   rig.connect(2, "r2");
   rig.gateway.on_session_held("r2");
   rig.pass_s(2);
-  EXPECT_EQ(rig.notes.size(), 2U) << "a clean session has none";
+  EXPECT_EQ(rig.notes.size(), 2U) << "a clean session has no note";
 }
 
 TEST(Notes, AreNotRewrittenForMessagesStatesOrAddresses) {
@@ -55,7 +55,7 @@ TEST(Notes, AreNotRewrittenForMessagesStatesOrAddresses) {
   rig.send(1, Pingreq{"r1"});
   rig.send(2, Connect{false, false, protocol_id, 60, "r1"});
   rig.pass_s(5);
-  EXPECT_TRUE(rig.notes.empty()) << "messages, states and addresses are this gateway's";
+  EXPECT_TRUE(rig.notes.empty()) << "messages, states and addresses are not in notes";
 
   rig.send(2, Unsubscribe{TopicIdType::normal, 9, "a/#", 0});
   rig.pass_s(2);
@@ -109,7 +109,7 @@ TEST(Notes, MoveToTheNewNameOfARenamedRobot) {
   EXPECT_FALSE(rig.notes[1].note.empty());
 }
 
-/// Another gateway may have written a newer one while this one was away.
+/// Another gateway may have written a newer note during the restart.
 TEST(Notes, AreNotWrittenAgainAfterARestart) {
   ConnectedRig before(false);
   before.subscribe(1, "a/x", 1);
@@ -174,9 +174,9 @@ TEST(SnGateway, ReportsACleanStartBeforeTheNewSubscriptions) {
   rig.subscribe(1, "a/y");
   EXPECT_EQ(rig.filters["r1"], std::set<std::string>{"a/y"});
   rig.connect(2, "r2", true);
-  EXPECT_EQ(rig.cleaned.size(), 2U) << "the broker may know it from another gateway";
+  EXPECT_EQ(rig.cleaned.size(), 2U) << "the broker may have a session of another gateway";
   rig.send(3, Connect{true, true, protocol_id, 60, "r3"});
-  EXPECT_EQ(rig.cleaned.size(), 2U) << "not accepted yet";
+  EXPECT_EQ(rig.cleaned.size(), 2U) << "the CONNECT is not accepted yet";
 }
 
 TEST(SnGateway, DoesNotCountAConnectAsASignOfLife) {

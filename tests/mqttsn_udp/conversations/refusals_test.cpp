@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What clients are refused is counted, and told an operator once for each client.
+// Refusals are counted, and reported to the operator once for each client.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -27,7 +27,7 @@ TEST(SnGateway, ReportsARefusedWillOnceForEachClient) {
   EXPECT_EQ(rig.counter("wills_refused"), 6U);
   EXPECT_EQ(rig.counter("connects_refused"), 6U);
   connect_with_will(rig, 3, "r3", "a/+");
-  EXPECT_EQ(rig.notices.size(), 3U) << "that is no topic name";
+  EXPECT_EQ(rig.notices.size(), 3U) << "not a valid topic name";
 }
 
 TEST(SnGateway, ReportsAProvenRobotsRefusalDuringAFloodOfOthers) {
@@ -100,13 +100,13 @@ TEST(SnGateway, ReportsWhyCommandsEndWhenTheRobotDisconnects) {
   for (int i = 0; i < 2; ++i) rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
   rig.send(1, Disconnect{});
   ASSERT_EQ(rig.outcomes.size(), 2U);
-  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout) << "it was sent";
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout) << "it was already sent";
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
   for (const CommandOutcome& outcome : rig.outcomes)
     EXPECT_EQ(outcome.why, "the robot has disconnected");
 }
 
-/// As simon622's client does: it forgets its ids in its sleep, and says so in its own way.
+/// simon622's client forgets its topic ids while it sleeps, and answers in this way.
 TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
@@ -122,10 +122,10 @@ TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
   rig.send(1, Puback{1, 3, ReturnCode::accepted});
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=4 data=32"});
   rig.send(1, Puback{1, 4, ReturnCode::not_supported});
-  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "with its topic id it means what it says";
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "with a topic id, code 3 is a refusal";
 }
 
-/// As simon622's client, which disconnects when it is sent QoS 2 under an id that it has forgotten.
+/// simon622's client disconnects at a PUBLISH of QoS 2 with a topic id that it has forgotten.
 TEST(SnGateway, RegistersAllTopicsAgainForASleeperThatForgetsThem) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
@@ -148,17 +148,17 @@ TEST(SnGateway, RegistersAllTopicsAgainForASleeperThatForgetsThem) {
   rig.broker("a/y", "3", 2);
   rig.send(1, Pingreq{"r1"});
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=2 retain=0 normal id=2 msg=6 data=33")
-      << "what it was told while it is asleep it remembers";
+      << "it remembers topics that were registered since it fell asleep";
   rig.send(1, Pubrec{6});
   rig.send(1, Pubcomp{6});
 
   rig.sleep(1, 100);
   rig.broker("a/y", "4", 2);
   rig.send(1, Pingreq{"r1"});
-  EXPECT_EQ(rig.last_to(1), "REGISTER id=2 msg=7 topic=a/y") << "it went to sleep anew";
+  EXPECT_EQ(rig.last_to(1), "REGISTER id=2 msg=7 topic=a/y") << "it has fallen asleep again";
 }
 
-/// It gets PINGRESP behind a message of QoS 0, and refuses the message when it is asleep again.
+/// The client gets PINGRESP after a message of QoS 0, and refuses the message when asleep again.
 TEST(SnGateway, RegistersAllTopicsAgainForASleeperThatRefusesQos0) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
@@ -177,7 +177,7 @@ TEST(SnGateway, RegistersAllTopicsAgainForASleeperThatRefusesQos0) {
                                    "REGISTER id=2 msg=2 topic=a/y"}));
 }
 
-/// As RIOT's emcute does with every repetition.
+/// RIOT's emcute refuses every repetition with DUP.
 TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 1);
@@ -192,7 +192,7 @@ TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
   for (const std::string& line : rig.sent_to(1))
     EXPECT_EQ(line, "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=2 data=32");
   rig.send(1, Puback{1, 2, ReturnCode::not_supported});
-  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U) << "now it means what it says";
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U) << "without DUP, code 3 is a refusal";
 }
 
 TEST(SnGateway, RegistersATopicAgainOnlyOnce) {
@@ -225,7 +225,7 @@ TEST(SnGateway, ServesARobotWithAnAddressOnlyFromThatAddress) {
   EXPECT_EQ(rig.sent_to(2).front(), "CONNACK code=3");
   for (const unsigned n : {1U, 2U})
     rig.send(n, Publish{false, WireQos::minus_one, false, TopicIdType::predefined, 1, 0, {}});
-  EXPECT_EQ(rig.reports.size(), 1U) << "QoS -1 of the robot itself";
+  EXPECT_EQ(rig.reports.size(), 1U) << "only QoS -1 from the robot's address";
 
   rig.sleep(1);
   rig.sent_to(2);
@@ -235,7 +235,7 @@ TEST(SnGateway, ServesARobotWithAnAddressOnlyFromThatAddress) {
   SnRig moved({}, {{"tank", {}, "tank-client", {}, "fd00::2"}});
   EXPECT_FALSE(moved.gateway.restore(*kept, moved.now));
   rig.rename({{"tank", {}, "tank-client", {}, "fd00::/64"}});
-  EXPECT_TRUE(rig.gateway.snapshot("tank-client", rig.now)) << "it is still where it may be";
+  EXPECT_TRUE(rig.gateway.snapshot("tank-client", rig.now)) << "its address still matches";
   rig.rename({{"tank", {}, "tank-client", {}, "fd00::2"}});
   EXPECT_FALSE(rig.gateway.snapshot("tank-client", rig.now));
 }

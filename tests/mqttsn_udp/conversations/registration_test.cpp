@@ -30,24 +30,24 @@ TEST(SnGateway, R58_NeverGivesOutReservedIds) {
 }
 
 /// The Java and Python clients of marcoratto (mqttsn12) read the ids of REGACK and SUBACK as signed
-/// numbers. They neither publish with a negative one nor know it again in a PUBLISH.
+/// numbers. They neither publish with a negative id nor recognize it in a PUBLISH.
 TEST(SnGateway, R58_GivesOutIdsThatArePositiveAsSignedNumbers) {
   TopicTable table;
   for (const std::string topic : {"a/t0", "a/t1", "mqttsn/test/pub_qos1_retained"})
     EXPECT_LE(table.assign(topic).value(), 0x7fff) << topic;
-  EXPECT_EQ(topic_id_of("a/t9x"), 0x370f) << "low ids are those of version 0.1.0";
+  EXPECT_EQ(topic_id_of("a/t9x"), 0x370f) << "version 0.1.0 assigned the same id";
   table.restore({"kept", 0xfffe});
-  EXPECT_EQ(table.id_of("kept"), 0xfffe) << "what a client was told stays";
+  EXPECT_EQ(table.id_of("kept"), 0xfffe) << "an id from before the restart stays";
 }
 
 TEST(SnGateway, R58_BoundsTheTopicsOfAClient) {
   TopicTable table;
   for (std::size_t i = 0; i < limits::max_topics_per_client; ++i)
     table.find(table.assign("t" + std::to_string(i)).value())->is_own = true;
-  EXPECT_EQ(table.assign("one more"), std::nullopt) << "the client uses them all";
+  EXPECT_EQ(table.assign("one more"), std::nullopt) << "the client uses all of its topics";
 }
 
-/// CONNACK cannot say that a session is not there. Its ids must not mean something else then.
+/// CONNACK cannot report a missing session. So an id must not mean another topic there.
 TEST(SnGateway, R58_GivesATopicTheSameIdAtEachGateway) {
   std::vector<std::string> topics;
   for (int i = 0; i < 10; ++i) topics.push_back("ntnu-slam/robot/r1/t" + std::to_string(i));
@@ -93,7 +93,7 @@ TEST(SnGateway, R58_ReplacesTheLeastRecentlyUsedTopic) {
   table.find(2)->is_own = true;
   const std::vector<std::uint16_t> in_use{3};
   EXPECT_EQ(table.assign("new", in_use), 4);
-  EXPECT_FALSE(table.find(4)->is_known) << "the client has to be told";
+  EXPECT_FALSE(table.find(4)->is_known) << "the new topic is not registered yet";
   EXPECT_EQ(*table.name_of(4), "new");
   EXPECT_EQ(table.id_of("t4"), std::nullopt);
   EXPECT_EQ(table.assign("t1"), 1);
@@ -105,7 +105,7 @@ TEST(SnGateway, R65_DeliversMoreTopicsThanAClientHasIds) {
   rig.connect(1, "listener", true, 6000);
   rig.subscribe(1, "ntnu-slam/robot/#", 1);
   constexpr std::size_t robots = limits::max_topics_per_client + 200;
-  std::map<std::uint16_t, std::string> names;  // what the listener thinks
+  std::map<std::uint16_t, std::string> names;  // as the client has learned them
   std::size_t got = 0;
   for (int round = 0; round < 2; ++round) {
     for (std::size_t i = 0; i < robots; ++i) {
@@ -152,14 +152,14 @@ TEST(SnGateway, R63_BoundsTheMessageTypesOfARobot) {
   rig.send(1, Register{0, 8, "ntnu-slam/robot/r1/t0"});
   EXPECT_EQ(rig.last_to(1), "REGACK id=1 msg=8 code=0");
   rig.send(1, Register{0, 9, "ntnu-slam/server/r1/cmd"});
-  EXPECT_EQ(rig.last_to(1).substr(0, 9), "REGACK id") << "what it listens to is another matter";
+  EXPECT_EQ(rig.last_to(1).substr(0, 9), "REGACK id") << "command topics do not count";
   ASSERT_EQ(rig.notices.size(), 1U);
   EXPECT_NE(rig.notices[0].text.find("128 types"), std::string::npos);
 }
 
 TEST(SnGateway, R63_BoundsTheNamesOfAllClientsTogether) {
   NameBudget budget;
-  budget.take(limits::name_octets_together);  // by others
+  budget.take(limits::name_octets_together);  // by other clients
   {
     TopicTable table;
     table.charge(budget);
@@ -176,7 +176,7 @@ TEST(SnGateway, R63_BoundsTheNamesOfAllClientsTogether) {
     EXPECT_FALSE(budget.may_take(limits::name_octets_for_each, limits::name_octets_together));
   }
   EXPECT_TRUE(budget.may_take(limits::name_octets_for_each, limits::name_octets_together))
-      << "a table that ends gives all back";
+      << "a destroyed table returns its names";
 }
 
 TEST(SnGateway, R59_KeepsIdsOfClientsApart) {
@@ -244,7 +244,7 @@ TEST(SnGateway, R63_RefusesOwnNamesThatItWouldNotPublish) {
   }
   for (const char* const name : {"ntnu-slam/server/nrf-7/cmd/fast", "ntnu-slam/robot/r2/imu/raw"}) {
     const auto id = rig.register_topic(1, name);
-    EXPECT_NE(id, 0) << "it may listen to " << name;
+    EXPECT_NE(id, 0) << "subscribing is allowed to " << name;
     rig.publish(1, id, 0, 0);
     EXPECT_EQ(rig.last_to(1), "PUBACK id=" + std::to_string(id) + " msg=0 code=3") << name;
   }
@@ -323,11 +323,11 @@ TEST(SnGateway, R67_UnsubscribesWhenARegisterIsRefused) {
   rig.send(1, Regack{2, 2, ReturnCode::not_supported});
   rig.sent_to(1);
   rig.broker("a/z");
-  EXPECT_EQ(rig.last_to(1), "REGISTER id=3 msg=3 topic=a/z") << "the wildcard stays";
+  EXPECT_EQ(rig.last_to(1), "REGISTER id=3 msg=3 topic=a/z") << "the wildcard subscription stays";
   rig.send(1, Regack{3, 3, ReturnCode::congestion});
   rig.pass_s(80);
   rig.send(1, Pingreq{});
-  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "left alone for T_WAIT";
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "no REGISTER for T_WAIT";
   for (int i = 0; i < 4; ++i) {
     rig.pass_s(80);
     rig.send(1, Pingreq{});
@@ -344,7 +344,7 @@ TEST(SnGateway, R68_IgnoresAnUnexpectedRegack) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
-/// A late copy of a REGACK, or one that another sender has made up.
+/// The REGACK may be a late copy or forged.
 TEST(SnGateway, R68_IgnoresCongestionInAnUnexpectedRegack) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
@@ -361,7 +361,8 @@ TEST(SnGateway, R69_KeepsAMessageWhoseRegisterIsNotAnswered) {
   EXPECT_EQ(rig.sent_to(1).size(), 10U) << "repeated for 40 s";
   EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
   rig.send(1, Pingreq{});
-  EXPECT_EQ(rig.sent_to(1)[1], "REGISTER id=1 msg=2 topic=a/1") << "it is heard again";
+  EXPECT_EQ(rig.sent_to(1)[1], "REGISTER id=1 msg=2 topic=a/1")
+      << "registered again when the client sends";
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot that the configuration renames, and whose firmware makes its topics from its client id.
+// A robot that the configuration renames, while its firmware builds topics from its client id.
 #include <gtest/gtest.h>
 
 #include <set>
@@ -66,7 +66,7 @@ TEST(SnGateway, TranslatesOnlyTopicsOfTheRenamedRobot) {
   EXPECT_EQ(rig.last_to(1), "REGISTER id=2 msg=1 topic=ntnu-slam/robot/nrf-7x/update");
   rig.connect(2, "r2");
   rig.send(2, Register{0, 1, "ntnu-slam/server/nrf-7/cmd"});
-  EXPECT_EQ(rig.last_to(2), "REGACK id=0 msg=1 code=3") << "not its own";
+  EXPECT_EQ(rig.last_to(2), "REGACK id=0 msg=1 code=3") << "not r2's topic";
 }
 
 TEST(SnGateway, TranslatesTheWillOfARenamedRobot) {
@@ -101,7 +101,7 @@ TEST(SnGateway, RemembersOverARestartThatARobotUsesItsClientId) {
   EXPECT_EQ(after.last_to(1), "REGISTER id=1 msg=1 topic=ntnu-slam/server/nrf-7/cmd");
 }
 
-/// What the operator sees of presence, oldest first.
+/// Returns and clears the presence changes, oldest first.
 Lines presence_lines(SnRig& rig) {
   Lines lines;
   for (const PresenceChange& change : std::exchange(rig.presence, {}))
@@ -109,7 +109,7 @@ Lines presence_lines(SnRig& rig) {
   return lines;
 }
 
-/// "nrf-7" has no name of its own at first: its topics hold its client id.
+/// "nrf-7" is not renamed yet: its topics contain its client id.
 struct UnnamedRig : SnRig {
   explicit UnnamedRig(Settings settings = {}) : SnRig(std::move(settings)) {
     connect(1, "nrf-7", false, 600);
@@ -138,7 +138,7 @@ TEST(SnGateway, KeepsTheSessionOfARobotThatIsRenamed) {
   EXPECT_EQ(rig.reports[0].topic, "ntnu-slam/robot/tank/update");
   EXPECT_EQ(rig.register_topic(1, "ntnu-slam/robot/nrf-7/update"), rig.update_id);
   EXPECT_TRUE(rig.notices.empty());
-  ASSERT_TRUE(rig.gateway.has_changed()) << "the name is on disk";
+  ASSERT_TRUE(rig.gateway.has_changed()) << "the new name is to be saved";
   EXPECT_EQ(rig.gateway.snapshot("nrf-7", rig.now)->robot, "tank");
 }
 
@@ -149,7 +149,7 @@ TEST(SnGateway, SubscribesToTheNewNameOfARobotThatIsRenamed) {
   EXPECT_EQ(rig.filters["tank"],
             (std::set<std::string>{"ntnu-slam/server/tank/+", "ntnu-slam/server/tank/cmd"}));
   for (const SubscribeRequest& request : rig.subscribes)
-    EXPECT_FALSE(request.is_standing) << "they are new ones of the new name";
+    EXPECT_FALSE(request.is_standing) << "they are new subscriptions of the new name";
 
   rig.broker("ntnu-slam/server/tank/cmd", "x", 1);
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=1 data=78");
@@ -160,7 +160,7 @@ TEST(SnGateway, SubscribesToTheNewNameOfARobotThatIsRenamed) {
 
   rig.broker("ntnu-slam/server/tank/run", "x", 1);
   EXPECT_EQ(rig.last_to(1), "REGISTER id=3 msg=2 topic=ntnu-slam/server/nrf-7/run")
-      << "its firmware knows its client id only";
+      << "its firmware uses only its client id";
 }
 
 TEST(SnGateway, DeliversRetainedCommandsOfTheNewName) {
@@ -187,7 +187,7 @@ TEST(SnGateway, DeliversQueuedCommandsToARobotThatIsRenamed) {
   ASSERT_EQ(rig.outcomes.size(), 2U);
   for (const CommandOutcome& outcome : rig.outcomes) {
     EXPECT_EQ(outcome.result, CommandResult::delivered);
-    EXPECT_EQ(outcome.robot, "nrf-7") << "the sender knows the robot by that name";
+    EXPECT_EQ(outcome.robot, "nrf-7") << "the command was sent to the old name";
   }
 }
 
@@ -216,9 +216,9 @@ TEST(SnGateway, SwapsTheNamesOfTwoRobots) {
   rig.rename({{"b", {}, "c1"}, {"a", {}, "c2"}});
   EXPECT_EQ(rig.gateway.presence_of("a"), Presence::online);
   EXPECT_EQ(rig.gateway.presence_of("b"), Presence::online);
-  const Lines told = presence_lines(rig);
-  ASSERT_EQ(told.size(), 4U);
-  EXPECT_TRUE(told[2].ends_with("online") && told[3].ends_with("online")) << "at the end";
+  const Lines lines = presence_lines(rig);
+  ASSERT_EQ(lines.size(), 4U);
+  EXPECT_TRUE(lines[2].ends_with("online") && lines[3].ends_with("online")) << "after offline";
   EXPECT_EQ(rig.filters["a"], std::set<std::string>{"ntnu-slam/server/a/cmd"});
   EXPECT_EQ(rig.filters["b"], std::set<std::string>{"ntnu-slam/server/b/cmd"});
   rig.publish(1, ids[1], 0, 0);
@@ -263,7 +263,7 @@ TEST(SnGateway, RenamesARobotThatIsSubscribedToItsNewName) {
   rig.publish(1, rig.update_id, 0, 0);
   EXPECT_EQ(rig.reports.back().topic, "ntnu-slam/robot/tank/update");
   rig.broker("ntnu-slam/robot/tank/update", "x", 1);
-  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "once";
+  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "one copy for both filters";
   rig.send(1, Unsubscribe{TopicIdType::normal, 9, "ntnu-slam/robot/tank/update", 0});
   rig.sent_to(1);
   rig.broker("ntnu-slam/robot/tank/update", "x", 1);
@@ -280,7 +280,7 @@ TEST(SnGateway, RenamesARobotDuringItsWillHandshake) {
   rig.rename({{"lego", {}, "nrf-7"}});
   rig.pass_s(100);
   ASSERT_EQ(rig.reports.size(), 1U);
-  EXPECT_EQ(rig.reports[0].topic, "ntnu-slam/robot/lego/gone") << "its will too";
+  EXPECT_EQ(rig.reports[0].topic, "ntnu-slam/robot/lego/gone") << "the will is renamed, too";
 }
 
 TEST(SnGateway, RenamesARobotOverARestart) {
@@ -294,7 +294,7 @@ TEST(SnGateway, RenamesARobotOverARestart) {
   EXPECT_EQ(after.filters["tank"],
             (std::set<std::string>{"ntnu-slam/server/tank/+", "ntnu-slam/server/tank/cmd"}));
   for (const SubscribeRequest& request : after.subscribes)
-    EXPECT_FALSE(request.is_standing) << "the broker's session of the new name has none of them";
+    EXPECT_FALSE(request.is_standing) << "the new name has no session at the broker";
   EXPECT_EQ(after.gateway.presence_of("tank"), Presence::asleep);
   after.send(1, Pingreq{"nrf-7"});
   EXPECT_EQ(after.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=1 data=31");

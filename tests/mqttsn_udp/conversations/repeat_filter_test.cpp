@@ -21,7 +21,7 @@ TEST(RepeatFilter, ForgetsTheOldestAcknowledgedMessageWhenFull) {
   }
   ASSERT_EQ(filter.entries().size(), limits::max_repeats);
   EXPECT_EQ(filter.entries()[0].fingerprint, 1U);
-  EXPECT_EQ(filter.entries()[1].fingerprint, 3U) << "the second one is gone";
+  EXPECT_EQ(filter.entries()[1].fingerprint, 3U) << "the second message is forgotten";
   EXPECT_NE(filter.find(with_id(3), 3, now), nullptr);
   EXPECT_TRUE(filter.on_refused(3));
   EXPECT_FALSE(filter.on_refused(3));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots that come from another gateway and robots that go to one.
+// Robots that move to this gateway, and robots that move to another one.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
@@ -12,7 +12,7 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-/// A gateway that knows that another one serves r1.
+/// A gateway that takes r1 to be served by another gateway.
 struct Next : SnRig {
   explicit Next(Settings settings = {}, RandomSource random = {})
       : SnRig(std::move(settings), {}, {"w/#", "a/#", "ab"}, {"w/#", "a/#", "ab"},
@@ -22,7 +22,7 @@ struct Next : SnRig {
   void robot_comes() { send(1, Connect{false, false, protocol_id, 60, "r1"}); }
 };
 
-/// The note about a robot with a will, a topic and a subscription by a predefined id.
+/// Returns the note about a robot with a will, a topic and a subscription by predefined id.
 Bytes note_of_r1() {
   Settings settings;
   settings.predefined_topics = {{7, r1_command, "r1"}};
@@ -46,7 +46,7 @@ TEST(Roaming, ResumesASessionFromTheNoteOfAnotherGateway) {
   ASSERT_EQ(rig.note_requests.size(), 1U);
   EXPECT_EQ(rig.note_requests[0].robot, "r1");
   rig.robot_comes();
-  EXPECT_EQ(rig.note_requests.size(), 1U) << "a repetition";
+  EXPECT_EQ(rig.note_requests.size(), 1U) << "a repeated CONNECT asks no second time";
 
   rig.note("r1", note_of_r1());
   EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
@@ -63,7 +63,7 @@ TEST(Roaming, ResumesASessionFromTheNoteOfAnotherGateway) {
   EXPECT_TRUE(rig.reports.back().is_will);
 }
 
-/// Else the robot could take a command for a repeat of one of its former gateway.
+/// Otherwise the robot could take a command for a repeat from its former gateway.
 TEST(Roaming, StartsMessageIdsAtARandomNumber) {
   Next rig({}, [] { return std::uint16_t{0x4000}; });
   rig.robot_comes();
@@ -87,7 +87,7 @@ TEST(Roaming, ResumesASessionInThePlaceOfALostClient) {
     EXPECT_EQ(rig.reports.size(), is_lost ? 1U : 0U);
     rig.pass_s(3);
     for (const NoteChanged& note : rig.notes)
-      EXPECT_TRUE(read(note.note).will) << "the broker still has it";
+      EXPECT_TRUE(read(note.note).will) << "the note at the broker keeps the will";
   }
 }
 
@@ -116,9 +116,9 @@ TEST(Roaming, AcceptsARobotWithoutANoteAfterTwoSeconds) {
     if (is_answered) rig.note("r1", {});
     rig.pass(milliseconds(1));
     EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
-    EXPECT_TRUE(rig.cleaned.empty()) << "the broker has its subscriptions";
+    EXPECT_TRUE(rig.cleaned.empty()) << "the broker keeps its subscriptions";
     rig.note("r1", note_of_r1());
-    EXPECT_TRUE(rig.subscribes.empty()) << "too late";
+    EXPECT_TRUE(rig.subscribes.empty()) << "a late note is ignored";
   }
 }
 
@@ -140,10 +140,10 @@ TEST(Roaming, StartsACleanSessionIfASecondConnectAsksForOne) {
   EXPECT_EQ(rig.cleaned.size(), 1U);
   EXPECT_TRUE(rig.filters["r1"].empty());
   rig.pass_s(100);
-  EXPECT_TRUE(rig.reports.empty()) << "no will of its former session";
+  EXPECT_TRUE(rig.reports.empty()) << "the former session's will is gone";
 }
 
-/// A robot that has moved, or was started again, meanwhile.
+/// The robot has moved or restarted while its first CONNECT waits.
 TEST(Roaming, AnswersOnlyTheLastConnectOfARobot) {
   for (const bool is_clean : {true, false}) {
     Next rig;
@@ -160,7 +160,7 @@ TEST(Roaming, AnswersOnlyTheLastConnectOfARobot) {
   }
 }
 
-/// The broker sends what has waited as soon as the session is here, before the note is read.
+/// The broker sends waiting messages as soon as the session is open, before the note is read.
 TEST(Roaming, DeliversEarlyCommandsAfterTheConnack) {
   Next rig;
   rig.robot_comes();
@@ -191,7 +191,7 @@ TEST(Roaming, DeliversEarlyCommandsAfterTheWillHandshake) {
   EXPECT_TRUE(rig.outcomes.empty());
 }
 
-/// A client that may write at the broker can forge a note.
+/// A client with write access at the broker can forge a note.
 TEST(Roaming, TakesNoMessagesFromANote) {
   SessionSnapshot forged = read(note_of_r1());
   MessageSnapshot run;
@@ -279,18 +279,18 @@ TEST(Roaming, HandsOnUnsentMessagesOfARobotThatMovedAway) {
   EXPECT_EQ(rig.outcomes[0].why, "the robot moved to another gateway");
 
   rig.pass_s(200);
-  EXPECT_EQ(rig.outcomes.size(), 1U) << "the other gateway reports the rest";
-  EXPECT_TRUE(rig.reports.empty()) << "no will";
+  EXPECT_EQ(rig.outcomes.size(), 1U) << "the other gateway reports the unsent command";
+  EXPECT_TRUE(rig.reports.empty()) << "the will is not published";
   EXPECT_TRUE(rig.presence.empty());
-  EXPECT_TRUE(rig.unsubscribes.empty()) << "the broker's session is the other gateway's";
+  EXPECT_TRUE(rig.unsubscribes.empty()) << "the other gateway holds the session";
   EXPECT_TRUE(rig.cleaned.empty());
   EXPECT_TRUE(rig.notes.empty());
   EXPECT_EQ(rig.gateway.presence_of("r1"), std::nullopt);
-  EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r1"}) << "the store forgets it";
+  EXPECT_EQ(rig.gateway.take_changed(1000), Lines{"r1"}) << "the store deletes the session";
   EXPECT_FALSE(rig.gateway.snapshot("r1", rig.now));
 }
 
-/// Its robot has forgotten the topic id, so the command waits for another REGISTER.
+/// The robot has forgotten the topic id, so the command waits for another REGISTER.
 TEST(Roaming, HandsOnNoCommandThatWasReportedAsSent) {
   SnRig rig;
   rig.connect(1, "r1");
@@ -332,10 +332,9 @@ TEST(Roaming, RefusesCommandsOfAWaitingConnectAtShutdown) {
   ASSERT_EQ(rig.outcomes.size(), 2U);
   EXPECT_EQ(rig.outcomes[1].id, CommandId{6});
   rig.note("r1", note_of_r1());
-  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"}) << "and not what was refused";
+  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"}) << "the refused command is not sent";
 }
 
-/// What a sleeper's gateway has for it follows it.
 TEST(Roaming, HandsOnCommandsOfASleeper) {
   ConnectedRig rig(false);
   rig.subscribe(1, r1_command, 1);

@@ -37,7 +37,8 @@ TEST(SnGateway, R114_PutsAClientToSleepForItsDuration) {
   EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
   EXPECT_EQ(rig.presence.back().presence, Presence::asleep);
   rig.pass_s(149);
-  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::asleep) << "the keep-alive of 60 s is off";
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::asleep)
+      << "the keep-alive of 60 s does not apply";
   rig.pass_s(1);
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
 }
@@ -61,7 +62,7 @@ TEST(SnGateway, R116_SendsNothingToASleepingClient) {
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_EQ(rig.gateway.queued_for("r1"), 3U);
   rig.send(1, Pingreq{"r1"});
-  EXPECT_EQ(rig.sent_to(1), Lines{publish_line(1, 1, 1, 1, "1")}) << "again, so with DUP";
+  EXPECT_EQ(rig.sent_to(1), Lines{publish_line(1, 1, 1, 1, "1")}) << "a repeat, so with DUP";
 }
 
 TEST(SnGateway, R117_BoundsTheBufferAndDropsQos0First) {
@@ -71,14 +72,14 @@ TEST(SnGateway, R117_BoundsTheBufferAndDropsQos0First) {
   rig.broker("a/x", "1", 1);
   rig.broker("a/x", "2", 0);
   rig.broker("a/x", "3", 1);
-  rig.broker("a/x", "4", 1);  // "2" goes
-  rig.broker("a/x", "5", 1);  // "1" goes
+  rig.broker("a/x", "4", 1);  // drops "2"
+  rig.broker("a/x", "5", 1);  // drops "1"
   EXPECT_EQ(rig.gateway.queued_for("r1"), 3U);
   EXPECT_EQ(rig.counter("queue_dropped"), 2U);
   EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "3")});
 }
 
-/// The robot may have obeyed it.
+/// The robot may have obeyed a sent command.
 TEST(SnGateway, R117_KeepsACommandThatWasSent) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   Settings settings;
@@ -109,7 +110,7 @@ TEST(SnGateway, R118_WakesASleepingClientByPingreqFromAnyAddress) {
   rig.broker("a/x", "3", 0);
   EXPECT_EQ(rig.wake(2), Lines{publish_line(0, 1, 1, 1, "1")});
   rig.send(2, Puback{1, 1, ReturnCode::accepted});
-  EXPECT_EQ(rig.sent_to(2), Lines{publish_line(0, 2, 1, 2, "2")}) << "one exchange after another";
+  EXPECT_EQ(rig.sent_to(2), Lines{publish_line(0, 2, 1, 2, "2")}) << "one exchange at a time";
   rig.send(2, Pubrec{2});
   EXPECT_EQ(rig.sent_to(2), Lines{"PUBREL msg=2"});
   rig.send(2, Pubcomp{2});
@@ -138,10 +139,11 @@ TEST(SnGateway, R118_RegistersFirstWhereNeeded) {
 TEST(SnGateway, R119_SendsPingrespByItselfRightAfterTheLastAck) {
   SleepRig rig;
   rig.broker("a/x", "1", 1);
-  EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "1")}) << "not before it";
+  EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "1")})
+      << "PINGRESP does not come before the message";
   rig.pass_s(1);
   EXPECT_TRUE(rig.is_silent(1));
-  EXPECT_EQ(rig.ack(1), Lines{"PINGRESP"}) << "not only after another PINGREQ";
+  EXPECT_EQ(rig.ack(1), Lines{"PINGRESP"}) << "without another PINGREQ";
   EXPECT_TRUE(rig.is_asleep());
 }
 
@@ -170,7 +172,7 @@ TEST(SnGateway, R122_DeliversABoundedNumberOfMessagesPerWakeUp) {
   rig.broker("a/x", "3", 1);
   EXPECT_EQ(rig.ack(2), Lines{publish_line(0, 1, 1, 3, "3")});
   rig.broker("a/x", "4", 1);
-  EXPECT_EQ(rig.ack(3), Lines{"PINGRESP"}) << "a wake-up must end";
+  EXPECT_EQ(rig.ack(3), Lines{"PINGRESP"}) << "ends after a bounded number";
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 4, "4")});
 }
@@ -224,9 +226,9 @@ TEST(SnGateway, R125_WakesARobotThatBeganWithACleanSession) {
   rig.send(2, Connect{false, false, 1, 60, "r1"});
   EXPECT_EQ(rig.sent_to(2), (Lines{"CONNACK code=0", "REGISTER id=2 msg=1 topic=a/x"}));
   rig.publish(2, up, 0, 0);
-  ASSERT_EQ(rig.reports.size(), 1U) << "it knows its topics";
+  ASSERT_EQ(rig.reports.size(), 1U) << "its topics are kept";
   rig.pass_s(200);
-  EXPECT_EQ(rig.reports.back().topic, "ntnu-slam/robot/r1/gone") << "and has its will";
+  EXPECT_EQ(rig.reports.back().topic, "ntnu-slam/robot/r1/gone") << "its will is kept";
 }
 
 TEST(SnGateway, R126_TakesANewDurationOrAPlainDisconnectInSleep) {
@@ -252,7 +254,7 @@ TEST(SnGateway, R127_LosesASleeperThatDoesNotWake) {
   EXPECT_EQ(rig.presence.back().presence, Presence::offline);
 }
 
-/// It has missed one wake-up. It sends no other DISCONNECT, and its radio is off after PINGRESP.
+/// The client has missed one wake-up. It sends no DISCONNECT, and its radio is off after PINGRESP.
 TEST(SnGateway, R113_RevivesALostSleeperByItsPingreq) {
   SleepRig rig(false);
   rig.pass_s(151);
@@ -262,7 +264,7 @@ TEST(SnGateway, R113_RevivesALostSleeperByItsPingreq) {
   rig.broker("a/x", "1", 1);
   EXPECT_TRUE(rig.is_silent(1));
   rig.pass_s(120);
-  EXPECT_TRUE(rig.is_asleep()) << "its keep-alive of 60 s is off";
+  EXPECT_TRUE(rig.is_asleep()) << "its keep-alive of 60 s does not apply";
   EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "1")});
   EXPECT_EQ(rig.ack(1), Lines{"PINGRESP"});
   rig.connect(1, "r1", false);
@@ -282,7 +284,7 @@ TEST(SnGateway, R113_LetsALostClientFallAsleep) {
   rig.broker("a/x", "1", 1);
   rig.pass_s(300);
   EXPECT_TRUE(rig.is_asleep());
-  EXPECT_EQ(rig.wake(), Lines{"REGISTER id=1 msg=1 topic=a/x"}) << "only now";
+  EXPECT_EQ(rig.wake(), Lines{"REGISTER id=1 msg=1 topic=a/x"}) << "sent at the wake-up";
 }
 
 TEST(SnGateway, R128_DoesNotMoveAnActiveClientByAPing) {

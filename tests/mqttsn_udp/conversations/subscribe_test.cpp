@@ -80,7 +80,7 @@ TEST(SnGateway, R99_AnswersARepeatedSubscribe) {
   rig.answers_subscribes = false;
   rig.send(1, by_name("a/x", 7));
   rig.send(1, by_name("a/x", 7));
-  EXPECT_EQ(rig.subscribes.size(), 1U) << "the first one still waits";
+  EXPECT_EQ(rig.subscribes.size(), 1U) << "the first SUBSCRIBE is still open";
   rig.subscribe_result("a/x", true);
   EXPECT_EQ(rig.sent_to(1), Lines{"SUBACK qos=1 id=1 msg=7 code=0"});
   rig.send(1, by_name("a/x", 7));  // SUBACK was lost
@@ -178,8 +178,7 @@ TEST(SnGateway, DeliversAMessageOnlyToItsRobot) {
   EXPECT_EQ(rig.sent_to(2).size(), 1U);
 }
 
-/// The broker has the subscriptions of a robot that came from another gateway, also when the note
-/// about them is lost.
+/// The broker keeps the subscriptions of a robot that moved here, even if their note is lost.
 TEST(SnGateway, DeliversMessagesOfAKeptSessionWithoutKnownFilters) {
   ConnectedRig rig(false);
   rig.robot_message({"r1", {"a/x", to_bytes("hi"), Qos::exactly_once}});
@@ -192,7 +191,7 @@ TEST(SnGateway, DeliversMessagesOfAKeptSessionWithoutKnownFilters) {
   EXPECT_TRUE(rig.is_silent(1));
   rig.connect(2, "r2", true);
   rig.robot_message({"r2", {"a/x", to_bytes("hi"), Qos::at_least_once}});
-  EXPECT_TRUE(rig.is_silent(2)) << "a clean session has only what it asked for here";
+  EXPECT_TRUE(rig.is_silent(2)) << "a clean session has only its own subscriptions";
 }
 
 TEST(SnGateway, R103_DeliversOnceForOverlappingFilters) {
@@ -212,7 +211,7 @@ TEST(SnGateway, R103_DeliversEachOfTwoEqualMessages) {
   rig.subscribe(1, "a/#", 0);
   rig.broker("a/x", "hi");
   rig.broker("a/x", "hi");
-  EXPECT_EQ(rig.sent_to(1).size(), 2U) << "copies are the core's concern";
+  EXPECT_EQ(rig.sent_to(1).size(), 2U) << "the core removes copies";
 }
 
 TEST(SnGateway, R104_UnsubscribesByEachKindOfTopicAndAlwaysAnswers) {

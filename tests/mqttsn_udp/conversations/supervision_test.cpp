@@ -24,7 +24,7 @@ TEST(SnGateway, R107_AnswersAPingWithClientIdOfAnActiveClient) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
   EXPECT_TRUE(is_active(rig));
   rig.broker("a/x");
-  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "nothing is buffered";
+  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "only PINGRESP, nothing is buffered";
 }
 
 TEST(SnGateway, R108_AcceptsAPingrespAtAnyTimeAndNeedsNone) {
@@ -137,10 +137,10 @@ TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
 }
 
 TEST(SnGateway, R111_IgnoresAnEarlyDeadline) {
-  SnRig rig;  // steady time is the only time that the machine's interface has
+  SnRig rig;  // the machine gets time only as an argument
   rig.connect(1, "r1");
   ASSERT_TRUE(rig.gateway.deadline());
-  rig.gateway.on_deadline(rig.now);  // early: nothing happens
+  rig.gateway.on_deadline(rig.now);  // before the deadline
   EXPECT_TRUE(is_active(rig));
 }
 
@@ -155,7 +155,7 @@ TEST(SnGateway, R112_PublishesTheWillAndKeepsOrForgetsTheSession) {
     rig.subscribe(1, "a/x");
     rig.pass_s(100);
     EXPECT_EQ(rig.reports.size(), 1U);
-    EXPECT_TRUE(rig.is_silent(1)) << "no DISCONNECT unasked";
+    EXPECT_TRUE(rig.is_silent(1)) << "without an unsolicited DISCONNECT";
     EXPECT_EQ(rig.gateway.presence_of("r1").has_value(), !clean);
     EXPECT_EQ(rig.unsubscribes.size(), clean ? 1U : 0U);
     EXPECT_EQ(rig.presence.back().presence, Presence::offline);
@@ -169,12 +169,12 @@ TEST(SnGateway, R113_RevivesALostClientFromItsAddress) {
     rig.subscribe(1, "a/x", 0);
     rig.pass_s(100);
     rig.send(2, Pingreq{"r1"});
-    EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "not from another address";
+    EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "not revived from another address";
     rig.send(1, Pingreq{"r1"});
     EXPECT_EQ(rig.last_to(1), "PINGRESP");
     EXPECT_EQ(rig.presence.back().presence, Presence::online);
     rig.broker("a/x");
-    EXPECT_FALSE(rig.is_silent(1)) << "its subscription is still there";
+    EXPECT_FALSE(rig.is_silent(1)) << "its subscription is kept";
     rig.pass_s(100);
     rig.publish(1, id, 0, 0);
     EXPECT_EQ(rig.reports.back().topic, own_topic);
@@ -219,7 +219,7 @@ TEST(SnGateway, R130_AnswersADisconnectAndEndsSupervision) {
   rig.pass_s(100000);
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
   EXPECT_EQ(rig.counter("clients_lost"), 0U);
-  rig.send(1, Pingreq{"r1"});  // one that was lost would go on
+  rig.send(1, Pingreq{"r1"});  // would revive a lost client
   EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Clients that leave a REGISTER, a PUBLISH or a PUBREL unanswered, as RIOT's emcute and Zephyr's
-// client do when their topic tables are full: everything else goes on.
+// client do when their topic tables are full. All other messages are still delivered.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -13,14 +13,14 @@ using std::chrono::seconds;
 
 const std::string others = "ntnu-slam/robot/+/update";
 
-/// Subscribed to its commands by name and to everybody's updates; it never answers a REGISTER.
-struct DeafRig : SnRig {
-  explicit DeafRig(bool clean = true) {
+/// A client that subscribes to its commands by name and to all updates. It answers no REGISTER.
+struct NoRegackRig : SnRig {
+  explicit NoRegackRig(bool clean = true) {
     connect(1, "r1", clean, 6000);
     subscribe(1, r1_command, 1);
     subscribe(1, others, 1);
   }
-  /// One more command; whether it is published at once.
+  /// Sends one more command. Returns true if it is published at once.
   bool command_arrives() {
     sent_to(1);
     broker(r1_command, "go", 1);
@@ -36,7 +36,7 @@ struct DeafRig : SnRig {
 
 TEST(SnGateway, SendsCommandsWhileARegisterStaysUnanswered) {
   for (const bool clean : {true, false}) {
-    DeafRig rig(clean);
+    NoRegackRig rig(clean);
     for (int i = 0; i < 20; ++i) {
       rig.broker("ntnu-slam/robot/x" + std::to_string(i % 4) + "/update", "u", i % 2);
       EXPECT_TRUE(rig.command_arrives()) << i;
@@ -49,7 +49,7 @@ TEST(SnGateway, SendsCommandsWhileARegisterStaysUnanswered) {
 }
 
 TEST(SnGateway, PausesAnUnansweredTopicEverLongerAndReportsItOnce) {
-  DeafRig rig(false);
+  NoRegackRig rig(false);
   std::vector<Duration> pauses;
   std::optional<TimePoint> last;
   for (int i = 0; i < 12 * 360; ++i) {
@@ -73,7 +73,7 @@ TEST(SnGateway, PausesAnUnansweredTopicEverLongerAndReportsItOnce) {
 }
 
 TEST(SnGateway, BoundsTheNumberOfPausedTopicsOfAClient) {
-  DeafRig rig;
+  NoRegackRig rig;
   const auto topic = [](std::size_t i) {
     return "ntnu-slam/robot/x" + std::to_string(i) + "/update";
   };
@@ -90,12 +90,12 @@ TEST(SnGateway, BoundsTheNumberOfPausedTopicsOfAClient) {
   rig.sent_to(1);
   rig.broker(topic(0), "u", 1);
   const Lines lines = rig.sent_to(1);
-  ASSERT_FALSE(lines.empty()) << "its first failure was forgotten, so its pause was the first one";
+  ASSERT_FALSE(lines.empty()) << "its entry was dropped, so its pause is the shortest";
   EXPECT_TRUE(lines[0].starts_with("REGISTER")) << lines[0];
 }
 
 TEST(SnGateway, DeliversAPausedTopicOnceItsRegisterIsAnswered) {
-  DeafRig rig(false);
+  NoRegackRig rig(false);
   rig.broker("ntnu-slam/robot/x/update", "1", 1);
   rig.broker("ntnu-slam/robot/x/update", "2", 1);
   for (int i = 0; i < 45; ++i) {
@@ -114,7 +114,7 @@ TEST(SnGateway, DeliversAPausedTopicOnceItsRegisterIsAnswered) {
 }
 
 TEST(SnGateway, ForgetsPausesWhenTheClientConnectsAgain) {
-  DeafRig rig(false);
+  NoRegackRig rig(false);
   rig.broker("ntnu-slam/robot/x/update", "1", 1);
   for (int i = 0; i < 45; ++i) {
     rig.pass_s(1);
@@ -175,7 +175,7 @@ TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
       EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
       rig.send(1, Pubrec{1});
       EXPECT_EQ(rig.last_to(1), qos == 2 ? "nothing" : "PUBREL msg=1")
-          << "a PUBREL would have the robot obey";
+          << "a PUBREL would release the command";
       EXPECT_EQ(rig.outcomes.size(), 2U);
     }
   }
@@ -186,11 +186,11 @@ TEST(SnGateway, SendsTheNextCommandWhileAPubrelStaysUnanswered) {
   rig.subscribe(1, r1_command, 2);
   rig.broker(r1_command, "1", 2);
   rig.send(1, Pubrec{1});
-  ASSERT_EQ(rig.outcomes.size(), 1U) << "with PUBREC the robot has it";
+  ASSERT_EQ(rig.outcomes.size(), 1U) << "PUBREC counts as delivered";
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::delivered);
   rig.sent_to(1);
   rig.broker(r1_command, "2", 2);
-  EXPECT_TRUE(rig.is_silent(1)) << "the PUBCOMP can come any moment";
+  EXPECT_TRUE(rig.is_silent(1)) << "the PUBCOMP may still arrive in time";
   rig.pass(RetransmissionTimeout::shortest);
   EXPECT_EQ(rig.sent_to(1),
             (Lines{"PUBREL msg=1", "PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=2 data=32"}));
@@ -212,7 +212,7 @@ TEST(SnGateway, SendsTheNextCommandIfPubrelIsAnsweredWithPubrec) {
   }
   rig.sent_to(1);
   rig.pass_s(60);
-  EXPECT_TRUE(rig.is_silent(1)) << "each PUBREC is answered; the repetitions are over";
+  EXPECT_TRUE(rig.is_silent(1)) << "the repetitions have ended";
 }
 
 TEST(SnGateway, AcceptsALatePubackOfARequeuedMessage) {
@@ -248,7 +248,7 @@ TEST(SnGateway, DeliversCommandsBesideAMessageNeverAcknowledged) {
     delivered += outcome.result == CommandResult::delivered ? 1 : 0;
   EXPECT_GE(delivered, 8U);
   EXPECT_EQ(rig.outcomes.size(), 10U);
-  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U) << "it is kept";
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U) << "the message stays queued";
 }
 
 }  // namespace

@@ -64,7 +64,7 @@ TEST(SnGateway, ReportsRepeatsAlwaysAndOtherStepsWhileTraced) {
   rig.steps.clear();
   rig.publish(1, 1, 1, 8);
   rig.receipt(2);
-  rig.publish(1, 99, 1, 9);  // an id that is not registered
+  rig.publish(1, 99, 1, 9);  // not registered
   rig.publish(1, 1, 1, 10);
   rig.receipt(3, ReceiptOutcome::refused);
   ASSERT_EQ(rig.steps.size(), 3U);
@@ -129,7 +129,7 @@ TEST(SnGateway, R74_TakesShortNamesWithoutRegistration) {
 TEST(SnGateway, R75_ForwardsQos2ExactlyOnce) {
   UplinkRig rig;
   rig.publish(1, 1, 2, 5);
-  rig.publish(1, 1, 2, 5);  // before it is safe: nothing new
+  rig.publish(1, 1, 2, 5);  // before the message is safe
   EXPECT_TRUE(rig.is_silent(1));
   rig.receipt(rig.reports.at(0).receipt.id);
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=5"});
@@ -140,7 +140,7 @@ TEST(SnGateway, R75_ForwardsQos2ExactlyOnce) {
   rig.send(1, Pubrel{5});
   EXPECT_EQ(rig.sent_to(1), Lines(2, "PUBCOMP msg=5"));
   EXPECT_EQ(rig.reports.size(), 1U);
-  rig.publish_octets("09 0c c0 00 01 00 05 68 69");  // a copy that the network kept back
+  rig.publish_octets("09 0c c0 00 01 00 05 68 69");  // a copy that the network delayed
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=5"});
   EXPECT_EQ(rig.reports.size(), 1U);
   rig.publish(1, 1, 2, 5);
@@ -151,7 +151,7 @@ TEST(SnGateway, R75_ForwardsQos2ExactlyOnce) {
   EXPECT_EQ(rig.last_to(1), "PUBCOMP msg=77");
 }
 
-/// The client takes PUBREC for the end of each exchange.
+/// The client treats PUBREC as the end of each exchange.
 TEST(SnGateway, R75_ServesAClientThatSendsNoPubrel) {
   UplinkRig rig;
   constexpr std::uint16_t last = limits::max_inbound_qos2 + 2;
@@ -165,11 +165,12 @@ TEST(SnGateway, R75_ServesAClientThatSendsNoPubrel) {
   }
   for (const std::uint16_t id : {std::uint16_t{3}, last}) {
     rig.publish(1, 1, 2, id);
-    EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=" + std::to_string(id)}) << "still a repeat";
+    EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=" + std::to_string(id)})
+        << "recognized as a repeat";
   }
   EXPECT_EQ(rig.reports.size(), last);
   rig.send(1, Pubrel{1});
-  EXPECT_EQ(rig.sent_to(1), Lines{"PUBCOMP msg=1"}) << "after all";
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBCOMP msg=1"}) << "a late PUBREL is answered";
 }
 
 TEST(SnGateway, R76_ForwardsARepeatedQos1MessageOnce) {
@@ -188,12 +189,12 @@ TEST(SnGateway, R76_ForwardsARepeatedQos1MessageOnce) {
   EXPECT_EQ(rig.reports.size(), 1U);
   EXPECT_EQ(rig.counter("repeats_suppressed"), 3U);
   rig.publish(1, 1, 1, 5, "other");
-  EXPECT_EQ(rig.reports.size(), 2U) << "never by MsgId alone";
+  EXPECT_EQ(rig.reports.size(), 2U) << "the same MsgId alone is not a repeat";
   rig.publish(1, 1, 1, 6);
-  EXPECT_EQ(rig.reports.size(), 3U) << "never by content alone";
+  EXPECT_EQ(rig.reports.size(), 3U) << "equal content alone is not a repeat";
   rig.pass_s(26);
   rig.publish(1, 1, 1, 5);
-  EXPECT_EQ(rig.reports.size(), 4U) << "the window is over";
+  EXPECT_EQ(rig.reports.size(), 4U) << "the repeat window has passed";
 }
 
 TEST(SnGateway, R76_RecognizesARepeatOfAWaitingMessageAfterManyOthers) {
@@ -211,7 +212,7 @@ TEST(SnGateway, R76_RecognizesARepeatOfAWaitingMessageAfterManyOthers) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBACK id=1 msg=1 code=0"});
 }
 
-/// One message of a client that repeats until it is answered: what it sends and is answered.
+/// A rig that acknowledges each report at once, so that its client can send equal messages in turn.
 struct EqualMessages : UplinkRig {
   void send_one(WireQos qos, std::uint16_t msg_id, bool dup = false) {
     send(1, Publish{dup, qos, false, TopicIdType::normal, 1, msg_id, to_bytes("ok")});
@@ -249,7 +250,7 @@ TEST(SnGateway, R75_PublishesEachOfFiftyEqualHandshakesUnderOneMsgId) {
   }
 }
 
-/// One list after the other in one session, under two MsgIds.
+/// Three lists of equal messages in one session, under three MsgIds.
 TEST(SnGateway, R76_PublishesFiftyAndFiftyEqualMessages) {
   EqualMessages rig;
   rig.send_one(WireQos::one, 1);
@@ -262,7 +263,7 @@ TEST(SnGateway, R76_PublishesFiftyAndFiftyEqualMessages) {
   EXPECT_EQ(rig.reports.size(), 151U);
 }
 
-/// Nordic's client: DUP is never set, the second and third time come 8 and 16 s after the first.
+/// Nordic's client never sets DUP, and repeats a message 8 and 16 s after the first transmission.
 TEST(SnGateway, R76_RecognizesNordicsRepeatsAfterALostPuback) {
   for (const unsigned earlier_messages : {0U, 1U, 10U}) {
     EqualMessages rig;
@@ -301,7 +302,7 @@ TEST(SnGateway, R76_PublishesLateEqualMessagesOfAClientThatUsesOneMsgId) {
   EXPECT_EQ(rig.reports.size(), 51U);
 }
 
-/// Nothing but time tells a first late copy from a repeat; the client is understood in the end.
+/// A first late copy differs from a repeat only in its time. After a few, the gateway learns it.
 TEST(SnGateway, R76_PublishesAllButTheFirstFewOfAHeartbeatUnderOneMsgId) {
   for (const int period_s : {5, 10, 20}) {
     EqualMessages rig;
@@ -315,7 +316,7 @@ TEST(SnGateway, R76_PublishesAllButTheFirstFewOfAHeartbeatUnderOneMsgId) {
 
 TEST(SnGateway, R76_SuppressesEqualMessagesWhileTheFirstIsUnacknowledged) {
   UplinkRig rig;
-  for (const auto& text : {"one", "two"}) {  // this client uses one MsgId for everything
+  for (const auto& text : {"one", "two"}) {  // this client uses one MsgId for all messages
     rig.publish(1, 1, 1, 7, text);
     rig.receipt(rig.reports.back().receipt.id);
   }
@@ -324,7 +325,7 @@ TEST(SnGateway, R76_SuppressesEqualMessagesWhileTheFirstIsUnacknowledged) {
   EXPECT_EQ(rig.reports.size(), 3U);
 }
 
-/// A copy that the network made, or kept back until the client was two messages further.
+/// The network has doubled the copy, or has delayed it behind two later messages.
 TEST(SnGateway, R76_RecognizesALateCopyOfAClientThatCountsMsgIds) {
   EqualMessages rig;
   for (std::uint16_t id = 1; id <= 20; ++id) {
@@ -338,7 +339,7 @@ TEST(SnGateway, R76_RecognizesALateCopyOfAClientThatCountsMsgIds) {
   EXPECT_EQ(rig.reports.size(), 20U);
 }
 
-/// The gateway has had no room for a while; the client asks again under the same MsgId.
+/// The gateway had no room for a while, so the client repeated its message under the same MsgId.
 TEST(SnGateway, R76_LearnsNothingFromRefusedMessages) {
   EqualMessages rig;
   for (int i = 0; i < 10; ++i) {
@@ -401,7 +402,7 @@ TEST(SnGateway, R80_IsSilentOrAnswersCongestionWhenFull) {
   EXPECT_EQ(rig.sent_to(1), (Lines{"PUBACK id=1 msg=5 code=1", "PUBACK id=1 msg=6 code=1"}));
   for (std::uint16_t i = 0; i <= limits::max_open_receipts; ++i)
     rig.publish(1, 1, 1, static_cast<std::uint16_t>(100 + i));
-  EXPECT_EQ(rig.sent_to(1), Lines{"PUBACK id=1 msg=164 code=1"}) << "too many are open";
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBACK id=1 msg=164 code=1"}) << "too many receipts are open";
 }
 
 TEST(SnGateway, R81_TakesQosMinusOneOnlyWhereAllowed) {

@@ -10,7 +10,7 @@ namespace {
 const std::string first_will = "ntnu-slam/robot/r1/first";
 const std::string second_will = "ntnu-slam/robot/r1/second";
 
-/// Connects with this will; an empty topic deletes it.
+/// Connects with this will. An empty topic deletes the will.
 void connect_with(SnRig& rig, const std::string& topic, bool clean, WireQos qos = WireQos::one,
                   bool retain = true) {
   rig.send(1, Connect{true, clean, 1, 60, "r1"});
@@ -19,7 +19,7 @@ void connect_with(SnRig& rig, const std::string& topic, bool clean, WireQos qos 
   EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
 }
 
-/// A client with the first will and a subscription, disconnected in order.
+/// Connects a client with the first will and a subscription, and disconnects it.
 SnRig& stored(SnRig& rig) {
   connect_with(rig, first_will, false);
   rig.subscribe(1, "a/x");
@@ -34,7 +34,7 @@ bool has_subscription(SnRig& rig) {
   return !rig.is_silent(1);
 }
 
-/// What is published when the client falls silent.
+/// Returns the will that is published when the client falls silent.
 std::string will_of(SnRig& rig) {
   rig.reports.clear();
   rig.pass_s(200);
@@ -109,7 +109,7 @@ TEST(SnGateway, R48_RegistersBeforeItRepeatsInFlightMessages) {
   rig.connect(1, "r1", false);
   rig.send(1, Regack{1, 2, ReturnCode::accepted});
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=1 qos=2 retain=0 normal id=1 msg=1 data=6869"})
-      << "under its old MsgId, or it would count twice";
+      << "under its old MsgId, so that the robot recognizes it";
   rig.sleep(1);
   rig.send(1, Connect{false, false, 1, 60, "r1"});
   EXPECT_EQ(rig.sent_to(1), (Lines{"CONNACK code=0", "REGISTER id=1 msg=3 topic=a/x"}));
@@ -126,7 +126,7 @@ TEST(SnGateway, R49_PlainDisconnectPublishesNoWill) {
   rig.subscribe(1, "a/x");
   rig.send(1, Disconnect{});
   EXPECT_EQ(will_of(rig), "none");
-  ASSERT_EQ(rig.unsubscribes.size(), 1U) << "a clean session ends with it";
+  ASSERT_EQ(rig.unsubscribes.size(), 1U) << "the clean session has ended";
   EXPECT_EQ(rig.unsubscribes[0].filter, "a/x");
 }
 
@@ -176,7 +176,7 @@ TEST(SnGateway, R53_ReplacesTheWillMessage) {
 TEST(SnGateway, R54_MakesAWillFromUpdatesAlone) {
   ConnectedRig rig;
   rig.send(1, WillMsgUpd{to_bytes("gone")});
-  EXPECT_EQ(rig.last_to(1), "WILLMSGRESP code=3") << "there is no topic yet";
+  EXPECT_EQ(rig.last_to(1), "WILLMSGRESP code=3") << "the will has no topic yet";
   rig.send(1, WillTopicUpd{WireQos::one, false, first_will});
   EXPECT_EQ(rig.last_to(1), "WILLTOPICRESP code=0");
   rig.send(1, WillMsgUpd{to_bytes("gone")});
@@ -193,7 +193,7 @@ TEST(SnGateway, R55_RefusesWillsThatTheClientMayNotPublish) {
     rig.send(1, Connect{true, true, 1, 60, "r1"});
     rig.send(1, WillTopic{WireQos::zero, false, topic});
     EXPECT_EQ(rig.last_to(1), "CONNACK code=3") << topic;
-    EXPECT_EQ(rig.notices.size(), 1U) << "which line would allow it";
+    EXPECT_EQ(rig.notices.size(), 1U) << "names the setting that would allow it";
     EXPECT_FALSE(rig.gateway.presence_of("r1"));
     connect_with(rig, first_will, true);
     rig.send(1, WillTopicUpd{WireQos::zero, false, topic});
@@ -208,7 +208,7 @@ TEST(SnGateway, R56_KeepsAWillForEachClient) {
   rig.send(2, Connect{true, true, 1, 600, "r2"});
   rig.send(2, WillTopic{WireQos::zero, false, "ntnu-slam/robot/r2/gone"});
   rig.send(2, WillMsg{});
-  EXPECT_EQ(will_of(rig), first_will) << "only that of the silent one";
+  EXPECT_EQ(will_of(rig), first_will) << "only the silent client's will";
 }
 
 }  // namespace

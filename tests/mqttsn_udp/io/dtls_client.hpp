@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A DTLS client made with OpenSSL's library, whose datagrams a test may lose, hold back and repeat.
+// A DTLS client with OpenSSL's library. A test may lose, reorder and repeat its datagrams.
 #pragma once
 
 #include <openssl/err.h>
@@ -16,12 +16,12 @@
 
 namespace slamgw::mqttsn {
 
-/// What happens to a client's datagrams in both directions.
+/// Faults of the network between a client and the gateway.
 struct Network {
   double loss = 0;
-  bool reorders = false;  ///< each second datagram to the gateway comes before the first
+  bool reorders = false;  ///< swaps each pair of datagrams to the gateway
   unsigned seed = 1;
-  bool packs = false;  ///< a flight of the handshake is one datagram
+  bool packs = false;  ///< sends a flight of the handshake as one datagram
 };
 
 class DtlsClient {
@@ -50,7 +50,7 @@ class DtlsClient {
   DtlsClient(const DtlsClient&) = delete;
   DtlsClient& operator=(const DtlsClient&) = delete;
 
-  /// Forgets its connection, as after a restart, and keeps its port.
+  /// Starts without a connection, as after a restart, on the same port.
   void begin() {
     ssl_.reset(SSL_new(context_.get()));
     SSL_set_bio(ssl_.get(), BIO_new(BIO_s_mem()), BIO_new(BIO_s_mem()));
@@ -62,7 +62,7 @@ class DtlsClient {
     return test::eventually(
         rig_.io, [this] { return step() == 1; }, limit);
   }
-  /// One step of the handshake; 1 when it is done.
+  /// Makes one step of the handshake. Returns 1 when it is done.
   int step() {
     take_datagram();
     ERR_clear_error();
@@ -77,7 +77,7 @@ class DtlsClient {
               static_cast<int>(bytes.size()));
     send_records();
   }
-  /// Waits for a message; "nothing" when none comes.
+  /// Waits for a message. Returns "nothing" if none comes.
   std::string receive(std::chrono::milliseconds limit = test::patience) {
     Bytes buffer(2000);
     int size = 0;
@@ -91,7 +91,7 @@ class DtlsClient {
     if (!test::eventually(rig_.io, has_come, limit)) return "nothing";
     return describe_octets(ByteView(buffer).first(static_cast<std::size_t>(size)));
   }
-  /// Sends again until there is an answer, as robots do.
+  /// Repeats the packet until it is answered, as robots do. Returns the answer.
   std::string insist(const Packet& packet) {
     std::string answer = "nothing";
     for (int i = 0; i < 40 && answer == "nothing"; ++i) {
@@ -100,7 +100,7 @@ class DtlsClient {
     }
     return answer;
   }
-  bool was_told_goodbye() {
+  bool received_close_notify() {
     return test::eventually(rig_.io, [this] {
       std::uint8_t octet = 0;
       take_datagram();
@@ -109,7 +109,7 @@ class DtlsClient {
       return (SSL_get_shutdown(ssl_.get()) & SSL_RECEIVED_SHUTDOWN) != 0;
     });
   }
-  /// All datagrams that it has sent, once more.
+  /// Sends all of its earlier datagrams again.
   void replay() {
     for (const Bytes& datagram : std::vector<Bytes>(sent)) transmit(datagram);
   }
@@ -134,7 +134,7 @@ class DtlsClient {
     return static_cast<unsigned>(client.key_.size());
   }
   bool is_lost() { return std::uniform_real_distribution<>(0, 1)(random_) < network_.loss; }
-  /// One at a time, as a network brings them.
+  /// Reads one datagram.
   void take_datagram() {
     Bytes buffer(2000);
     boost::system::error_code error;
@@ -145,7 +145,7 @@ class DtlsClient {
       return;
     }
   }
-  /// Each record in a datagram of its own, or all in one.
+  /// Sends each record in its own datagram, or all in one.
   void send_records() {
     char* data = nullptr;
     const auto size = static_cast<std::size_t>(BIO_get_mem_data(SSL_get_wbio(ssl_.get()), &data));

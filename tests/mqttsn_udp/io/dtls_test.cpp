@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// DTLS with real UDP on loopback: each robot speaks as itself, bad networks and attackers cost
-// robots nothing but time, and a lost connection loses no session.
+// DTLS with real UDP on loopback: identities, bad networks, attackers, and sessions that outlive
+// their connections.
 #include <gtest/gtest.h>
 #include <malloc.h>
 
@@ -108,7 +108,7 @@ TEST(Dtls, RefusesAConnectUnderAnotherClientId) {
   UdpClient plain(rig, "127.0.0.1");
   plain.send(connect_as("r1"));
   plain.send(connect_as("r3", true));
-  EXPECT_EQ(plain.receive(), "CONNACK code=0") << "r3's, the first answer";
+  EXPECT_EQ(plain.receive(), "CONNACK code=0") << "the first answer is r3's";
   EXPECT_TRUE(rig.has_notice("as 'r1' gets no answer: it must come over DTLS"));
 }
 
@@ -171,7 +171,7 @@ TEST_P(DtlsOnABadNetwork, ConnectsARobotAndForwardsEachMessageOnce) {
     EXPECT_TRUE(robot.receive(std::chrono::milliseconds(300)).starts_with(wanted) ||
                 insist(publish, wanted));
   }
-  EXPECT_EQ(rig.core.reports.size(), 20U) << "each once";
+  EXPECT_EQ(rig.core.reports.size(), 20U) << "each message once";
 }
 
 TEST(Dtls, RepeatsItsLastFlight) {
@@ -196,7 +196,7 @@ TEST(Dtls, IgnoresReplayedRecords) {
   ASSERT_TRUE(test::eventually(rig.io, [&] { return rig.core.reports.size() == 1; }));
   for (int i = 0; i < 3; ++i) robot.replay();
   robot.send(publish_of_r1(9));
-  EXPECT_EQ(robot.receive(), puback + " msg=9 code=0") << "the connection goes on";
+  EXPECT_EQ(robot.receive(), puback + " msg=9 code=0") << "the connection still works";
   EXPECT_EQ(rig.core.reports.size(), 2U);
 }
 
@@ -204,16 +204,16 @@ TEST(Dtls, KeepsTheSessionOverANewConnection) {
   DtlsRig rig;
   DtlsClient robot(rig, "r1", key_of_r1);
   join(robot);
-  robot.begin();  // it has started again, and has its port again
+  robot.begin();  // a restart on the same port
   ASSERT_TRUE(robot.has_connection());
   robot.send(publish_of_r1(7, "same address"));
-  EXPECT_EQ(robot.receive(), puback + " msg=7 code=0") << "no CONNECT, no REGISTER";
+  EXPECT_EQ(robot.receive(), puback + " msg=7 code=0") << "without CONNECT and REGISTER";
 
   DtlsClient elsewhere(rig, "r1", key_of_r1);
   ASSERT_TRUE(elsewhere.has_connection());
   elsewhere.send(publish_of_r1(8, "another address"));
   EXPECT_EQ(elsewhere.receive(), puback + " msg=8 code=0");
-  EXPECT_EQ(rig.counter("dtls_connections"), 1U) << "the newest is the robot's";
+  EXPECT_EQ(rig.counter("dtls_connections"), 1U) << "the newest connection replaces the older one";
   EXPECT_EQ(rig.counter("dtls_handshakes"), 3U);
 }
 
@@ -256,7 +256,7 @@ TEST(Dtls, EndsTheConnectionOfARemovedKeyAtOnce) {
   ASSERT_TRUE(other.has_connection());
   EXPECT_EQ(other.insist(connect_as("r2")), "CONNACK code=0");
   rig.use_keys({{"r2", key_of_r2}});
-  EXPECT_TRUE(robot.was_told_goodbye());
+  EXPECT_TRUE(robot.received_close_notify());
   EXPECT_NE(rig.adapter.presence_of("r1"), Presence::online);
   EXPECT_EQ(rig.counter("dtls_connections"), 1U);
   EXPECT_EQ(other.insist(Pingreq{}), "PINGRESP");
@@ -293,7 +293,7 @@ TEST(Dtls, SendsCloseNotifyAtShutdown) {
   DtlsClient robot(*rig, "r1", key_of_r1);
   join(robot);
   rig->adapter.stop();
-  EXPECT_TRUE(robot.was_told_goodbye()) << "it makes a new connection at once";
+  EXPECT_TRUE(robot.received_close_notify()) << "so that robots can reconnect at once";
 }
 
 std::size_t resident_octets() {
@@ -304,7 +304,7 @@ std::size_t resident_octets() {
   return pages * 4096;
 }
 
-/// In full with SLAMGW_FLOOD=10000.
+/// SLAMGW_FLOOD=10000 makes the full test.
 TEST(Dtls, ServesRobotsInBoundedMemoryDuringAHandshakeFlood) {
   const char* const wanted = std::getenv("SLAMGW_FLOOD");
   const unsigned count = wanted ? static_cast<unsigned>(std::strtoul(wanted, nullptr, 10)) : 600;
@@ -314,7 +314,8 @@ TEST(Dtls, ServesRobotsInBoundedMemoryDuringAHandshakeFlood) {
   for (unsigned i = 0; i < count; ++i) {
     const auto address = boost::asio::ip::make_address_v4(0x7f000100U + i % 60);
     DtlsClient attacker(rig, "r1", key_of_r2, {}, "PSK-AES128-GCM-SHA256", {address, 0});
-    // Two flights: the cookie, and what the gateway keeps a handshake for.
+    // Two flights: the ClientHello, and the one with the cookie, which makes the gateway keep
+    // state.
     for (int flight = 0; flight < 3; ++flight) {
       attacker.step();
       rig.io.poll();
@@ -327,7 +328,7 @@ TEST(Dtls, ServesRobotsInBoundedMemoryDuringAHandshakeFlood) {
   EXPECT_EQ(rig.counter("dtls_connections"), 1U);
   EXPECT_GE(rig.counter("dtls_handshakes_failed"),
             count - count / 50 - limits::max_dtls_handshakes);
-  EXPECT_LT(rig.core.notices.size(), 20U) << "one line in ten seconds";
+  EXPECT_LT(rig.core.notices.size(), 20U) << "one notice in ten seconds";
   EXPECT_LT(resident_octets() - before, std::size_t{64} << 20U);
 }
 

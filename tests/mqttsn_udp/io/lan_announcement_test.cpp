@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The announcement by DNS-SD, over a D-Bus daemon of its own, with a fake avahi-daemon at the other
-// end. Its answers are those of Avahi 0.8 (avahi-daemon/dbus-protocol.c, dbus-entry-group.c).
+// The announcement by DNS-SD, over a private D-Bus daemon, against a fake avahi-daemon. The fake
+// answers like Avahi 0.8 (avahi-daemon/dbus-protocol.c, dbus-entry-group.c).
 #include "adapters/mqttsn_udp/io/lan_announcement.hpp"
 
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ class FakeAvahi {
     while (bus_ && sd_bus_process(bus_.get(), nullptr) > 0) {
     }
   }
-  /// The host has another name: its services go, and their programs add them again.
+  /// Changes the host's name: Avahi removes all services, and their programs add them again.
   void change_host_name() {
     announced.clear();
     sd_bus_emit_signal(bus_.get(), "/", "org.freedesktop.Avahi.Server", "StateChanged", "is", 2,
@@ -128,9 +128,9 @@ class FakeAvahi {
 
   std::string address_;
   SdBus bus_;
-  std::string client_;  ///< its connection
+  std::string client_;  ///< the announcement's connection
   std::string name_;
-  std::string entry_;  ///< added, and committed with the next Commit
+  std::string entry_;  ///< added, not yet committed
 };
 
 class LanAnnouncementTest : public testing::Test {
@@ -145,7 +145,7 @@ class LanAnnouncementTest : public testing::Test {
   bool announces(const std::string& what) {
     return eventually([&] { return avahi.announced == std::vector<std::string>{what}; });
   }
-  /// Lines of the log that hold this text.
+  /// Returns the number of log lines with this text.
   long lines(std::string_view text) const {
     return std::ranges::count_if(
         log, [&](const std::string& line) { return line.find(text) != line.npos; });
@@ -212,7 +212,8 @@ TEST_F(LanAnnouncementTest, ChoosesAnotherNameWhenTheNameIsTaken) {
   avahi.taken_here.clear();
   avahi.change_host_name();
   avahi.taken_on_lan = {"pi"};
-  EXPECT_TRUE(announces("pi #2 _mqttsn._udp 47193 -1 -1")) << "from the first name on";
+  EXPECT_TRUE(announces("pi #2 _mqttsn._udp 47193 -1 -1"))
+      << "tries the names from the first one again";
 }
 
 TEST_F(LanAnnouncementTest, GivesUpWhenAllNamesAreTaken) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots that only listen, over real sockets. Each has a loopback address of its own, because the
-// gateway remembers by IP address who has shown that it receives.
+// Robots that only listen, over real sockets. Each has its own loopback address, because the
+// gateway validates IP addresses.
 #include <gtest/gtest.h>
 
 #include <fmt/format.h>
@@ -15,14 +15,14 @@ using boost::asio::ip::udp;
 enum class Topic { name, predefined, short_name };
 enum class Way { connects, kept_session, wakes };
 
-/// Answers REGISTER and PUBLISH, and keeps what it was sent.
+/// A client that answers REGISTER and PUBLISH.
 class Listener {
  public:
   Listener(UdpRig& rig, unsigned place)
       : rig_(rig), gateway_(boost::asio::ip::address_v4::loopback(), rig.core.port()) {
     bind(place);
   }
-  /// Goes on at 127.0.1.`place`.
+  /// Moves to 127.0.1.`place`.
   void bind(unsigned place) {
     const auto address = boost::asio::ip::make_address(fmt::format("127.0.1.{}", place));
     socket_.emplace(rig_.io, udp::endpoint(address, 0));
@@ -35,7 +35,7 @@ class Listener {
   bool awaits() {
     return test::eventually(rig_.io, [&] { return std::holds_alternative<Answer>(take()); });
   }
-  /// Until the message has come.
+  /// Waits for a message with this payload.
   bool hears(const std::string& payload) {
     return test::eventually(rig_.io, [&] {
       const Packet packet = take();
@@ -45,7 +45,7 @@ class Listener {
   }
 
  private:
-  /// A datagram, or a PINGREQ in place of none.
+  /// Reads and answers a datagram. Returns a PINGREQ if none has come.
   Packet take() {
     Bytes buffer(2000);
     boost::system::error_code error;
@@ -68,7 +68,7 @@ struct Case {
   Topic topic = Topic::name;
   Way way = Way::connects;
   bool pings = false;
-  unsigned number = 0;  ///< of the robot
+  unsigned number = 0;  ///< the robot's number
 };
 
 std::string robot_of(const Case& one) { return fmt::format("r{}", one.number); }

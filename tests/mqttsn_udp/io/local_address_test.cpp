@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which of the gateway's addresses a client is answered from, also after its interface was made
-// again under another index. The clients' sockets are connected, as those of many clients: the
-// kernel drops what comes from any other address.
+// Source addresses of the gateway's messages, also after its interface was recreated under another
+// index. The clients' sockets are connected, so the kernel drops messages from other addresses.
 #include <gtest/gtest.h>
 
 #include "tests/mqttsn_udp/io/thread_network.hpp"
@@ -25,7 +24,7 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
     ASSERT_EQ(receive(rig.io, client), answer);
   }
 
-  /// A robot that listens to its commands, asleep or not, from `own`.
+  /// Connects robot r1 from `own` and subscribes to its commands.
   udp::socket make_client(UdpRig& rig, const std::string& asked = eid,
                           const std::string& own = "fd00:db8::2") {
     udp::socket client = robot(io, "wpan0", own);
@@ -38,13 +37,13 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
     return client;
   }
 
-  /// Until the gateway has seen what happened to its interface.
+  /// Recreates the interface, and waits until the gateway has noticed it.
   void remake_before(UdpRig& rig) {
     remake("wpan0");
     if (GetParam() != "wpan0") return;
-    const std::size_t told = rig.core.links.size();
+    const std::size_t before = rig.core.links.size();
     ASSERT_TRUE(test::eventually(
-        rig.io, [&] { return rig.core.links.size() > told && rig.core.links.back().is_up; }));
+        rig.io, [&] { return rig.core.links.size() > before && rig.core.links.back().is_up; }));
   }
 
   void command(UdpRig& rig) {
@@ -53,7 +52,7 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
 
   const std::string id = std::to_string(topic_id_of(cmd_topic));
   const std::string delivered = "PUBLISH dup=0 qos=0 retain=0 normal id=" + id + " msg=0 data=79";
-  boost::asio::io_context io;  // of the clients
+  boost::asio::io_context io;  // runs the clients' sockets
   test::MemorySessionStore store;
 };
 
@@ -62,7 +61,7 @@ TEST_P(LocalAddressOf, R17_KeepsAClientWhenTheInterfaceIsRecreated) {
   udp::socket client = make_client(rig);
   remake_before(rig);
   command(rig);
-  EXPECT_EQ(receive(rig.io, client), delivered) << "before the client has said another word";
+  EXPECT_EQ(receive(rig.io, client), delivered) << "before the client sends again";
   expect(rig, client, Pingreq{}, "PINGRESP");
 }
 

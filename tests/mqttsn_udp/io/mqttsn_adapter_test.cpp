@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shell with real UDP on loopback: answers come back from where they were asked, floods and
-// oversized datagrams harm nothing, broken sockets are told in words.
+// The shell with real UDP on loopback: source addresses of answers, oversized datagrams, multicast,
+// and errors of sockets.
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
 
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Discovery by real multicast, and which networks are served.
+// Discovery by real multicast, and the networks that are served.
 #include <gtest/gtest.h>
 #include <net/if.h>
 
@@ -29,7 +29,7 @@ class Multicast : public ThreadNetwork {
                                                              if_nametoindex(interface.c_str())));
   }
 
-  /// Of an ADVERTISE that has come; 0 when there is none.
+  /// Returns the hop limit of a received ADVERTISE; 0 if there is none.
   static int hop_limit(udp::socket& socket) {
     Bytes octets(100);
     alignas(cmsghdr) std::uint8_t control[128];
@@ -71,8 +71,8 @@ TEST_F(Multicast, R19_HearsItsOwnInterfaceOnly) {
   EXPECT_EQ(receive(rig.io, on_lan, nullptr, std::chrono::milliseconds(50)), "nothing");
 }
 
-/// Nor by unicast, not even with the Thread interface's address over the other wire, where hosts
-/// answer for all of their addresses.
+/// Other networks get no answer to unicast either, not even at the Thread interface's address. A
+/// host accepts all of its addresses on each interface.
 TEST_F(Multicast, ServesItsOwnInterfaceOnly) {
   const auto answer_on_lan = [&](UdpRig& rig, const std::string& address) {
     udp::socket client = robot(rig.io, "eth0", "198.51.100.2");
@@ -94,10 +94,10 @@ TEST_F(Multicast, ServesItsOwnInterfaceOnly) {
   EXPECT_EQ(receive(rig.io, on_thread), "CONNACK code=0");
 }
 
-/// `mqttsn.interface` as it is by default.
+/// The default of `mqttsn.interface`.
 class DefaultInterface : public Multicast {
  protected:
-  /// What a CONNECT from there is answered, to the address that clients there know.
+  /// Sends a CONNECT from this network to the gateway's address there. Returns the answer.
   std::string answer(UdpRig& rig, const std::string& from) {
     const bool is_near = from == "lo";
     udp::socket client = is_near           ? udp::socket(rig.io, {make_address("127.0.0.1"), 0})
@@ -109,7 +109,7 @@ class DefaultInterface : public Multicast {
                    {make_address(to), port});
     return receive(rig.io, client, nullptr, std::chrono::milliseconds(300));
   }
-  /// Soon after the interfaces have changed.
+  /// Waits until the link has this detail.
   bool comes_to(UdpRig& rig, const std::string& detail) {
     return test::eventually(rig.io, [&] { return rig.core.links.back().detail == detail; });
   }
@@ -134,7 +134,7 @@ TEST_F(DefaultInterface, ServesThreadAndLoopback) {
   EXPECT_EQ(answer(rig, "eth0"), "nothing");
   EXPECT_EQ(answer(rig, "eth0"), "nothing");
   EXPECT_EQ(dropped(rig), 2U);
-  ASSERT_EQ(rig.core.notices.size(), 1U) << "one line for a burst";
+  ASSERT_EQ(rig.core.notices.size(), 1U) << "one notice for a burst";
   EXPECT_EQ(rig.core.notices[0].text.find("1 datagrams from networks that are not served"), 0U);
   EXPECT_NE(rig.core.notices[0].text.find("over eth0;"), std::string::npos)
       << rig.core.notices[0].text;
@@ -167,7 +167,7 @@ TEST_F(DefaultInterface, ServesAllNetworksUntilAThreadInterfaceAppears) {
   const std::uint64_t before = dropped(rig);
   search(on_lan);
   EXPECT_EQ(receive(rig.io, on_lan, nullptr, std::chrono::milliseconds(50)), "nothing");
-  EXPECT_EQ(dropped(rig), before) << "the group was left there";
+  EXPECT_EQ(dropped(rig), before) << "the gateway has left the group there";
 
   unplug("wpan0");
   ASSERT_TRUE(comes_to(rig, all_networks));
@@ -187,7 +187,7 @@ TEST_F(DefaultInterface, WarnsThatAllNetworksAreServed) {
   Settings near = settings("*");
   near.listen = {"127.0.0.1:0"};
   UdpRig quiet = UdpRig::as_is(near);
-  EXPECT_TRUE(quiet.core.notices.empty()) << "no network reaches it";
+  EXPECT_TRUE(quiet.core.notices.empty()) << "no network reaches the loopback address";
 }
 
 TEST_F(Multicast, R19_HearsIpv4GroupsOnASocketForBoth) {
@@ -214,7 +214,7 @@ TEST_F(Multicast, R17_AnswersFromTheThreadAddressThatWasAsked) {
   UdpRig rig = UdpRig::as_is(settings("wpan0"));
   for (const std::string asked : {eid, rloc, aloc}) {
     udp::socket client = robot(rig.io, "wpan0", "fd00:db8::2");
-    client.connect({make_address(asked), port});  // takes answers from there only
+    client.connect({make_address(asked), port});  // accepts answers from there only
     client.send(boost::asio::buffer(encode(Connect{false, true, 1, 60, "r1"})));
     EXPECT_EQ(receive(rig.io, client), "CONNACK code=0") << asked;
   }
@@ -273,7 +273,7 @@ TEST_F(Multicast, R11_AdvertisesOnlyOnTheInterfaceThatReturns) {
     ASSERT_EQ(receive(rig.io, on_thread, &from), "ADVERTISE gw=1 duration=900");
     EXPECT_EQ(from.address(), make_address(eid));
     EXPECT_EQ(receive(rig.io, on_lan, nullptr, std::chrono::milliseconds(50)), "nothing")
-        << "that is no news there";
+        << "the other interface has not changed";
   }
 }
 
@@ -294,11 +294,11 @@ TEST_F(Multicast, R19_JoinsTheGroupAgainWhenAnInterfaceReturns) {
   unplug("wpan0");
   plug("wpan0");
   udp::socket on_thread = robot(rig.io, "wpan0", "fd00:db8::2");
-  const auto is_answered = [&] {  // as soon as the gateway has seen the interface
+  const auto is_answered = [&] {  // once the gateway has noticed the interface
     search(on_thread);
     return receive(rig.io, on_thread, nullptr, std::chrono::milliseconds(100)) != "nothing";
   };
-  EXPECT_TRUE(test::eventually(is_answered, std::chrono::seconds(8))) << "sooner than by looking";
+  EXPECT_TRUE(test::eventually(is_answered, std::chrono::seconds(8))) << "sooner than by polling";
 }
 
 }  // namespace

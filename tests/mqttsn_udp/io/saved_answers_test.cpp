@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Answers over real UDP wait for a store that writes when the test says so.
+// Answers over real UDP wait for a store whose writes the test ends.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -84,8 +84,8 @@ TEST_F(SavedAnswers, LeaveUnsavedAtOnceWhenTheStoreFails) {
   EXPECT_TRUE(client.receive().starts_with("REGACK"));
 }
 
-/// The loop stands still until the first write has taken too long. That write ends, and the next
-/// one begins, before the handler of the first one's timer runs.
+/// The loop is blocked until the first write has taken too long. That write ends, and the next one
+/// begins, before the handler of the first timer runs.
 TEST_F(SavedAnswers, WaitInFullForTheNextWriteAfterALateTimer) {
   client.send(Connect{false, true, 1, 60, "r1"});
   ASSERT_TRUE(is_being_written(1));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A network of the test's own: the gateway's host has the Thread interface `wpan0` and a LAN
-// interface `eth0`, their other ends are on a second host with robots.
+// A private network: the gateway's host has the Thread interface `wpan0` and a LAN interface
+// `eth0`. Their other ends are on a second host with robots.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -31,11 +31,10 @@ class ThreadNetwork : public testing::Test {
     home = std::make_unique<test::NetworkNamespace::Visit>(*gateway_host);
   }
 
-  /// Takes the gateway's end away, from a network that goes on without it.
+  /// Removes the gateway's end of the network.
   void unplug(const std::string& name) { gateway_host->ip("link del " + name); }
 
-  /// Makes the gateway's end (again): under an index that was never used before, with the addresses
-  /// that it always has.
+  /// Creates the gateway's end, with a new index and the usual addresses.
   void plug(const std::string& name) {
     gateway_host->ip("link add " + name + " address " + mac(name) + " type veth peer name " + name +
                      "-end netns " + robots_host->path());
@@ -59,7 +58,7 @@ class ThreadNetwork : public testing::Test {
     return settings;
   }
 
-  /// A robot's socket on that interface of the other host.
+  /// Returns a robot's socket on this interface of the robots' host.
   boost::asio::ip::udp::socket robot(boost::asio::io_context& io, const std::string& interface,
                                      const std::string& address, std::uint16_t own_port = 0) {
     const test::NetworkNamespace::Visit visit(*robots_host);
@@ -73,7 +72,7 @@ class ThreadNetwork : public testing::Test {
     return socket;
   }
 
-  /// The interface goes and comes back, as when otbr-agent is started anew.
+  /// Removes and recreates the interface, as a restart of otbr-agent does.
   void remake(const std::string& name) {
     unplug(name);
     plug(name);
@@ -84,7 +83,7 @@ class ThreadNetwork : public testing::Test {
   std::unique_ptr<test::NetworkNamespace::Visit> home;
 
  private:
-  /// A bridge on the robots' side, so that they notice as little as on a radio.
+  /// Makes a bridge on the robots' host, so that robots do not notice changes of the gateway's end.
   void make_network(const std::string& name) const {
     robots_host->ip("link add " + name + " type bridge mcast_snooping 0");
     robots_host->ip("link set " + name + " addrgenmode none");
@@ -93,7 +92,7 @@ class ThreadNetwork : public testing::Test {
     if (name == "wpan0") robots_host->ip("addr add fd00:db8::2/64 dev wpan0 nodad");
   }
 
-  /// Before, the kernel takes what is sent and drops it.
+  /// Without a carrier the kernel accepts datagrams and drops them.
   static bool has_carrier(const test::NetworkNamespace& host, const std::string& name) {
     const test::NetworkNamespace::Visit visit(host);
     for (const NetworkInterface& interface : read_network_interfaces()) {
@@ -102,7 +101,7 @@ class ThreadNetwork : public testing::Test {
     return false;
   }
 
-  /// The same each time: neighbours need not look it up again.
+  /// Returns a fixed address, so that neighbours need no new look-up.
   static std::string mac(const std::string& name) {
     return name == "wpan0" ? "02:00:00:00:00:01" : "02:00:00:00:00:02";
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// MqttsnAdapter with real sockets, the application's part of it, and clients to talk to it.
+// MqttsnAdapter with real sockets, a fake core, and clients.
 #pragma once
 
 #include <boost/asio/ip/udp.hpp>
@@ -12,7 +12,7 @@
 
 namespace slamgw::mqttsn {
 
-/// The application's part: grants every subscription and makes every report safe at once.
+/// A core that grants every subscription and acknowledges every report at once.
 class FakeCore final : public MeshListener {
  public:
   void on_mesh_event(MeshEvent event) override {
@@ -26,7 +26,7 @@ class FakeCore final : public MeshListener {
     if (auto* link = std::get_if<LinkChange>(&event)) links.push_back(*link);
     if (auto* notice = std::get_if<Notice>(&event)) notices.push_back(*notice);
   }
-  /// Of the socket number `index`, as the link's detail says it: "UDP 127.0.0.1:47193,
+  /// Returns the port of socket number `index` from the link's detail: "UDP 127.0.0.1:47193,
   /// [::1]:47193".
   std::uint16_t port(std::size_t index = 0) const {
     std::string_view where = links.back().detail;
@@ -42,10 +42,10 @@ class FakeCore final : public MeshListener {
 
 class UdpRig {
  public:
-  /// Without multicast.
+  /// Makes an adapter without multicast.
   explicit UdpRig(std::vector<std::string> listen, Settings settings = {})
       : UdpRig(with(std::move(settings), std::move(listen)), AsIs{}) {}
-  /// `sessions` may be null and outlives the rig.
+  /// Makes an adapter with these settings. `sessions` may be null and outlives the rig.
   static UdpRig as_is(Settings settings, SessionStore* sessions = nullptr) {
     return UdpRig(std::move(settings), AsIs{}, sessions);
   }
@@ -72,7 +72,7 @@ class UdpRig {
   }
 };
 
-/// Waits for a datagram; "nothing" when none comes.
+/// Waits for a datagram. Returns "nothing" if none comes.
 inline std::string receive(boost::asio::io_context& io, boost::asio::ip::udp::socket& socket,
                            boost::asio::ip::udp::endpoint* from = nullptr,
                            std::chrono::milliseconds limit = test::patience) {
@@ -89,7 +89,7 @@ inline std::string receive(boost::asio::io_context& io, boost::asio::ip::udp::so
   return describe_octets(ByteView(buffer).first(size));
 }
 
-/// A connected socket, as many clients use: the kernel drops answers from any other address (R17).
+/// A client with a connected socket: the kernel drops answers from any other address (R17).
 class UdpClient {
  public:
   UdpClient(UdpRig& rig, const std::string& address, std::size_t index = 0)

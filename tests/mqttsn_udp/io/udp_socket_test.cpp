@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which sockets of an earlier process are taken over: those whose interface is still there.
-// And what becomes of datagrams that are sent together.
+// Sockets that are taken over from an earlier process, and datagrams that are sent together.
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 
 #include <gtest/gtest.h>
@@ -100,10 +99,10 @@ TEST_F(SentTogether, LeaveBeforeTheSocketCloses) {
   EXPECT_EQ(sender->counts().sends_failed, 0u);
 }
 
-/// The answers to datagrams that came together are one call to the kernel, after the last of them.
+/// Answers to datagrams that arrive together leave in one system call after the last of them.
 TEST_F(SentTogether, AnswersLeaveAfterTheLastDatagramOfABatch) {
   const auto server = std::make_shared<UdpSocket>(io, "127.0.0.1:0", "");
-  std::vector<std::size_t> left_after;  // datagrams that had left after each one received
+  std::vector<std::size_t> left_after;  // answers that had left after each datagram
   const auto count_left = [&] {
     std::uint8_t octet = 0;
     std::size_t count = 0;

@@ -28,7 +28,7 @@ TEST(SnGateway, R2_SendsTheThreeOctetLengthOnlyFrom256Octets) {
   EXPECT_EQ(rig.datagrams.back().bytes[0], 1);
 }
 
-/// Lengths of datagrams on both sides of the longer Length field, and of what Thread carries.
+/// Datagrams with lengths around the longer Length field and up to the largest that Thread carries.
 TEST(SnGateway, R2_ForwardsWholePayloadsAtTheLengthBounds) {
   ConnectedRig rig;
   const auto id = rig.register_topic(1, own_topic);
@@ -73,7 +73,7 @@ TEST(SnGateway, R4_DropsAndCountsEveryInvalidDatagram) {
   }
   EXPECT_EQ(rig.counter("malformed"), invalid);
   EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
-  EXPECT_EQ(rig.notices.size(), 1U) << "said once for the burst";
+  EXPECT_EQ(rig.notices.size(), 1U) << "one notice for the burst";
 }
 
 TEST(SnGateway, R5_IgnoresReservedTypes) {
@@ -101,7 +101,7 @@ TEST(SnGateway, R6_IgnoresMessagesThatOnlyGatewaysSend) {
 TEST(SnGateway, R7_IgnoresFlagsWithoutMeaning) {
   SnRig rig;
   rig.send_octets(1, hex("08 04 f7 01 00 3c 72 31"));
-  EXPECT_EQ(rig.last_to(1), "CONNACK code=0") << "no will was meant";
+  EXPECT_EQ(rig.last_to(1), "CONNACK code=0") << "without a will handshake";
   rig.subscribe(1, "a/x");
   rig.broker("a/x", "hi", 1);
   EXPECT_EQ(rig.datagrams.back().bytes[2], 0x20);
@@ -118,7 +118,7 @@ TEST(SnGateway, R8_DropsMessagesThatTheNetworkCannotCarry) {
   EXPECT_EQ(rig.counter("too_large_down"), 1U);
   EXPECT_EQ(rig.outcomes.back().result, CommandResult::refused);
   rig.broker("ntnu-slam/server/r1/cmd", "next");
-  EXPECT_NE(rig.last_to(1), "nothing") << "nothing stalls behind it";
+  EXPECT_NE(rig.last_to(1), "nothing") << "later messages are sent";
 }
 
 TEST(SnGateway, R8_DropsAnOverlongTopicOnlyIfItNeedsARegister) {
@@ -156,11 +156,11 @@ TEST(SnGateway, R10_BoundsAndExpiresHandshakesOfStrangers) {
   for (unsigned n = 0; n < 3000; ++n)
     rig.send(n, Connect{true, true, 1, 60, "s" + std::to_string(n)});
   EXPECT_EQ(rig.counter("handshakes_given_up"), 3000U - limits::max_handshakes);
-  rig.pass_s(41);  // T_retry, N_retry times and once more
+  rig.pass_s(41);  // after all repetitions
   EXPECT_EQ(rig.counter("handshakes_given_up"), 3000U);
   EXPECT_TRUE(rig.presence.empty());
   rig.send(1, Connect{true, true, 1, 60, "r1"});
-  EXPECT_EQ(rig.last_to(1), "WILLTOPICREQ") << "there is room again";
+  EXPECT_EQ(rig.last_to(1), "WILLTOPICREQ") << "the handshakes have expired";
 }
 
 TEST(SnGateway, R10_StrangersDoNotShutOutRobotsWithAWill) {
@@ -174,12 +174,12 @@ TEST(SnGateway, R10_StrangersDoNotShutOutRobotsWithAWill) {
   };
   flood(0);
   rig.send(9000, Connect{true, true, 1, 60, "new"});
-  EXPECT_EQ(rig.last_to(9000), "WILLTOPICREQ") << "a robot that nobody knows yet";
+  EXPECT_EQ(rig.last_to(9000), "WILLTOPICREQ") << "a new robot is answered";
   rig.send(9000, WillTopic{WireQos::zero, false, ""});
   EXPECT_EQ(rig.last_to(9000), "CONNACK code=0");
   flood(2000);
   rig.send(9001, WillTopic{WireQos::zero, false, ""});
-  EXPECT_EQ(rig.last_to(9001), "CONNACK code=0") << "its handshake was not given up for theirs";
+  EXPECT_EQ(rig.last_to(9001), "CONNACK code=0") << "its handshake was not dropped for theirs";
 }
 
 }  // namespace

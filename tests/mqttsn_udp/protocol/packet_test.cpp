@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The codec against golden vectors, both ways, and against everything that is not a message.
+// The codec against golden vectors in both directions, and against invalid datagrams.
 #include <gtest/gtest.h>
 
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
@@ -15,7 +15,7 @@ Bytes long_publish() {
   return bytes;
 }
 
-/// The same message with the 3-octet Length.
+/// Returns the same message with the 3-octet Length.
 Bytes with_long_length(const Bytes& message) {
   ByteWriter writer;
   writer.write_u8(0x01).write_u16_be(static_cast<std::uint16_t>(message.size() + 2));
@@ -42,7 +42,7 @@ TEST(Packet, WritesEveryVectorAsItIsRead) {
 
 TEST(Packet, R1_ReadsTheThreeOctetLengthOnEveryMessage) {
   for (const MessageVector& vector : message_vectors) {
-    if (!vector.is_canonical) continue;  // has it already
+    if (!vector.is_canonical) continue;  // has the 3-octet Length already
     EXPECT_EQ(describe_octets(with_long_length(hex(vector.wire))), vector.fields) << vector.name;
   }
 }
