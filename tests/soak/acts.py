@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is broken on purpose. Each act breaks, waits and mends; it returns when the daemon is at the broker again. Used by run.
+"""The faults of a run. Each act breaks something, waits and repairs it. It returns when the daemon is connected again. Used by run.
 
 An act draws its lengths from the run's seed before it begins, so that a seed always makes the same acts in the same order.
 
-How many messages an act may make arrive twice:
-- The connection to the broker ended: what was on its way was perhaps acknowledged, and goes out again. At most the window.
-- kill -9 of the daemon: also rows that were delivered but not yet deleted, at most a batch of them, and for each robot the
-  message whose acknowledgement died with the daemon.
-- The board restarted or was unplugged: for each of its robots a message whose STATUS got lost.
+Bounds for messages that arrive twice because of an act:
+- The connection to the broker ended: messages in flight may have been acknowledged, and are sent again. At most the window.
+- kill -9 of the daemon: also delivered rows that were not deleted yet, at most a batch, and for each robot the message whose
+  acknowledgement was lost with the daemon.
+- The board restarted or was unplugged: for each of its robots a message whose STATUS was lost.
 - The store was damaged: rows whose entry in the list of erased records is lost, at most a segment of them.
 """
 import contextlib
@@ -23,9 +23,9 @@ FORGET_BATCH = 256  # Backlog::forget_batch
 LINK_LOST = WINDOW
 DAEMON_KILLED = WINDOW + FORGET_BATCH + sum(FLEETS.values())
 BOARD_LOST = FLEETS["ble"]
-MOST_CLOSINGS = 12  # while a robot is refused
+MOST_CLOSINGS = 12  # of connections while a robot is refused
 STORE_DAMAGED = 4000
-SMALL_PACKET = 400  # robots' messages are smaller, the gateway's statistics are not
+SMALL_PACKET = 400  # larger than robots' messages, smaller than the gateway's statistics
 
 
 class Acts:
@@ -40,7 +40,7 @@ class Acts:
         acts += [self.send_a_crowd_of_strangers, self.shrink_packets, self.poison]
         if self.world.clock.can_be_moved:
             acts += [self.move_clock, self.move_clock_of_a_killed_daemon]
-        if self.world.mqtt == 5:  # an MQTT 3.1.1 broker acknowledges what it does not take
+        if self.world.mqtt == 5:  # an MQTT 3.1.1 broker acknowledges messages that it drops
             acts += [self.refuse_a_robot]
         if self.world.disk.can_be_filled:
             acts += [self.fill_disk, self.kill_daemon_on_a_full_disk]
@@ -62,7 +62,7 @@ class Acts:
 
     def kill_daemon_again_and_again(self):
         moments, world = [self.chance.uniform(0, 0.3) for _ in range(4)], self.world
-        with world.trouble("kill -9 the daemon, and 4 times more as it starts", (len(moments) + 1) * DAEMON_KILLED):
+        with world.trouble("kill -9 the daemon, then 4 times during its start", (len(moments) + 1) * DAEMON_KILLED):
             for moment in moments:
                 world.end_daemon(signal.SIGKILL)
                 world.start_daemon()
@@ -90,7 +90,7 @@ class Acts:
 
     def lose_both(self):
         before, between, after, world = self.outage() / 2, self.moment(), self.outage() / 2, self.world
-        with world.trouble(f"stop the broker for {before + between + after:.1f} s; kill -9 the daemon meanwhile",
+        with world.trouble(f"stop the broker for {before + between + after:.1f} s; kill -9 the daemon during that time",
                            LINK_LOST + DAEMON_KILLED):
             world.end_broker(signal.SIGTERM)
             world.pass_time(before)
@@ -119,7 +119,7 @@ class Acts:
 
     def kill_daemon_at_a_stalled_broker(self):
         before, after, world = self.outage() / 2, self.outage() / 2, self.world
-        with world.trouble(f"SIGSTOP the broker for {before + after:.1f} s; kill -9 the daemon meanwhile",
+        with world.trouble(f"SIGSTOP the broker for {before + after:.1f} s; kill -9 the daemon during that time",
                            LINK_LOST + DAEMON_KILLED):
             world.pause_broker()
             world.pass_time(before)
@@ -176,8 +176,8 @@ class Acts:
             self.repair_disk()
             world.pass_time(down / 2)
             self.start_broker_after(0)
-        if world.told_as_lost(log_position):
-            raise Failure("messages are told as lost because the disk failed for a moment")
+        if world.reported_as_lost(log_position):
+            raise Failure("messages are reported as lost although the disk failed only for a moment")
 
     def start_daemon_on_a_failing_disk(self):
         before, failing, world = self.outage() / 2, self.chance.uniform(1, 5), self.world
@@ -200,7 +200,7 @@ class Acts:
 
     def repair_disk(self):
         if self.world.disk.is_broken():
-            self.world.say("  the host starts anew, because its file system is broken")
+            self.world.say("  the host restarts, because its file system is broken")
             self.world.end_daemon(signal.SIGTERM)
             self.world.disk.repair()
             self.world.start_daemon()
@@ -217,11 +217,11 @@ class Acts:
             world.start_daemon()
             self.start_broker_after(0)
             world.wait_for("the backlog", lambda: world.status("store", "depth") == 0)
-            trouble.may_lose = world.told_as_lost(log_position)
-            world.say(f"  {trouble.may_lose} messages are told as lost")
+            trouble.may_lose = world.reported_as_lost(log_position)
+            world.say(f"  {trouble.may_lose} messages are reported as lost")
 
     def refuse_a_robot(self):
-        """A broker may close the connection after each refusal: the first, and the tries after 2, 4, 8 ... s."""
+        """Has the broker refuse a robot. It may close the connection after each refusal: the first, and the tries after 2, 4, 8 ... s."""
         refusing, robot, world = self.outage(), self.chance.choice(self.world.robot_ids()), self.world
         with world.trouble(f"the broker refuses {robot} for {refusing:.1f} s", MOST_CLOSINGS * LINK_LOST) as trouble:
             trouble.refused = robot
@@ -233,10 +233,10 @@ class Acts:
             world.close_gaps()
 
     def shrink_packets(self):
-        """An MQTT 5 broker tells its limit at the next connection only. Before that, and with MQTT 3.1.1, it closes the connection at
-        what is too large, until the gateway has found out what that is."""
-        lasts, world = self.outage() + 12, self.world  # longer than what it says regularly takes
-        with world.trouble(f"the broker takes packets of {SMALL_PACKET} octets only, for {lasts:.1f} s", MOST_CLOSINGS * LINK_LOST):
+        """Lowers the broker's packet limit. An MQTT 5 broker announces the limit at the next connection. Until then, and with MQTT 3.1.1,
+        it closes the connection at a packet that is too large, and the gateway finds the limit by trying."""
+        lasts, world = self.outage() + 12, self.world  # longer than the interval of its statistics
+        with world.trouble(f"the broker accepts packets up to {SMALL_PACKET} octets for {lasts:.1f} s", MOST_CLOSINGS * LINK_LOST):
             world.take_packets_of(SMALL_PACKET)
             world.open_gap()
             world.pass_time(lasts)
@@ -251,7 +251,7 @@ class Acts:
 
     def move_clock_of_a_killed_daemon(self):
         hours, down, world = self.hours(), self.moment(), self.world
-        with world.trouble(f"kill -9 the daemon for {down:.1f} s; the clock jumps by {hours:+.1f} h meanwhile", DAEMON_KILLED):
+        with world.trouble(f"kill -9 the daemon for {down:.1f} s; the clock jumps by {hours:+.1f} h during that time", DAEMON_KILLED):
             world.end_daemon(signal.SIGKILL)
             world.clock.move(hours * 3600)
             self.start_daemon_after(down)
@@ -266,14 +266,14 @@ class Acts:
             world.pass_time(lasts)
 
     def poison(self):
-        """Text for which Mosquitto closes the connection: a robot that sends it does not cost the others theirs."""
+        """Sends text for which Mosquitto closes the connection. The gateway must not pass it on."""
         world = self.world
-        with world.trouble("a robot sends poison", 0):
+        with world.trouble("a robot sends text for which Mosquitto closes the connection", 0):
             before = world.connections()
             Stranger(world.mqttsn_port).send_poison(PREFIX)
             world.pass_time(2)
             if world.connections() != before:
-                raise Failure("a robot's poison has cost the connection to the broker")
+                raise Failure("a robot's text has ended the connection to the broker")
 
     def start_daemon_after(self, seconds):
         self.world.pass_time(seconds)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wall clock of the daemon's own, which can be moved while it runs: moved_clock.c, preloaded. Used by World."""
+"""A private wall clock for the daemon, which can be moved while the daemon runs: moved_clock.c, preloaded. Used by World."""
 import pathlib
 import shutil
 import struct
@@ -18,12 +18,12 @@ class MovedClock:
             [compiler, "-shared", "-fPIC", "-O1", "-o", self.library, SOURCE, "-ldl"], check=False).returncode == 0
 
     def move(self, seconds):
-        """So far from the real time, from now on."""
+        """Sets the clock this many seconds off the real time."""
         with open(self.offset, "r+b" if self.offset.exists() else "wb") as file:
             file.write(struct.pack("q", round(seconds)))
 
     def prefix(self):
-        """In front of a command."""
+        """Returns the words to put before a command."""
         if not self.can_be_moved:
             return []
         return ["env", f"LD_PRELOAD={self.library}", f"MOVED_CLOCK={self.offset}"]

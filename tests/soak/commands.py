@@ -1,28 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether each command had its one outcome, also while everything was broken, and whether the robot got what the outcome says.
+"""Checks that each command had exactly one outcome, also during faults, and that the robot got what the outcome states.
 Pure: lists in, complaints out. Called by judge.
 
-A command is told apart by its robot and its type: most have a type of their own, and those of the type `cmd`, which robots obey, go
-to one robot so far apart that an outcome belongs to the last one before it.
+Robot and type identify a command. Most commands have a unique type. Those of type `cmd`, which robots obey, are far enough apart for
+each robot that an outcome belongs to the last one before it.
 
-None: the broker, or the gateway's session there, died with it (Gap), or the daemon was killed in the moment when it came, or no
-    robot has that name and the gateway was away: nothing at the broker waits for a name that nobody has.
-Twice: the connection to the broker ended, so that the same message was published again; or a kill -9 in between, after which the
-    daemon tells again what it was told in its last moment, with other numbers perhaps. Else two outcomes are a broken promise.
-Late: by its own account, or on arrival while nothing was broken.
+No outcome is allowed if the broker, or the gateway's session there, died with the command (Gap); if the daemon was killed when it
+    arrived; or if no robot has that name and the gateway was away, because no session at the broker keeps it.
+Two outcomes are allowed if the connection to the broker ended, so that the same message was published again; or after a kill -9 in
+    between, when the daemon repeats its last outcomes, perhaps with other numbers.
+An outcome is late by its own account, or on arrival while nothing was broken.
 
-The robots' record tells each command that reached a robot, repeats on the radio too. `delivered` needs one that the robot had before
-that was told, whatever was broken. No robot gets what nobody sent. A repeat on Thread has the message id of the first; under another
-id, or after the outcome was told, a command reaches its robot only when the connection or the daemon was lost in between.
+The robots' record has each command that reached a robot, including repeats on the radio. `delivered` needs one that the robot got
+before the outcome was published, even during faults. No robot may get a command that was not sent. A repeat on Thread has the message
+id of the first. Under another id, or after the outcome, a command may reach its robot only if the connection or the daemon was lost
+in between.
 """
 import collections
 import dataclasses
 
 PATIENCE_S = 30  # docs/topics.md, promise 6
 SLACK_S = 5  # a busy host; how long it takes to publish the outcome
-MOMENT_S = 1.5  # a command that came so short before a kill need not be on disk
-NOBODY = "nobody"  # a name that no robot has; commands to it have an outcome too
-HURRY_S = 0.1  # the robots' record and the subscriber are two processes
+MOMENT_S = 1.5  # a command that arrived this shortly before a kill may not be on disk
+UNKNOWN_ROBOT = "nobody"  # commands to it must have an outcome, too
+HURRY_S = 0.1  # between the clocks of the robots' record and of the subscriber
 
 
 @dataclasses.dataclass
@@ -53,20 +54,20 @@ class Outcome:
 
 @dataclasses.dataclass
 class Gap:
-    """From the moment when something died to when the daemon was at the broker again."""
+    """The time from a failure until the daemon was connected to the broker again."""
     begin: float
     end: float
-    loses_queue: bool  # commands that wait at the broker are gone
+    loses_queue: bool  # commands that wait at the broker are lost
     is_kill: bool = False  # of the daemon
 
 
 def match(sent, outcomes):
-    """[(command, its outcomes)]"""
+    """Returns [(command, its outcomes)]."""
     by_name, ended = collections.defaultdict(list), collections.defaultdict(list)
     for one in sorted(sent, key=lambda one: one.at):
         by_name[one.robot, one.kind].append(one)
     for outcome in outcomes:
-        # The clock that a command is stamped with is read when the broker has acknowledged it.
+        # A command's time is taken after the broker has acknowledged it.
         before = [one for one in by_name[outcome.robot, outcome.kind] if one.at - SLACK_S <= outcome.at]
         if before:
             ended[id(before[-1])].append(outcome)
@@ -74,7 +75,7 @@ def match(sent, outcomes):
 
 
 def judge_commands(sent, outcomes, gaps, until):
-    """Those that were sent less than the longest wait before `until` may still be under way."""
+    """Returns complaints. A command that was sent less than the longest wait before `until` may still be under way."""
     complaints = []
     for one, ends in match(sent, outcomes):
         name = f"{one.robot}: the command {one.kind} sent at {one.at:.3f}"
@@ -86,7 +87,7 @@ def judge_commands(sent, outcomes, gaps, until):
         complaints += [f"{name} took {end.after_ms} ms by its own account" for end in ends if end.after_ms > PATIENCE_S * 1000]
         first = ends[0]
         if first.at - one.at > PATIENCE_S + SLACK_S and not touched(one.at - MOMENT_S, first.at, gaps):
-            complaints.append(f"{name} had its outcome after {first.at - one.at:.1f} s only")
+            complaints.append(f"{name} had its outcome only after {first.at - one.at:.1f} s")
         for again in ends[1:]:
             is_same = (again.result, again.after_ms) == (first.result, first.after_ms)
             reasons = gaps if is_same else [gap for gap in gaps if gap.is_kill]
@@ -101,11 +102,11 @@ def touched(begin, end, gaps):
 
 def may_be_lost(one, gaps):
     return any(gap.begin - MOMENT_S - (PATIENCE_S if gap.loses_queue else 0) <= one.at <= gap.end + MOMENT_S and
-               (gap.loses_queue or one.robot == NOBODY or gap.is_kill and one.at <= gap.begin + MOMENT_S) for gap in gaps)
+               (gap.loses_queue or one.robot == UNKNOWN_ROBOT or gap.is_kill and one.at <= gap.begin + MOMENT_S) for gap in gaps)
 
 
 def read_received(lines):
-    """Of what `slam-gateway-sim --record` writes, the commands."""
+    """Reads the commands from the file of `slam-gateway-sim --record`."""
     received = []
     for line in lines:
         if not line.endswith("\n"):  # still being written
@@ -123,19 +124,19 @@ def judge_obedience(sent, outcomes, received, gaps):
         copies = reached[id(one)]
         name = f"{one.robot}: the command {one.kind} sent at {one.at:.3f}"
         if any(end.result == "delivered" and not any(copy.at <= end.at + HURRY_S for copy in copies) for end in ends):
-            complaints.append(f"{name} is told as delivered but the robot never got it")
+            complaints.append(f"{name} is reported as delivered but the robot never got it")
         for copy in copies:
             if touched(one.at - MOMENT_S, copy.at, gaps):
                 continue
             if copy.message_id != copies[0].message_id:
                 complaints.append(f"{name} reached the robot again under another message id at {copy.at:.3f}")
             elif ends and copy.at > ends[0].at + MOMENT_S:
-                complaints.append(f"{name} reached the robot at {copy.at:.3f}, after {ends[0].result} was told at {ends[0].at:.3f}")
+                complaints.append(f"{name} reached the robot at {copy.at:.3f}, after {ends[0].result} was reported at {ends[0].at:.3f}")
     return complaints
 
 
 def reached_by(sent, received):
-    """({id of a command: what reached its robot}, complaints). A copy belongs to the last command before it that is equal."""
+    """Returns ({id of a command: the copies that reached its robot}, complaints). A copy belongs to the last equal command before it."""
     reached, complaints = collections.defaultdict(list), []
     by_name = collections.defaultdict(list)
     for one in sorted(sent, key=lambda one: one.at):
@@ -146,12 +147,12 @@ def reached_by(sent, received):
         if before:
             reached[id(before[-1])].append(copy)
         else:
-            complaints.append(f"{copy.robot}: got a command that nobody sent: {copy.kind} {copy.payload} at {copy.at:.3f}")
+            complaints.append(f"{copy.robot}: got a command that was not sent: {copy.kind} {copy.payload} at {copy.at:.3f}")
     return reached, complaints
 
 
 def as_carried_out(command):
-    """The same for a command as it was sent and as either mesh carries it."""
+    """Returns a form that is equal for a command as sent and as each mesh carries it."""
     if command.kind == "run":
         return "run", bytes.fromhex(command.payload) in (b"\1", b"1", b"on", b"start", b"unpause")
     return "cmd" if command.kind == "cmd" else "other", command.payload

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small disk for the store, which can be filled, and where loop devices are allowed also made to fail: every octet that the
-kernel has to read from it or to write to it is an I/O error then. And damage to files on it. Used by World and acts."""
+"""A small disk for the store, which can be filled. Where loop devices are allowed, it can also fail: every read and write by the
+kernel is then an I/O error. Also damages files of the store. Used by World and acts."""
 import contextlib
 import fcntl
 import os
@@ -24,8 +24,8 @@ class Disk:
             "mount", "-t", "tmpfs", "-o", f"size={SIZE},mode=0700", "store", self.directory)
 
     def mount_loop(self):
-        """With ext2, which fails for as long as the device fails. (ext4 gives up a journal that it could not write, and its
-        delayed allocation tries without end.)"""
+        """Mounts a loop device with ext2, which works again once the device does. (ext4 aborts a journal that it could not write, and
+        its delayed allocation retries without end.)"""
         if not (succeeds("truncate", "-s", SIZE, self.image) and succeeds("mkfs.ext2", "-q", self.image)):
             return None
         attached = subprocess.run(["losetup", "-f", "--show", self.image], capture_output=True, text=True, check=False)
@@ -34,17 +34,17 @@ class Disk:
 
     def mount(self, loop):
         is_mounted = succeeds("mount", "-t", "ext2", "-o", "errors=continue", loop, self.directory)
-        with contextlib.suppress(OSError):  # e2fsck may have put something there
+        with contextlib.suppress(OSError):  # e2fsck may have filled it
             os.rmdir(self.directory / "lost+found")
         return is_mounted
 
     def is_broken(self):
-        """After an I/O error at one of its tables the kernel takes no more of the file system, until the host starts anew."""
-        told = subprocess.run(["tune2fs", "-l", self.loop], capture_output=True, text=True, check=False).stdout
-        return "with errors" in told
+        """Returns True after an I/O error in a table of the file system, which the kernel then rejects until the host restarts."""
+        listing = subprocess.run(["tune2fs", "-l", self.loop], capture_output=True, text=True, check=False).stdout
+        return "with errors" in listing
 
     def repair(self):
-        """As a host does when it starts."""
+        """Checks and mounts the file system, as a host does when it starts."""
         if self.loop and succeeds("umount", self.directory):
             succeeds("e2fsck", "-f", "-y", self.loop)
             if not self.mount(self.loop):
@@ -52,7 +52,7 @@ class Disk:
 
     def unmount(self):
         if self.loop:
-            self.mend()  # a failing one is never unmounted
+            self.mend()  # a failing file system cannot be unmounted
         if self.can_be_filled:
             succeeds("umount", "--lazy", self.directory)
         if self.loop:
@@ -74,7 +74,7 @@ class Disk:
         self.limit(0)
 
     def limit(self, octets):
-        """So many octets of the device are left; 0: all."""
+        """Limits the device to this many octets; 0: no limit."""
         device = os.open(self.loop, os.O_RDWR)
         status = bytearray(STATUS_BYTES)
         fcntl.ioctl(device, LOOP_GET_STATUS64, status, True)
@@ -88,7 +88,7 @@ class Disk:
                 os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
     def damage(self, chance):
-        """Hits the message store at one place, in one of the ways in which cards lose data. Nobody uses it. Says what it did."""
+        """Damages the message store at one place, as memory cards lose data. No daemon may use it. Returns a description."""
         self.repair()
         path = chance.choice(sorted(path for path in (self.directory / "messages").iterdir() if path.stat().st_size > 0))
         octets = bytearray(path.read_bytes())

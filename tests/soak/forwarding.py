@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether messages go up as docs/topics.md says: their QoS, their retain flag, and no robot or gateway declared gone that is there.
-Pure: lists in, complaints out. Called by judge.
+"""Checks messages to the broker against docs/topics.md: their QoS and retain flag, and that no present robot or gateway is declared
+gone. Pure: lists in, complaints out. Called by judge.
 
 QoS and retain are those of the publisher, as a subscriber with QoS 2 and "retain as published" sees them (subscriber.Witness).
-A robot is there while its gateway acknowledges its messages. It may be declared gone in a trouble and shortly after one.
+A robot is present while its gateway acknowledges its messages. It may be declared gone during a trouble and shortly after it.
 """
 import collections
 import dataclasses
@@ -25,7 +25,7 @@ class Heard:
 
 
 def judge_forwarding(heard, qos_of):
-    """`qos_of`: the QoS with which each robot publishes. One complaint for each kind of topic and fault, with its count."""
+    """Returns one complaint for each kind of topic and fault, with its count. `qos_of`: the QoS with which each robot publishes."""
     faults = collections.Counter()
     for one in heard:
         expected = expected_form(one.topic.split("/"), qos_of)
@@ -36,7 +36,7 @@ def judge_forwarding(heard, qos_of):
 
 
 def expected_form(levels, qos_of):
-    """(QoS, retain) of what goes up under this topic; None where nothing is promised."""
+    """Returns (QoS, retain) of messages on this topic; None where docs/topics.md promises nothing."""
     if levels[1] == "robot" and levels[2] in qos_of:
         if levels[3] in ROBOTS_TYPES:
             return qos_of[levels[2]], False
@@ -56,7 +56,7 @@ def form(qos, retain):
 
 
 def judge_presence(messages, said, troubles, gaps, robots_end):
-    """`messages`: (at, topic, payload) in order. Robots that end in order are gone from `robots_end` on."""
+    """Returns complaints. `messages`: (at, topic, payload) in order. Robots stop at `robots_end`."""
     acknowledged = collections.defaultdict(list)
     for one in said:
         if one.acknowledged_at is not None:
@@ -66,18 +66,19 @@ def judge_presence(messages, said, troubles, gaps, robots_end):
         levels = topic.split("/")
         if levels[1] == "gateway" and levels[3] == "state":
             if is_offline(payload) and not touched(at - MOMENT_S, at, gaps):
-                complaints.append(f"the gateway is declared offline at {at:.3f} although its connection stands")
+                complaints.append(f"the gateway is declared offline at {at:.3f} although it is connected")
             continue
         robot = robot_declared_gone(levels, payload)
         if robot is None or at > robots_end or touched(at - SILENCE_S - MOMENT_S, at, troubles):
             continue
         if any(at - SILENCE_S <= heard <= at for heard in acknowledged[robot]):
-            complaints.append(f"{robot}: declared gone by {'/'.join(levels[1:2] + levels[3:4])} at {at:.3f} although it is heard")
+            complaints.append(f"{robot}: declared gone by {'/'.join(levels[1:2] + levels[3:4])} at {at:.3f} although its "
+                              "messages are acknowledged")
     return complaints
 
 
 def robot_declared_gone(levels, payload):
-    """Its id; None when the message says nothing like that."""
+    """Returns the id of the robot that this message declares gone; otherwise None."""
     if levels[1] == "robot" and levels[3] == "will":
         return levels[2]
     if levels[1] == "gateway" and levels[3] == "robots" and is_offline(payload):

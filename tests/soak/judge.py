@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that a run has seen, and the judgement on it. Pure: lists in, numbers and complaints out. Called by run, and by lies_test
-with runs in which the daemon lies."""
+"""The evidence of a run, and its judgement. Pure: lists in, numbers and complaints out. Called by run, and by lies_test with
+the evidence of a faulty daemon."""
 import dataclasses
 import json
 
@@ -11,20 +11,20 @@ from verdict import Arrival, Said, Trouble, judge
 
 @dataclasses.dataclass
 class Evidence:
-    said: list[Said]  # the robots' record: what they said, and what of it was acknowledged
+    said: list[Said]  # the robots' record of their messages and acknowledgements
     received: list[Received]  # the robots' record: the commands that reached them
-    messages: list[tuple]  # (at, topic, payload): all that the broker had
-    witnessed: list[Heard]  # most of that, with its QoS and retain flag
+    messages: list[tuple]  # (at, topic, payload): all messages of the broker
+    witnessed: list[Heard]  # most of them, with QoS and retain flag
     commands: list[Sent]
     troubles: list[Trouble]
     gaps: list[Gap]
     qos_of: dict[str, int]  # robot: the QoS of its messages
-    robots_end: float  # when the robots were ended in order
+    robots_end: float  # when the robots were stopped
     until: float
 
 
 def judge_run(evidence):
-    """(a Tally for each robot, complaints)"""
+    """Returns (a Tally for each robot, complaints)."""
     tallies, complaints = judge(evidence.said, arrivals_in(evidence.messages), evidence.troubles)
     outcomes = outcomes_in(evidence.messages)
     complaints += judge_commands(evidence.commands, outcomes, evidence.gaps, evidence.until)
@@ -35,10 +35,10 @@ def judge_run(evidence):
 
 
 def silent_witness(evidence):
-    """A judge that could not see the QoS of some robot's messages must not say that all is well."""
+    """Returns a complaint for each robot whose messages the witness has not seen, because their QoS is unknown."""
     witnessed = {one.topic.split("/")[2] for one in evidence.witnessed}
     arrived = {one.robot for one in arrivals_in(evidence.messages)}
-    return [f"{robot}: nobody saw with which QoS its messages came" for robot in sorted(arrived - witnessed)]
+    return [f"{robot}: the witness has seen none of its messages, so their QoS is unknown" for robot in sorted(arrived - witnessed)]
 
 
 def arrivals_in(messages):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The judge catches a daemon that lies, whatever the lie, and believes an honest one. Run as a test (ctest -R Soak.Lies).
+"""The judge accepts a correct daemon, and detects each fault of a daemon in LIES. Run as a test (ctest -R Soak.Lies).
 
-A run of 20 s is made up, as the robots' record and the subscribers would have told it: three robots say an update five times a
-second and get commands, and the daemon is killed once. Each lie changes what was heard of it.
+The evidence of a run of 20 s is made up, as the robots' record and the subscribers would have it. Three robots send an update five
+times a second and get commands, and the daemon is killed once. Each lie changes the evidence.
 """
 import copy
 import dataclasses
@@ -21,7 +21,7 @@ from verdict import Trouble, read_record  # noqa: E402
 
 QOS = {"thread1": 1, "thread2": 2, "ble1": 1}
 BEGIN, CONNECTED, KILL, BACK, END = 1000.0, 1000.4, 1010.0, 1011.0, 1020.0
-LAST_WORD = b'{"state":"offline"}'
+OFFLINE = b'{"state":"offline"}'
 
 
 def update_topic(robot):
@@ -29,7 +29,7 @@ def update_topic(robot):
 
 
 def forms(topic):
-    """QoS and retain flag of what an honest daemon publishes there."""
+    """Returns QoS and retain flag of a correct daemon's messages on this topic."""
     levels = topic.split("/")
     if levels[1] == "robot":
         return (0 if levels[3] == "will" else QOS[levels[2]]), False
@@ -37,7 +37,7 @@ def forms(topic):
 
 
 class Run:
-    """What was recorded, with verbs to change it."""
+    """The evidence of a run, with functions to change it."""
 
     def __init__(self):
         self.record, self.messages, self.commands = [], [], []
@@ -45,9 +45,9 @@ class Run:
         for number, robot in enumerate(QOS):
             self.hear(CONNECTED + 0.1, f"slam/gateway/soak/robots/{robot}", b'{"state":"online"}')
             self.say_updates(robot, number)
-        self.hear(KILL + 0.01, "slam/gateway/soak/state", LAST_WORD)
+        self.hear(KILL + 0.01, "slam/gateway/soak/state", OFFLINE)
         self.hear(BACK, "slam/gateway/soak/state", b'{"state":"online"}')
-        self.hear(BACK + 0.1, update_topic("thread1"), struct.pack("<hh", 47, 0))  # what was on its way goes out again
+        self.hear(BACK + 0.1, update_topic("thread1"), struct.pack("<hh", 47, 0))  # the message in flight is sent again
         self.send_commands()
 
     def say_updates(self, robot, number):
@@ -69,19 +69,19 @@ class Run:
         self.command("ble1", "act6", "1000ecff", 1014.0, "delivered", "min_com", 0)
         self.command("thread2", "act2", "0d00ecff", 1007.0, "refused")
         self.command("nobody", "act3", "0e00ecff", 1007.5, "refused")
-        self.reach("thread1", 7, "cmd", "0a00ecff", 1003.03)  # its PUBACK got lost
+        self.reach("thread1", 7, "cmd", "0a00ecff", 1003.03)  # its PUBACK was lost
         self.commands.append(Sent("thread1", "act4", BEGIN + 0.1, "0f00ecff"))  # before the daemon's first connection
 
     def command(self, robot, kind, payload, at, result, as_kind=None, message_id=0, carried=None):
         self.commands.append(Sent(robot, kind, at, payload))
         if as_kind:
             self.reach(robot, message_id, as_kind, carried or payload, at + 0.02)
-        self.tell(robot, kind, result, at + 0.05)
+        self.report(robot, kind, result, at + 0.05)
 
     def reach(self, robot, message_id, kind, payload, at):
         self.record.append((at, f"received {robot} {message_id} {kind} {payload} {at:.6f}\n"))
 
-    def tell(self, robot, kind, result, at, after_ms=50):
+    def report(self, robot, kind, result, at, after_ms=50):
         self.hear(at, f"slam/gateway/soak/commands/{robot}",
                   json.dumps({"type": kind, "outcome": result, "after_ms": after_ms}).encode())
 
@@ -89,7 +89,7 @@ class Run:
         self.messages.append(Heard(at, topic, payload, *forms(topic)))
 
     def find(self, robot, number):
-        """The place of the message that this update arrived in."""
+        """Returns the index of the message with this update."""
         payload = struct.pack("<hh", number, list(QOS).index(robot))
         return next(i for i, one in enumerate(self.messages) if (one.topic, one.payload) == (update_topic(robot), payload))
 
@@ -139,47 +139,47 @@ LIES = [
     ("loses an acknowledged message", lambda run: run.messages.pop(run.find("thread1", 10)), "acknowledged and missing: number 11"),
     ("publishes a message twice", lambda run: run.messages.append(copy.copy(run.messages[run.find("thread2", 20)])),
      "duplicate without a reason: number 21"),
-    ("publishes more twice than a crash explains",
+    ("publishes more duplicates than a crash explains",
      lambda run: [run.hear(BACK + 0.2, update_topic("ble1"), struct.pack("<hh", n, 2)) for n in range(44, 48)], "duplicate without a reason"),
     ("changes the order", lambda run: swap(run, run.find("ble1", 30), run.find("ble1", 31)), "out of order: number 31 after 32"),
     ("changes a payload", lambda run: run.change(lambda one: dataclasses.replace(one, payload=one.payload + b"\0"),
-                                                 lambda one: one is run.messages[run.find("thread1", 12)]), "was never said"),
-    ("publishes under another robot's name", lambda run: run.hear(1003, update_topic("thread2"), struct.pack("<hh", 5, 0)), "was never said"),
-    ("publishes the will of a robot that is there", lambda run: run.hear(1005, "slam/robot/thread1/will", b"gone"),
+                                                 lambda one: one is run.messages[run.find("thread1", 12)]), "was never sent"),
+    ("publishes under another robot's name", lambda run: run.hear(1003, update_topic("thread2"), struct.pack("<hh", 5, 0)), "was never sent"),
+    ("publishes the will of a present robot", lambda run: run.hear(1005, "slam/robot/thread1/will", b"gone"),
      "thread1: declared gone by robot/will"),
-    ("says offline of a robot that is there", lambda run: run.hear(1005, "slam/gateway/soak/robots/ble1", LAST_WORD),
+    ("reports a present robot as offline", lambda run: run.hear(1005, "slam/gateway/soak/robots/ble1", OFFLINE),
      "ble1: declared gone by gateway/robots"),
-    ("says offline of itself", lambda run: run.hear(1005, "slam/gateway/soak/state", LAST_WORD), "the gateway is declared offline"),
+    ("reports itself as offline", lambda run: run.hear(1005, "slam/gateway/soak/state", OFFLINE), "the gateway is declared offline"),
     ("publishes all with QoS 0", lambda run: run.change(with_form(qos=0), is_of_robot), "thread2: update: 95 messages with QoS 0, not retained instead of QoS 2"),
     ("publishes QoS 2 with QoS 1", lambda run: run.change(with_form(qos=1), is_of_robot), "QoS 1, not retained instead of QoS 2"),
     ("publishes one message with QoS 0", lambda run: run.change(with_form(qos=0), lambda one: one is run.messages[run.find("ble1", 9)]),
      "ble1: update: 1 messages with QoS 0"),
     ("marks all as retained", lambda run: run.change(with_form(retain=True), is_of_robot), "QoS 1, retained instead of QoS 1, not retained"),
     ("does not retain presence", lambda run: run.change(with_form(retain=False)), "gateway/soak/robots: 3 messages with QoS 1, not retained"),
-    ("swallows a command and says delivered", lambda run: run.forget_received("ble1"), "act1 sent at 1005.000 is told as delivered but"),
-    ("carries a command out after it said delivered", lambda run: (run.forget_received("thread2"), run.reach(
-        "thread2", 9, "run", "3031", 1008)), "is told as delivered but"),
+    ("drops a command and reports delivered", lambda run: run.forget_received("ble1"), "act1 sent at 1005.000 is reported as delivered but"),
+    ("sends a command after it reported delivered", lambda run: (run.forget_received("thread2"), run.reach(
+        "thread2", 9, "run", "3031", 1008)), "is reported as delivered but"),
     ("sends a command to a robot twice", lambda run: run.reach("thread1", 21, "cmd", "0b00ecff", 1013.03), "again under another message id"),
-    ("sends a command to a robot again later", lambda run: run.reach("ble1", 0, "min_com", "0c00ecff", 1009), "after delivered was told"),
-    ("carries a command out that it refused", lambda run: run.reach("thread2", 33, "act2", "0d00ecff", 1009.5), "after refused was told"),
-    ("changes a command", lambda run: run.reach("thread1", 34, "cmd", "0a00ecfe", 1005), "got a command that nobody sent"),
-    ("gives a command to another robot", lambda run: run.reach("thread2", 35, "cmd", "0b00ecff", 1013.1), "got a command that nobody sent"),
+    ("sends a command to a robot again later", lambda run: run.reach("ble1", 0, "min_com", "0c00ecff", 1009), "after delivered was reported"),
+    ("sends a command that it refused", lambda run: run.reach("thread2", 33, "act2", "0d00ecff", 1009.5), "after refused was reported"),
+    ("changes a command", lambda run: run.reach("thread1", 34, "cmd", "0a00ecfe", 1005), "got a command that was not sent"),
+    ("sends a command to another robot", lambda run: run.reach("thread2", 35, "cmd", "0b00ecff", 1013.1), "got a command that was not sent"),
     ("turns stop into start", lambda run: (run.forget_received("ble1"), run.reach("ble1", 0, "run", "01", 1006.02)),
-     "got a command that nobody sent"),
-    ("tells no outcome", lambda run: run.messages.pop(run.outcome("thread2", "run")), "the command run sent at 1004.000 has no outcome"),
-    ("tells no outcome for a name that no robot has", lambda run: run.messages.pop(run.outcome("nobody", "act3")), "has no outcome"),
-    ("tells a second outcome", lambda run: run.tell("thread2", "run", "timeout", 1008), "ended twice: delivered and timeout"),
-    ("tells an outcome late", lambda run: run.change(late, lambda one: one is run.messages[run.outcome("ble1", "act6")]), "after 40.0 s only"),
-    ("takes too long by its own account", lambda run: (run.messages.pop(run.outcome("thread2", "act2")), run.tell(
+     "got a command that was not sent"),
+    ("reports no outcome", lambda run: run.messages.pop(run.outcome("thread2", "run")), "the command run sent at 1004.000 has no outcome"),
+    ("reports no outcome for an unknown robot", lambda run: run.messages.pop(run.outcome("nobody", "act3")), "has no outcome"),
+    ("reports a second outcome", lambda run: run.report("thread2", "run", "timeout", 1008), "ended twice: delivered and timeout"),
+    ("reports an outcome late", lambda run: run.change(late, lambda one: one is run.messages[run.outcome("ble1", "act6")]), "only after 40.0 s"),
+    ("takes too long by its own account", lambda run: (run.messages.pop(run.outcome("thread2", "act2")), run.report(
         "thread2", "act2", "timeout", 1030, 31000)), "31000 ms by its own account"),
 ]
 
 
 class Lies(unittest.TestCase):
-    def test_an_honest_daemon_is_believed(self):
+    def test_accepts_a_correct_daemon(self):
         self.assertEqual(Run().judge(), [])
 
-    def test_a_lie_is_seen(self):
+    def test_detects_each_lie(self):
         for name, lie, expected in LIES:
             with self.subTest(name):
                 run = Run()
@@ -187,34 +187,34 @@ class Lies(unittest.TestCase):
                 complaints = run.judge()
                 self.assertTrue(any(expected in complaint for complaint in complaints), (name, complaints))
 
-    def test_a_command_before_the_first_connection_needs_no_outcome_and_one_after_it_does(self):
+    def test_needs_an_outcome_for_each_command_after_the_first_connection(self):
         run = Run()
         run.commands.append(Sent("thread1", "act9", CONNECTED + 5, "00000000"))
         self.assertEqual(len(run.judge()), 1)
         self.assertIn("act9", run.judge()[0])
 
-    def test_a_crash_explains_a_command_that_is_carried_out_again(self):
+    def test_accepts_a_command_that_is_sent_again_after_a_crash(self):
         run = Run()
         run.command("thread1", "act5", "0101", KILL - 0.2, "delivered", "act5", 40)
         run.reach("thread1", 41, "act5", "0101", BACK + 0.3)
-        run.tell("thread1", "act5", "delivered", BACK + 0.4)
+        run.report("thread1", "act5", "delivered", BACK + 0.4)
         self.assertEqual(run.judge(), [])
 
-    def test_messages_of_a_robot_that_the_broker_refused_may_overtake_each_other(self):
+    def test_accepts_a_changed_order_for_a_robot_that_the_broker_refused(self):
         run = Run()
         swap(run, run.find("ble1", 30), run.find("ble1", 31))
         self.assertEqual(run.judge(refused=[Trouble(BEGIN, END, 0, refused="ble1")]), [])
         self.assertEqual(len(run.judge(refused=[Trouble(BEGIN, END, 0, refused="thread1")])), 1)
         self.assertEqual(len(run.judge(refused=[Trouble(BEGIN, BEGIN + 0.1, 0, refused="ble1")])), 1)
 
-    def test_robots_that_were_ended_may_be_declared_gone(self):
+    def test_accepts_that_stopped_robots_are_declared_gone(self):
         run = Run()
-        run.hear(math.nextafter(END, math.inf), "slam/gateway/soak/robots/ble1", LAST_WORD)
+        run.hear(math.nextafter(END, math.inf), "slam/gateway/soak/robots/ble1", OFFLINE)
         self.assertEqual(run.judge(), [])
 
-    def test_a_witness_that_saw_nothing_of_a_robot_is_no_witness(self):
+    def test_reports_a_robot_that_the_witness_has_not_seen(self):
         run = Run()
-        self.assertEqual(run.judge(unseen_by_witness="thread2"), ["thread2: nobody saw with which QoS its messages came"])
+        self.assertEqual(run.judge(unseen_by_witness="thread2"), ["thread2: the witness has seen none of its messages, so their QoS is unknown"])
 
 
 if __name__ == "__main__":

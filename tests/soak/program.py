@@ -5,7 +5,7 @@ import random
 import socket
 import subprocess
 
-PATIENCE_S = 120  # nothing here is measured by the clock: only a failure uses this up
+PATIENCE_S = 120  # only a failure takes this long
 
 
 class Failure(Exception):
@@ -13,7 +13,7 @@ class Failure(Exception):
 
 
 class Program:
-    """A program that ends with this process, whatever happens to that."""
+    """A program that the kernel ends with this process."""
 
     def __init__(self, directory, name, arguments):
         self.log = directory / f"{name}.log"
@@ -31,7 +31,7 @@ class Program:
         self.process.send_signal(signal_number)
 
     def end(self, signal_number):
-        """Its exit status; negative: the signal that killed it."""
+        """Ends the program. Returns its exit status; negative: the signal that killed it."""
         if not self.is_running():
             raise Failure(f"{self.name} has ended by itself: {self.tail()}")
         self.send(signal_number)
@@ -47,7 +47,7 @@ drawn_ports = set()
 
 
 def free_port(kind):
-    """Below the range of ephemeral ports, so that nobody takes it while its owner is away; no port twice."""
+    """Returns a port below the range of ephemeral ports, so that it stays free while its program is down. Returns no port twice."""
     while True:
         port = random.SystemRandom().randrange(20000, 30000)
         if port in drawn_ports:

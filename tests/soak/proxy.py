@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A broker that knows MQTT 3.1.1 only: a proxy before the real one, which refuses each CONNECT of MQTT 5. Used by World;
+"""A broker with MQTT 3.1.1 only: a proxy before the real broker that refuses each CONNECT of MQTT 5. Used by World;
 as a program (proxy.py BROKER-PORT) it prints its own port and serves until it is ended."""
 import contextlib
 import selectors
@@ -28,7 +28,7 @@ class Mqtt311Proxy:
             connect = client.recv(4096)
             while len(connect) < 16 and (more := client.recv(4096)):
                 connect += more
-            if len(connect) < 16:  # it only tried whether somebody listens
+            if len(connect) < 16:  # the client only tested the port
                 return None
             body_at = next(at for at in range(1, 5) if connect[at] < 0x80) + 1
             if connect[body_at + LEVEL_AT - 1] == 5:
@@ -40,7 +40,7 @@ class Mqtt311Proxy:
 
 
 def pump(client, broker):
-    """Until one of them ends; what it had sent before is passed on."""
+    """Passes octets on in both directions until one side closes its connection."""
     other = {client: broker, broker: client}
     with selectors.DefaultSelector() as readable:
         for one in other:

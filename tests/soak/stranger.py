@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MQTT-SN clients that nobody asked for. Used by acts."""
+"""Hostile MQTT-SN clients. Used by acts, and by ./dev siege."""
 import contextlib
 import socket
 
@@ -29,7 +29,7 @@ class Stranger:
             self.send(connect_packet(f"stranger{number}"))
 
     def send_poison(self, prefix):
-        """As a client id, as a topic of its own and of nobody, as a filter; and a message with each id that it may have got."""
+        """Sends each POISON as a client id, as a topic of its own and of no robot, and as a filter; then a message with each topic id."""
         self.send_crowd(1)
         for number, text in enumerate(POISON, 1):
             msg_id = number.to_bytes(2, "big")

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hears everything that the broker has acknowledged, also when the broker is killed in that moment. No general MQTT client.
+"""Receives everything that the broker has acknowledged, even if the broker is killed right then. Not a general MQTT client.
 
-Mosquitto writes a QoS 0 copy to a subscriber's socket before it acknowledges the message to its publisher, and the kernel
-keeps what was written for the reader when the broker dies. This subscriber never writes after its SUBSCRIBE, so that the
-connection ends without a reset, and reads to the end. While it is connected (World sees to it that the daemon connects after
-it) nothing acknowledged by the broker can escape it; and the broker itself never repeats a message to it.
+Mosquitto writes a QoS 0 copy to a subscriber's socket before it acknowledges the message to its publisher. The kernel keeps
+written octets for the reader when the broker dies. This subscriber never writes after its SUBSCRIBE, so that the connection
+ends without a reset, and it reads to the end. While it is connected (World has the daemon connect after it) it gets every
+acknowledged message, and the broker itself never repeats a message to it.
 
-A subscriber with QoS 0 cannot see with which QoS a message was published, so a second one, the Witness, hears all with QoS 2, and
-acknowledges it. What it was sent when the broker died may be lost.
+A subscriber with QoS 0 cannot see the publisher's QoS. So a second subscriber, the Witness, receives all messages with QoS 2 and
+acknowledges them. It may lose messages when the broker dies.
 """
 import contextlib
 import json
@@ -17,7 +17,7 @@ import time
 
 from forwarding import Heard
 
-USER = "listener"  # of both, for the broker's access list
+USER = "listener"  # user name of both, for the broker's access list
 NAME = len(USER).to_bytes(2, "big") + USER.encode()
 # MQTT 3.1.1, clean session, a user name, no keep-alive
 CONNECT = b"\x10\x1a\x00\x04MQTT\x04\x82\x00\x00\x00\x04soak" + NAME
@@ -39,7 +39,7 @@ class Listener:
         self.thread = None
 
     def connect(self):
-        """Returns when the subscription stands."""
+        """Connects and subscribes. Returns True once the broker has granted the subscription."""
         self.has_subscribed = threading.Event()
         self.connection = connection = socket.create_connection(("127.0.0.1", self.port))
         topic = f"{self.prefix}/#".encode()
@@ -50,7 +50,7 @@ class Listener:
         return self.has_subscribed.wait(30)
 
     def wait_for_end(self):
-        """The broker is gone: reads what it had written."""
+        """Reads the rest of what the broker wrote before it died. Returns True at the end of the connection."""
         self.thread.join(30)
         return not self.thread.is_alive()
 
@@ -68,7 +68,7 @@ class Listener:
                 pass
 
     def take_packet(self, buffer):
-        """Takes the first packet from the buffer; False when it is not complete."""
+        """Handles and removes the first packet of the buffer. Returns False if it is incomplete."""
         size, begin = 0, 1
         while True:
             if begin >= len(buffer):
@@ -94,8 +94,8 @@ class Listener:
 class Subscriber(Listener):
     def __init__(self, port, prefix):
         super().__init__(port, prefix)
-        self.messages = []  # (time, topic, payload), in the order in which the broker had them
-        self.online_at = 0.0  # when the daemon last said that it is connected
+        self.messages = []  # (time, topic, payload), in the broker's order
+        self.online_at = 0.0  # when the daemon last reported that it is connected
 
     def on_publish(self, flags, topic, payload):
         if flags & 1:  # retained from before the subscription
@@ -128,7 +128,7 @@ class Witness(Listener):
 
 
 def payload_of(rest):
-    """What follows the properties, whose length comes first."""
+    """Returns the octets after the properties, whose length comes first."""
     length, at = 0, 0
     while True:
         length |= (rest[at] & 0x7F) << 7 * at

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soak's two subscribers hear what Mosquitto has, the witness with QoS and retain flag as published. Run as a test (ctest -R
-Soak.Subscribers)."""
+"""The soak's two subscribers receive all messages from Mosquitto, the witness with QoS and retain flag as published. Run as a test
+(ctest -R Soak.Subscribers)."""
 import contextlib
 import pathlib
 import socket
@@ -59,8 +59,8 @@ class Subscribers(unittest.TestCase):
         self.broker.process.kill()
         self.assertTrue(subscriber.wait_for_end() and witness.wait_for_end())
 
-    def test_the_witness_hears_on_without_an_end(self):
-        """More than Mosquitto sends without acknowledgements."""
+    def test_the_witness_receives_more_than_mosquittos_window(self):
+        """Mosquitto sends a bounded number of messages without acknowledgements."""
         witness = Witness(self.port, "slam")
         self.assertTrue(witness.connect())
         lines = "".join(f"{n}\n" for n in range(200))

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares what robots said with what arrived upstream. Pure: lists in, numbers and complaints out. Called by run.
+"""Compares robots' messages with the arrivals at the broker. Pure: lists in, numbers and complaints out. Called by run.
 
-Robots' updates have no number on the wire, but the robots' record has one for each payload, and nearly every payload is said
-only once. So an arrival stands for the number that its robot said it under. The few payloads that a robot said more than once
-(it stood still) are compared by count and not looked at for order; which of them are missing follows from when the others came.
+Robots' updates have no number on the wire, but the robots' record has one for each payload, and nearly every payload is sent
+only once. So the payload of an arrival identifies its number. The few payloads that a robot sent more than once (it stood still)
+are compared by count and not checked for order. Which of them are missing follows from the times of the others.
 
-Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Allowed only where the store was damaged
-    after it was said, for as many as the daemon has told as lost (Trouble.may_lose). At QoS 2 the gateway has it from its PUBREC
-    on, and a robot's record has the time of the PUBCOMP.
-Out of order: it arrived first after something that its robot said later. Allowed only for what was said before the end of a time
-    in which the broker refused this robot (Trouble.refused).
-Duplicate: it arrived more often than it was said. Each needs a reason, a trouble that did not end before it was said and began
-    before the copy arrived; and a trouble is a reason for a bounded number of them (Trouble.may_repeat).
+Missing: it arrived less often than it was acknowledged to the robot. Allowed only if the store was damaged after it was sent,
+    up to the number that the daemon has reported as lost (Trouble.may_lose). At QoS 2 the gateway has it from its PUBREC on,
+    but a robot's record has the time of the PUBCOMP.
+Out of order: its first arrival is after a message that its robot sent later. Allowed only for messages that were sent before the
+    end of a time in which the broker refused this robot (Trouble.refused).
+Duplicate: it arrived more often than it was sent. Each needs a reason: a trouble that did not end before it was sent and began
+    before the copy arrived. A trouble is a reason for a bounded number of duplicates (Trouble.may_repeat).
 """
 import collections
 import dataclasses
@@ -21,7 +21,7 @@ import dataclasses
 class Said:
     robot: str
     number: int
-    payload: str  # hex, as it goes up
+    payload: str  # hex, as it arrives at the broker
     at: float
     acknowledged_at: float | None = None
 
@@ -37,8 +37,8 @@ class Arrival:
 class Trouble:
     begin: float
     end: float
-    may_repeat: int  # messages that can arrive once more because of it
-    may_lose: int = 0  # messages that it has destroyed, as the daemon has told
+    may_repeat: int  # messages that can arrive twice because of it
+    may_lose: int = 0  # messages that the daemon has reported as lost
     refused: str = ""  # the robot whose messages the broker refused
 
 
@@ -62,12 +62,12 @@ class Tally:
 
 
 def canonical(payload):
-    """What `payload.update` makes of an update: without the robots' stray octet (thesis 6.3)."""
+    """Returns an update without the robots' stray octet (thesis 6.3), as `payload.update` does."""
     return payload[:-2] if len(payload) % 8 == 2 else payload
 
 
 def read_record(lines):
-    """What `slam-gateway-sim --record` writes."""
+    """Reads the file of `slam-gateway-sim --record`."""
     said = {}
     for line in lines:
         if not line.endswith("\n"):  # still being written
@@ -83,7 +83,7 @@ def read_record(lines):
 
 
 def judge(said, arrivals, troubles):
-    """(a Tally for each robot, complaints). The troubles are in the order in which they began."""
+    """Returns (a Tally for each robot, complaints). The troubles are in the order of their beginning."""
     said_by, arrived_by = collections.defaultdict(list), collections.defaultdict(list)
     for one in said:
         said_by[one.robot].append(one)
@@ -92,17 +92,17 @@ def judge(said, arrivals, troubles):
     tallies, duplicates, missing, complaints = {}, [], [], []
     for robot in sorted(said_by.keys() | arrived_by.keys()):
         tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], troubles, duplicates, missing, complaints)
-    for one in not_told(missing, troubles):
+    for one in unexplained_losses(missing, troubles):
         complaints.append(f"{one.robot}: acknowledged and missing: number {one.number}, acknowledged at "
                           f"{one.acknowledged_at:.3f}: {one.payload}")
-    for one in without_reason(duplicates, troubles):
-        complaints.append(f"{one.said.robot}: duplicate without a reason: number {one.said.number}, said at "
+    for one in unexplained_duplicates(duplicates, troubles):
+        complaints.append(f"{one.said.robot}: duplicate without a reason: number {one.said.number}, sent at "
                           f"{one.said.at:.3f}, again at {one.at:.3f}: {one.said.payload}")
     return tallies, complaints
 
 
-def without_reason(duplicates, troubles):
-    """Each trouble takes as many as it may, those first that have the fewest troubles left to take them."""
+def unexplained_duplicates(duplicates, troubles):
+    """Returns the duplicates that no trouble explains. Each trouble explains up to `may_repeat`, in the order of their arrival."""
     left = sorted(duplicates, key=lambda one: one.at)
     for trouble in troubles:
         taken = [one for one in left if one.said.at < trouble.end and trouble.begin < one.at][:trouble.may_repeat]
@@ -110,8 +110,8 @@ def without_reason(duplicates, troubles):
     return left
 
 
-def not_told(missing, troubles):
-    """Each trouble takes as many as it may of those that were said before its end."""
+def unexplained_losses(missing, troubles):
+    """Returns the missing messages that no trouble explains. Each explains up to `may_lose` that were sent before its end."""
     left = sorted(missing, key=lambda one: one.at)
     for trouble in troubles:
         taken = [one for one in left if one.at < trouble.end][:trouble.may_lose]
@@ -120,7 +120,7 @@ def not_told(missing, troubles):
 
 
 def without_arrival(acknowledged, times):
-    """Those of equal updates that did not arrive, when too few did: each arrival is taken for the last one said before it."""
+    """Returns the equal updates that did not arrive. Each arrival counts for the last one that was sent before it."""
     missing = list(acknowledged)
     for time in sorted(times, reverse=True):
         before = [one for one in missing if one.at <= time]
@@ -137,7 +137,7 @@ def judge_robot(robot, said, arrivals, troubles, duplicates, missing, complaints
     for one in arrivals:
         arrived_as[one.payload].append(one.at)
     for payload in arrived_as.keys() - said_as.keys():
-        complaints.append(f"{robot}: arrived but was never said: {payload}")
+        complaints.append(f"{robot}: arrived but was never sent: {payload}")
     for payload, ones in said_as.items():
         times = arrived_as[payload]
         acknowledged = [one for one in ones if one.acknowledged_at is not None]

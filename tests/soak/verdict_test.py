@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict sees each kind of broken promise. Run as a test (ctest -R Soak.Verdict)."""
+"""The verdict detects each kind of broken promise. Run as a test (ctest -R Soak.Verdict)."""
 import pathlib
 import sys
 import unittest
@@ -25,34 +25,34 @@ def verdict(*arrived, troubles=(), record=RECORD):
 
 
 class Verdict(unittest.TestCase):
-    def test_all_is_well_when_what_was_acknowledged_arrived(self):
+    def test_accepts_a_run_whose_acknowledged_messages_arrived(self):
         tally, complaints = verdict((FIRST, 10.2), (THIRD, 12.2))
         self.assertEqual(complaints, [])
         self.assertEqual((tally.said, tally.acknowledged, tally.arrived), (3, 2, 2))
 
-    def test_what_was_acknowledged_must_arrive(self):
+    def test_reports_an_acknowledged_message_that_did_not_arrive(self):
         tally, complaints = verdict((FIRST, 10.2), (SECOND, 11.2))
         self.assertEqual(tally.missing, 1)
         self.assertIn("number 3", complaints[0])
 
-    def test_what_damage_took_must_have_been_told(self):
+    def test_accepts_missing_messages_up_to_the_number_reported_as_lost(self):
         for may_lose, complaints_expected in ((0, 2), (1, 1), (2, 0), (9, 0)):
             tally, complaints = verdict((SECOND, 11.2), troubles=[Trouble(12.5, 13, 0, may_lose)])
             self.assertEqual(tally.missing, 2)
             self.assertEqual(len(complaints), complaints_expected)
         _, complaints = verdict((FIRST, 10.2), troubles=[Trouble(11, 12, 0, 5)])
-        self.assertEqual(len(complaints), 1)  # said after the damage
+        self.assertEqual(len(complaints), 1)  # sent after the damage
         _, complaints = verdict((FIRST, 10.2), troubles=[Trouble(11, 12.05, 0, 5)])
         self.assertEqual(complaints, [])  # between PUBREC and PUBCOMP
 
-    def test_order_is_that_of_first_arrivals(self):
+    def test_compares_the_order_of_first_arrivals(self):
         tally, complaints = verdict((THIRD, 12.2), (FIRST, 12.3))
         self.assertEqual(tally.out_of_order, 1)
         self.assertIn("number 1 after 3", complaints[0])
         tally, _ = verdict((FIRST, 10.2), (THIRD, 12.2), (FIRST, 12.3), troubles=[Trouble(10, 12, 1)])
         self.assertEqual(tally.out_of_order, 0)
 
-    def test_a_duplicate_needs_a_trouble_between_its_being_said_and_its_copy(self):
+    def test_accepts_a_duplicate_only_with_a_trouble_before_its_copy(self):
         arrived = (FIRST, 10.2), (THIRD, 12.2), (THIRD, 13)
         for trouble in Trouble(10, 11, 1), Trouble(13.5, 14, 1), Trouble(12.3, 12.9, 0):
             tally, complaints = verdict(*arrived, troubles=[trouble])
@@ -61,21 +61,21 @@ class Verdict(unittest.TestCase):
         _, complaints = verdict(*arrived, troubles=[Trouble(12.3, 12.9, 1)])
         self.assertEqual(complaints, [])
 
-    def test_a_trouble_is_the_reason_of_so_many_duplicates_only(self):
+    def test_bounds_the_duplicates_that_a_trouble_explains(self):
         arrived = (FIRST, 10.2), (FIRST, 12.1), (THIRD, 12.2), (THIRD, 13)
         _, complaints = verdict(*arrived, troubles=[Trouble(9, 14, 1)])
         self.assertEqual(len(complaints), 1)
         _, complaints = verdict(*arrived, troubles=[Trouble(11, 12.05, 1), Trouble(12.05, 14, 1)])
         self.assertEqual(complaints, [])
 
-    def test_what_was_said_twice_is_counted(self):
+    def test_counts_arrivals_of_a_payload_that_was_sent_twice(self):
         record = RECORD[:5] + ["sent r1 4 0a00ecff18 13.0\n", "acknowledged r1 4 13.1\n"]
         tally, complaints = verdict((FIRST, 10.2), (THIRD, 12.2), (FIRST, 13.2), record=record)
         self.assertEqual((tally.arrived, tally.duplicates, complaints), (3, 0, []))
         tally, _ = verdict((FIRST, 10.2), (THIRD, 12.2), record=record)
         self.assertEqual(tally.missing, 1)
 
-    def test_of_what_was_said_twice_that_one_is_missing_for_which_nothing_came(self):
+    def test_finds_which_of_two_equal_messages_is_missing(self):
         record = RECORD[:5] + ["sent r1 4 0a00ecff18 13.0\n", "acknowledged r1 4 13.1\n"]
         damage = Trouble(12.5, 12.9, 0, 1)
         _, complaints = verdict((THIRD, 12.2), (FIRST, 13.2), troubles=[damage], record=record)
@@ -84,9 +84,9 @@ class Verdict(unittest.TestCase):
         self.assertEqual(len(complaints), 1)
         self.assertIn("number 4", complaints[0])
 
-    def test_nothing_arrives_that_nobody_said(self):
+    def test_reports_an_arrival_that_was_not_sent(self):
         _, complaints = verdict((FIRST, 10.2), (THIRD, 12.2), ("ffff", 12.3))
-        self.assertEqual(complaints, ["r1: arrived but was never said: ffff"])
+        self.assertEqual(complaints, ["r1: arrived but was never sent: ffff"])
 
 
 if __name__ == "__main__":

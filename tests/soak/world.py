@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mosquitto, the daemon, robots on both meshes and the subscriber, with verbs to start, end and pause them. Used by acts and
-run. Waits for conditions only, and notices a program that ends unasked."""
+"""Mosquitto, the daemon, robots on both meshes and the subscriber, with functions to start, end and pause them. Used by acts and
+run. Waits for conditions only, and fails when a program ends by itself."""
 import contextlib
 import json
 import math
@@ -14,7 +14,7 @@ import subprocess
 import time
 
 from clock import MovedClock
-from commands import NOBODY, Gap, Sent, read_received
+from commands import UNKNOWN_ROBOT, Gap, Sent, read_received
 from disk import Disk
 from judge import Evidence, arrivals_in, outcomes_in
 from program import PATIENCE_S, Failure, Program, free_port
@@ -27,8 +27,8 @@ FLEETS = {"thread1_": 4, "thread2_": 4, "ble": 3}  # prefix of the robots' ids: 
 QOS = {"thread1_": 1, "thread2_": 2, "ble": 1}  # of their messages
 FIRST_BLE_ADDRESS = 0x0100
 LARGEST_PACKET = 268435455  # of MQTT
-REST_S = 100  # between two `cmd` to one robot: their outcomes can't be taken for each other's
-# A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
+REST_S = 100  # between two `cmd` to one robot, so that their outcomes cannot be confused
+# A bad radio. One request at a time, as MQTT-SN 1.2 demands: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
                   "--give-up-s=0").split()
 
@@ -39,7 +39,7 @@ class World:
         self.client = client  # the daemon's broker.client
         self.begin = time.time()
         self.troubles, self.gaps, self.commands = [], [], []
-        self.random = random.Random(seed)  # of the commands; that of the acts is their own
+        self.random = random.Random(seed)  # for commands; acts have their own
         self.next_command_at = 0.0
         self.obeyed_at = {}  # robot: when it was last sent a `cmd`
         self.disk = Disk(self.directory / "store", has_own_mounts)
@@ -72,15 +72,15 @@ class World:
         return path
 
     def take_packets_of(self, octets):
-        """From now on, or from its start, the broker takes packets up to this size."""
+        """Has the broker accept packets up to this size, from its start if it is not running."""
         self.configuration.write_text(f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
                                       f"max_queued_messages 0\nuser root\nacl_file {self.access}\n"
                                       f"max_packet_size {octets}\n")
         self.reload_broker()
 
     def refuse(self, robot):
-        """From now on, or from the broker's start, it takes nothing of this robot. Listeners may go on: at QoS 2 Mosquitto
-        asks whether they may read it only after its PUBREC, and then drops what it has taken."""
+        """Has the broker refuse this robot's messages, from its start if it is not running. Listeners keep their access: at QoS 2
+        Mosquitto checks read access only after its PUBREC, and then drops the message."""
         self.access.write_text(f"topic deny {PREFIX}/robot/{robot}/#\ntopic readwrite #\nuser {USER}\ntopic readwrite #\n")
         self.reload_broker()
 
@@ -98,7 +98,7 @@ class World:
                      for n in range(1, FLEETS["ble"] + 1)]
         path.write_text(json.dumps({
             "gateway": {"id": "soak"},
-            # A short keep-alive, so that a broker that stands still is sometimes given up.
+            # A short keep-alive, so that the daemon sometimes leaves a stalled broker.
             "broker": {"uri": f"mqtt://127.0.0.1:{self.link_port}", "client": self.client, "keep_alive_s": 5},
             "robots": ble_names,
             "ble_mesh": {"enabled": True, "device": str(self.directory / "board")},
@@ -131,10 +131,10 @@ class World:
             time.sleep(min(0.05, max(left, 0)))
 
     def send_some_command(self):
-        """One that the robot obeys, or else one of a type that no other has."""
-        robot = self.random.choice([*self.robot_ids(), NOBODY])
+        """Sends a `cmd`, which the robot obeys, or else a command of a new type."""
+        robot = self.random.choice([*self.robot_ids(), UNKNOWN_ROBOT])
         payload = struct.pack("<hh", self.random.randint(-60, 60), self.random.randint(-60, 60))
-        if robot == NOBODY or time.monotonic() - self.obeyed_at.get(robot, -math.inf) < REST_S:
+        if robot == UNKNOWN_ROBOT or time.monotonic() - self.obeyed_at.get(robot, -math.inf) < REST_S:
             return self.send_command(robot, f"act{len(self.commands)}", payload)
         self.obeyed_at[robot] = time.monotonic()
         return self.send_command(robot, "cmd", payload)
@@ -149,8 +149,8 @@ class World:
 
     @contextlib.contextmanager
     def trouble(self, text, may_repeat):
-        """What goes on inside may make so many messages arrive once more; and it may lose as many as its `may_lose`, which the
-        act sets to what the daemon has told."""
+        """Records a trouble. It may make up to `may_repeat` messages arrive twice. It may lose `may_lose` messages, which the act sets
+        to the number that the daemon has reported."""
         self.say(text)
         trouble = Trouble(time.time(), float("inf"), may_repeat)
         self.troubles.append(trouble)
@@ -158,11 +158,11 @@ class World:
         trouble.end = time.time()
 
     def connections(self):
-        """How often the daemons so far have connected to the broker."""
+        """Returns how often the daemon has connected to the broker."""
         return self.daemon.log.read_text().count(" connected (MQTT")
 
-    def told_as_lost(self, log_position):
-        """Messages that the daemon has told as lost since its log was this long."""
+    def reported_as_lost(self, log_position):
+        """Returns the number of messages that the daemon has reported as lost since this position in its log."""
         log = self.daemon.log.read_text()[log_position:]
         return sum(int(number) for number in re.findall(r"(\d+) messages are lost", log))
 
@@ -177,10 +177,10 @@ class World:
         self.open_gap(is_kill=signal_number == signal.SIGKILL)
         status = self.daemon.end(signal_number)
         if signal_number == signal.SIGTERM and status != 0:
-            raise Failure(f"the daemon's orderly end: {self.daemon.tail()}")
+            raise Failure(f"the daemon did not shut down cleanly: {self.daemon.tail()}")
 
     def start_broker(self):
-        """The daemon stands still meanwhile, so that the subscriber is there first."""
+        """Starts the broker. The daemon is paused until the subscribers are connected."""
         is_paused = self.daemon.is_running()
         if is_paused:
             self.daemon.send(signal.SIGSTOP)
@@ -216,7 +216,7 @@ class World:
         return False
 
     def open_gap(self, loses_queue=False, is_kill=False):
-        """An MQTT 3.1.1 broker keeps no commands for a daemon that is away."""
+        """Records that a part is down. An MQTT 3.1.1 broker keeps no commands for an absent daemon."""
         self.gaps.append(Gap(time.time(), math.inf, loses_queue or self.mqtt == 3, is_kill))
 
     def close_gaps(self):
@@ -228,7 +228,7 @@ class World:
         self.close_gaps()
 
     def wait_for_link(self, since):
-        """Its link to the broker stands, be it the old one."""
+        """Waits until the daemon is connected, perhaps still by its old connection."""
         self.wait_for("traffic", lambda: self.status("broker", "state") == "up" and self.subscriber.messages
                       and self.subscriber.messages[-1][0] > since)
         self.close_gaps()
@@ -251,7 +251,7 @@ class World:
                 program.process.wait()
         self.disk.unmount()
 
-    # What is said and heard
+    # Commands and evidence
 
     def robot_ids(self):
         return [f"{fleet}{n}" for fleet, count in FLEETS.items() for n in range(1, count + 1)]
@@ -263,7 +263,7 @@ class World:
             self.commands.append(Sent(robot, kind, time.time(), payload.hex()))
 
     def status(self, *path):
-        """A field of `slam-gatewayctl status`; None when the daemon does not answer."""
+        """Returns a field of `slam-gatewayctl status`; None if the daemon does not answer."""
         result = subprocess.run([self.bin / "slam-gatewayctl", "--socket", self.directory / "control.sock", "--json",
                                  "status"], capture_output=True, timeout=PATIENCE_S, check=False)
         if result.returncode != 0:
@@ -297,5 +297,5 @@ class World:
 
 
 def fleet_of(robot):
-    """None for NOBODY."""
+    """Returns None for UNKNOWN_ROBOT."""
     return next((fleet for fleet in FLEETS if robot.startswith(fleet)), None)
