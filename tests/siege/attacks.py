@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attacks. Each returns what it did, in words; a broken promise is a Failure. The bounds of all are in fortress.py."""
+"""The attacks. Each returns a description of what it did, and raises Failure at a broken promise. fortress.py has the common bounds."""
 import contextlib
 import os
 import re
@@ -33,7 +33,7 @@ class Siege:
     # ---- devices
 
     def crowd(self):
-        """One address that answers nothing takes every place; new robots get in, also after a restart."""
+        """Takes every place from one address without answering. New robots must be served, also after a restart."""
         count = self.share(11000)
         with device(self.fortress, "127.0.0.3") as one:
             for n in range(count):
@@ -43,7 +43,7 @@ class Siege:
         return f"{count} CONNECTs of one address, and a restart"
 
     def noise(self):
-        """Octets by chance, and packets that were good before some octets of them changed."""
+        """Sends random octets, and valid packets with some changed octets."""
         count = self.share(60000)
         good = [connect_packet("noise"), packet(REGISTER, b"\0\0\0\1" + b"ntnu-slam/robot/noise/x"), packet(PINGREQ, b"noise"),
                 packet(PUBLISH, b"\x20\0\1\0\1" + b"x" * 20), packet(SUBSCRIBE, b"\x20\0\1" + b"ntnu-slam/server/noise/#")]
@@ -58,14 +58,14 @@ class Siege:
         return f"{count} datagrams"
 
     def poison(self):
-        """Names for which brokers close the connection, as ids, topics and filters."""
+        """Sends names for which brokers close the connection, as ids, topics and filters."""
         rounds = self.share(40)
         for _ in range(rounds):
             Stranger(self.fortress.mqttsn_port).send_poison(PREFIX)
         return f"{rounds} x {len(POISON)} names"
 
     def retainers(self):
-        """Many names with many types each, retained. The broker keeps no more than is promised."""
+        """Sends retained messages of many types under many names. The broker must keep no more than docs/security.md promises."""
         names, types = self.share(500), 30
         for n in range(names):
             with device(self.fortress, "127.0.0.5") as one:
@@ -76,11 +76,11 @@ class Siege:
                     ask(one, packet(PUBLISH, bytes([RETAIN_QOS_1]) + topic_id + b"\0\2keep me"), PUBACK)
         kept = self.fortress.status()["retained"]["topics"]
         if not 0 < kept <= MOST_RETAINED:
-            raise Failure(f"robots retain {kept} topics; at most {MOST_RETAINED} are promised")
+            raise Failure(f"robots retain {kept} topics; docs/security.md promises at most {MOST_RETAINED}")
         return f"{names} names with {types} types each, {kept} topics retained"
 
     def refused(self):
-        """A robot whose topics the broker forbids speaks all the time; its messages hold nobody up."""
+        """Sends messages that the broker refuses. They must not delay other robots."""
         rounds = self.share(400)
         self.fortress.refuse_topics_of("outlaw")
         with device(self.fortress, "127.0.0.6") as one:
@@ -95,16 +95,16 @@ class Siege:
     # ---- programs on the host
 
     def control(self):
-        """The control socket: octets by chance, lines without end, connections that say nothing."""
+        """Attacks the control socket with random octets, endless lines and idle connections."""
         count = self.share(3000)
         path = str(self.fortress.directory / "gateway.sock")
         idle = [unix_connection(path) for _ in range(200)]
-        words = [b'{"request":"status"}\n', b'{"request":"send","robot":"x"}\n', b"{" * 5000 + b"\n", b"[1,2\n", b"\xff\xfe\n",
-                 b'{"request":{"request":1}}\n', b'"' + b"a" * 100000]
+        inputs = [b'{"request":"status"}\n', b'{"request":"send","robot":"x"}\n', b"{" * 5000 + b"\n", b"[1,2\n", b"\xff\xfe\n",
+                  b'{"request":{"request":1}}\n', b'"' + b"a" * 100000]
         for _ in range(count):
             with contextlib.suppress(OSError), unix_connection(path) or contextlib.nullcontext() as one:
                 if one:
-                    one.sendall(self.chance.choice(words) if self.chance.random() < 0.7
+                    one.sendall(self.chance.choice(inputs) if self.chance.random() < 0.7
                                 else self.chance.randbytes(self.chance.randrange(1, 300)))
         for one in idle:
             if one:
@@ -115,7 +115,7 @@ class Siege:
     # ---- the page
 
     def documents(self):
-        """What others say in a gateway's name must not change what is told of the honest gateway."""
+        """Publishes invalid documents under other gateways' topics. They must not change the metrics of the honest gateway."""
         hostile = ['{"broker":{"state":{"toString":1}}}', '{"state":{"a":[]},"mesh":7}', "[]", "null", "7", '"x"', "{", "",
                    '{"robots":"many","messages":[1,2]}', '{"state":"online","version":{"toString":"x"}}', "[" * 900,
                    '{"a":' * 400 + "1" + "}" * 400, '{"latency":{"p50":"NaN"},"robots":-1e999}']
@@ -129,13 +129,13 @@ class Siege:
             self.fortress.publish(f"gateway/invented{n}/state", '{"state":"online"}', retain=True)
         status, metrics = self.fortress.get("/metrics", "127.2.0.1")
         if status != 200 or 'gateway="gateway"' not in metrics:
-            raise Failure(f"the metrics of the honest gateway are gone (HTTP {status})")
+            raise Failure(f"the metrics of the honest gateway are missing (HTTP {status})")
         if re.search(r" (NaN|inf|-inf)$", metrics, re.IGNORECASE | re.MULTILINE):
-            raise Failure("the metrics have a value that is no number")
+            raise Failure("the metrics have a value that is not a finite number")
         return "documents of wrong types, invented gateways"
 
     def browsers(self):
-        """Half requests, pages, guesses and nonsense of one address; others get the page."""
+        """Sends incomplete and invalid requests, and opens pages, from two addresses. Other addresses must get the page."""
         taken = []
         for n in range(self.share(400)):
             with contextlib.suppress(OSError):
@@ -155,10 +155,10 @@ class Siege:
             one.close()
         return f"{len(taken)} connections and {self.share(300)} bad requests"
 
-    # ---- what the gateway talks to
+    # ---- boards and brokers
 
     def board(self):
-        """The board sends octets by chance, then frames of right length and wrong content; then the good one is plugged in."""
+        """Sends random octets and frames with random content as a board, then plugs in the working board again."""
         board = self.fortress.robots[1]
         board.end(signal.SIGTERM)
         path = self.fortress.directory / "board"
@@ -183,10 +183,10 @@ class Siege:
         return f"{sent >> 10} KiB from the board"
 
     def broker(self):
-        """Gateways and pages of their own meet a hostile broker; they go on, and end when they are told to."""
+        """Connects further gateways and pages to hostile brokers. They must keep running, and end at SIGTERM."""
         ends = [self.meet(client, attack) for client in ("paho", "mosquitto") for attack in HOSTILE_BROKERS
                 if client == "paho" or attack not in ENDS_LIBMOSQUITTO]
-        return f"{len(ends)} hostile brokers, of which libmosquitto does not meet: {', '.join(ENDS_LIBMOSQUITTO)}"
+        return f"{len(ends)} hostile brokers; libmosquitto is not tried with: {', '.join(ENDS_LIBMOSQUITTO)}"
 
     def meet(self, client, attack):
         with HostileBroker(attack, self.chance) as hostile:
@@ -196,7 +196,7 @@ class Siege:
                 programs.append(self.fortress.program("slam-gateway-web", f"page-{client}-{attack}", "--config", path))
             for program in programs:
                 program.start()
-            self.fortress.wait_for(f"the connections to a broker with {attack}", lambda: hostile.connections >= 2 * len(programs))
+            self.fortress.wait_for(f"connections to a broker that sends {attack}", lambda: hostile.connections >= 2 * len(programs))
             for program in programs:
                 name = f"{program.name}"
                 if not program.is_running():
@@ -206,10 +206,10 @@ class Siege:
                 if count_lines(program) > 220:
                     raise Failure(f"{name} has logged {count_lines(program)} lines")
                 if program.end(signal.SIGTERM) != 0:
-                    raise Failure(f"{name} did not end in order: {program.tail()}")
+                    raise Failure(f"{name} did not shut down cleanly: {program.tail()}")
 
     def again(self):
-        """A restart after all of it."""
+        """Restarts the daemon after all attacks."""
         self.fortress.restart_daemon()
         return "a restart"
 
@@ -225,7 +225,7 @@ def device(fortress, address):
 
 
 def ask(one, octets, kind):
-    """The answer of this kind; the question is repeated, as MQTT-SN clients do."""
+    """Returns the answer of this kind. Repeats the request, as MQTT-SN clients do."""
     one.settimeout(1)
     for _ in range(PATIENCE_S):
         with contextlib.suppress(OSError):
@@ -234,11 +234,11 @@ def ask(one, octets, kind):
                 answer = one.recv(2048)
                 if answer[1] == kind:
                     return answer
-    raise Failure(f"no answer {kind:#x} for an honest question")
+    raise Failure(f"no answer {kind:#x} to a valid request")
 
 
 def send(one, octets):
-    """A moment of rest now and then: what the kernel drops attacks nobody."""
+    """Sends a datagram. Pauses regularly, so that the kernel does not drop the attack."""
     with contextlib.suppress(OSError):
         one.send(octets)
     send.count += 1
@@ -265,7 +265,7 @@ def web_socket_request():
             b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n")
 
 
-# What it sends after a client's CONNECT. CONNACK of MQTT 5: length, flags, reason, length of properties.
+# Octets that a hostile broker sends after a client's CONNECT. CONNACK of MQTT 5: length, flags, reason, length of properties.
 GOOD = bytes([0x20, 3, 0, 0, 0])
 HOSTILE_BROKERS = {
     "nothing": lambda chance: b"",
@@ -273,17 +273,17 @@ HOSTILE_BROKERS = {
     "an unknown property": lambda chance: bytes([0x20, 6, 0, 0, 3, 0x7F, 1, 1]),
     "an endless length": lambda chance: GOOD + b"\x30\xff\xff\xff\x7f" + chance.randbytes(100000),
     "a length of five octets": lambda chance: GOOD + b"\x30\xff\xff\xff\xff\x7f",
-    "a topic that is no UTF-8": lambda chance: GOOD + bytes([0x30, 7, 0, 2, 0xC3, 0x28, 0, 1, 2]),
-    "acknowledgements of nothing": lambda chance: GOOD + bytes([0x40, 2, 0, 9]) * 2000 + bytes([0x90, 4, 0, 9, 0, 0]) * 100,
+    "a topic with invalid UTF-8": lambda chance: GOOD + bytes([0x30, 7, 0, 2, 0xC3, 0x28, 0, 1, 2]),
+    "unexpected acknowledgements": lambda chance: GOOD + bytes([0x40, 2, 0, 9]) * 2000 + bytes([0x90, 4, 0, 9, 0, 0]) * 100,
     "a packet of MQTT 3.1.1": lambda chance: bytes([0x20, 2, 0, 0]),
     "packets of a client": lambda chance: GOOD + bytes([0x82, 6, 0, 1, 0, 0, 0, 0, 0xC0, 0, 0xE0, 0]),
 }
-# libmosquitto 2.0 ends its program at a property that MQTT 5 does not know; systemd starts that again (docs/broker.md).
+# libmosquitto 2.0 ends its program at an unknown MQTT 5 property; systemd restarts the program (docs/broker.md).
 ENDS_LIBMOSQUITTO = ("an unknown property", "noise")
 
 
 class HostileBroker:
-    """Takes connections, sends what its attack says, and closes them a moment later."""
+    """Accepts connections, sends the octets of its attack, and closes them a moment later."""
 
     def __init__(self, attack, chance):
         self.octets, self.chance, self.connections = HOSTILE_BROKERS[attack], chance, 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is besieged: Mosquitto, the daemon, the page, honest robots; and the bounds that hold for every attack."""
+"""The programs under attack: Mosquitto, the daemon, the page and honest robots; and the bounds that hold for every attack."""
 import contextlib
 import http.client
 import json
@@ -13,7 +13,7 @@ from program import Failure, Program, free_port
 from stranger import connect_packet
 
 PREFIX = "ntnu-slam"
-PATIENCE_S = 60  # nothing is measured by the clock: only a failure uses this up
+PATIENCE_S = 60  # only a failure takes this long
 MOST_GROWTH = 96 << 20  # octets of memory in one attack; the services may take 512 and 256 MiB
 MOST_LINES, MOST_LINES_A_SECOND = 160, 40  # of the log in one attack, docs/journal.md: 100 and 40 are for clients that have not answered
 HONEST = {"good": 3, "ble": 2}  # robots by the beginning of their ids
@@ -21,7 +21,7 @@ TOKEN = "a-token-of-the-siege-0123456789"
 
 
 class Listening(subscriber.Subscriber):
-    """Hears hostile documents too, so it reads none."""
+    """A subscriber that also receives hostile documents, so it parses none."""
 
     def on_publish(self, flags, topic, payload):
         if not flags & 1:
@@ -70,7 +70,7 @@ class Fortress:
                     "token_file": str(self.directory / "token")}}))
         return path
 
-    # ---- life
+    # ---- start and end
 
     def start(self):
         self.broker.start()
@@ -88,7 +88,7 @@ class Fortress:
                 program.process.wait()
 
     def mend(self):
-        """After a broken bound: what has ended runs again, for the next attack."""
+        """Restarts programs that have ended, after a failed attack and before the next one."""
         for program in (self.daemon, self.page, *self.robots):
             if not program.is_running():
                 program.start()
@@ -111,34 +111,34 @@ class Fortress:
                               capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
     def status(self):
-        told = self.ctl("status", "--json")
-        if told.returncode != 0:
-            raise Failure(f"slam-gatewayctl status: {told.stderr.strip() or told.stdout.strip()}")
-        return json.loads(told.stdout)
+        answer = self.ctl("status", "--json")
+        if answer.returncode != 0:
+            raise Failure(f"slam-gatewayctl status: {answer.stderr.strip() or answer.stdout.strip()}")
+        return json.loads(answer.stdout)
 
     # ---- bounds
 
     def judge(self, attack):
-        """Runs the attack; what it cost, in words. Failure when a bound is broken."""
+        """Runs the attack. Returns a description of it and of its cost; raises Failure if a bound is exceeded."""
         watched = (self.daemon, self.page)
         memory = {program.name: resident(program) for program in watched}
         lines = {program.name: count_lines(program) for program in watched}
         begin = time.monotonic()
-        words = attack()
+        description = attack()
         self.wait_for_honest_robots()
         self.serve_newcomer()
         for program in watched:
             if not program.is_running():
                 raise Failure(f"{program.name} has ended: {program.tail()}")
         growth = {program.name: resident(program) - memory[program.name] for program in watched}
-        told = {program.name: count_lines(program) - lines[program.name] for program in watched}
+        logged = {program.name: count_lines(program) - lines[program.name] for program in watched}
         for name in memory:
             if growth[name] > MOST_GROWTH:
                 raise Failure(f"{name} has grown by {growth[name] >> 20} MiB")
-            if told[name] > MOST_LINES + MOST_LINES_A_SECOND * (time.monotonic() - begin):
-                raise Failure(f"{name} has logged {told[name]} lines")
-        return (f"kept: {words}; daemon {growth['daemon'] >> 10:+d} KiB, {told['daemon']} lines; "
-                f"page {growth['page'] >> 10:+d} KiB, {told['page']} lines")
+            if logged[name] > MOST_LINES + MOST_LINES_A_SECOND * (time.monotonic() - begin):
+                raise Failure(f"{name} has logged {logged[name]} lines")
+        return (f"passed: {description}; daemon {growth['daemon'] >> 10:+d} KiB, {logged['daemon']} lines; "
+                f"page {growth['page'] >> 10:+d} KiB, {logged['page']} lines")
 
     def wait_for_honest_robots(self):
         since = time.time()
@@ -151,10 +151,10 @@ class Fortress:
         try:
             self.wait_for("honest robots", lambda: not silent())
         except Failure:
-            raise Failure(f"honest robots are heard no longer: {', '.join(silent())}") from None
+            raise Failure(f"messages of honest robots no longer arrive: {', '.join(silent())}") from None
 
     def serve_newcomer(self):
-        """A robot that nobody knows, from an address of its own, connects as MQTT-SN clients do: it repeats its CONNECT."""
+        """Connects a new robot from a new address. It repeats its CONNECT, as MQTT-SN clients do."""
         self.newcomers += 1
         name = f"new{self.newcomers}"
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot:
@@ -172,7 +172,7 @@ class Fortress:
     # ---- the page
 
     def get(self, path, source="127.0.0.1", patience=PATIENCE_S):
-        """(status, text) of a page, asked from this address."""
+        """Requests a page from this source address. Returns (status, text)."""
         asking = http.client.HTTPConnection("127.0.0.1", self.web_port, timeout=patience, source_address=(source, 0))
         with contextlib.closing(asking):
             asking.request("GET", path)
@@ -184,12 +184,12 @@ class Fortress:
                         *(["-r"] if retain else [])], check=True)
 
     def refuse_topics_of(self, robot):
-        """Nothing that the broker forbids may hold up the rest; `None` forbids nothing."""
+        """Has the broker refuse the topics of this robot; `None`: of no robot."""
         self.allow_topics(f"topic deny {PREFIX}/robot/{robot}/#\n" if robot else "")
         self.broker.send(signal.SIGHUP)
 
     def allow_topics(self, but=""):
-        """The first lines are for clients without a user name: the subscriber has one, and hears all that the others may say."""
+        """Writes the broker's access list. The first lines are for clients without a user name. The subscriber has one and may read all."""
         self.access.write_text(f"{but}topic readwrite #\nuser {subscriber.USER}\ntopic read #\n")
 
 
