@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What once went wrong, each as a short scene on the running fleet, with robots of its own; the judge watches them like all others. An act
-is a generator: it yields while it waits, and says what is not as it should be. Used by run."""
+"""Scenes of earlier faults on the running fleet, each with its own robots, which the judge watches like all others. An act is a
+generator: it yields while it waits, and returns what is wrong, or None. Used by run."""
 import json
 import random
 import re
@@ -13,14 +13,14 @@ from commands import OUTCOME_S
 from program import free_port
 from robot import Robot
 
-SOON_S = 10  # for what happens at once on an idle machine
+SOON_S = 10  # for events that happen at once on an idle machine
 LISTENER_S = None
 FLOOD_S = 4
 CUTS = 6
 
 
 def until(condition, most_s=SOON_S):
-    """Waits; whether it came true."""
+    """Waits for the condition. Returns its last value."""
     deadline = time.monotonic() + most_s
     while not (found := condition()) and time.monotonic() < deadline:
         yield
@@ -61,7 +61,7 @@ class Acts:
                 del self.running[name]
 
     def are_done(self):
-        """With what would be disturbed by others."""
+        """Returns True when all acts have ended that faults would disturb."""
         return not self.running.keys() - {"lone"}
 
     def sockets(self):
@@ -76,7 +76,7 @@ class Acts:
     def verdict(self):
         return self.results
 
-    # --- What acts are made of ---
+    # --- Parts of acts ---
 
     def robot(self, name, place, is_clean=False, period_s=0.5):
         made = Robot(name, self.fleet.prefix, self.fleet.places, self.fleet.make_robot_socket, is_clean, period_s, 1, place=place)
@@ -89,12 +89,12 @@ class Acts:
         return made
 
     def command(self, robot, most_s=SOON_S):
-        """Sends one; whether the robot obeys it within so long."""
+        """Sends a command. Returns True if the robot obeys it in this time."""
         command = yield from self.send(robot)
         return (yield from until(lambda: robot.obeyed(command.kind), most_s))
 
     def command_after_a_move(self, robot):
-        """One that comes as the session changes hands may be lost (bounds, 1): the robot has its CONNACK before that. Two are not."""
+        """Sends a command, and another one if the first is lost: it may be, while the session moves (bounds, 1)."""
         return (yield from self.command(robot)) or (yield from self.command(robot))
 
     def send(self, robot):
@@ -103,14 +103,14 @@ class Acts:
     # --- The acts ---
 
     def sleeper(self):
-        """A command that waits for a sleeping robot follows it to the gateway at which it wakes up."""
+        """A command for a sleeping robot follows it to the gateway at which it wakes."""
         robot = self.robot("sleep0", 0)
         if not (yield from until(robot.is_served)):
             return "no session"
         yield from until(lambda: robot.step == "idle")
         robot.sleep(60)
         if not (yield from until(lambda: robot.step == "asleep")):
-            return "it was not let to sleep"
+            return "its gateway did not let it sleep"
         yield from pause(0.5)
         command = yield from self.send(robot)
         yield from pause(1)
@@ -118,12 +118,12 @@ class Acts:
             return "it got a command while it slept"
         robot.move_to(1)
         if not (yield from until(lambda: robot.obeyed(command.kind))):
-            return "the command has not followed it"
-        return None if (yield from self.command(robot)) else "it is deaf where it woke up"
+            return "it did not get the command at the other gateway"
+        return None if (yield from self.command(robot)) else "it gets no command where it woke"
 
     def dies(self):
-        """A robot that keeps its session and only listens gets its commands elsewhere when its gateway dies, and there again when that is
-        back."""
+        """A robot with a kept session that only listens gets its commands at another gateway when its own dies, and at its own again
+        later."""
         robot = self.robot("dying0", 0, period_s=LISTENER_S)
         robot.others = [1]
         if not (yield from until(robot.is_served)):
@@ -136,15 +136,15 @@ class Acts:
         self.fleet.trouble.bring_back()
         yield from pause(3)
         if not was_heard:
-            return "deaf at the other gateway"
+            return "it gets no command at the other gateway"
         if not (yield from self.command(robot)):
-            return "deaf at the other gateway since its own is back"
+            return "it gets no command at the other gateway since its own is back"
         robot.move_to(0)
         yield from until(robot.is_served)
-        return None if (yield from self.command_after_a_move(robot)) else "deaf where it was before"
+        return None if (yield from self.command_after_a_move(robot)) else "it gets no command back at its own gateway"
 
     def contested(self):
-        """A client that connects with a robot's client id takes its session; the gateway takes it back when the robot speaks, and says so."""
+        """A client with a robot's client id takes over its session. The gateway takes it back when the robot talks, and reports it."""
         robot = self.robot("taken0", 2)
         if not (yield from until(robot.is_served)):
             return "no session"
@@ -158,11 +158,11 @@ class Acts:
                 return "the gateway has not taken its session back"
             yield from pause(self.fleet.engine.move_pause_s)
         if not (yield from until(lambda: any(b'"contested":true' in each for each in self.fleet.observers.retained(said)))):
-            return "nobody says that it is contested"
+            return "presence does not report contested"
         return None if (yield from self.command(robot, OUTCOME_S)) else "it gets no command afterwards"
 
     def hostile(self):
-        """Who may write below fleet/ neither stops robots nor commands them by what it leaves there."""
+        """A client with write access below fleet/ can neither stop nor command robots by its messages there."""
         fleet, stranger = f"{self.fleet.prefix}/fleet", self.client("stranger")
         stranger.connect()
         if not (yield from until(lambda: stranger.is_connected)):
@@ -171,7 +171,7 @@ class Acts:
         yield from until(lambda: not stranger.unconfirmed)
         victims = [self.robot("plant0", 1), self.robot("plant1", 1), self.robot("plant2", 2, is_clean=True)]
         if not (yield from until(lambda: all(victim.is_served() for victim in victims))):
-            return "who comes where something was planted gets no session"
+            return "a robot with planted messages gets no session"
         numbers = [len(victim.acknowledged) for victim in victims]
         life = {"v": 1, "b": "00000000000000aa"}
         beat = {**life, "k": "beat", "sent": 1, "period": 500, "count": 0, "digest": "0" * 16}
@@ -186,9 +186,9 @@ class Acts:
             yield from pause(0.2)
             for victim in victims:
                 if not (yield from self.command(victim)):
-                    failure = f"{victim.name} got no command"
+                    failure = f"{victim.name} gets no command"
         if not failure and any(len(victim.acknowledged) <= before for victim, before in zip(victims, numbers)):
-            failure = "a robot was not heard"
+            failure = "a robot's messages were not acknowledged"
         for topic in planted:
             stranger.publish(topic, b"", retain=True)
         yield from until(lambda: not stranger.unconfirmed)
@@ -196,7 +196,7 @@ class Acts:
         return failure
 
     def plant(self, stranger, fleet):
-        """Nonsense, and what gateways have said of another robot, with the victims' names. The names are equally long."""
+        """Publishes invalid messages, and gateways' messages about another robot, with the victims' names. All names are equally long."""
         note, waiting = [next(iter(filter(None, self.fleet.observers.retained(f"{fleet}/robots/sleep0{tail}"))), b"")
                          for tail in ("", "/waiting")]
         seen = [waiting] if waiting else [b'{"topic":"%s/server/plant1/c","payload":"YQ==","qos":1}' % self.fleet.prefix.encode()]
@@ -209,13 +209,14 @@ class Acts:
         return planted
 
     def lone(self):
-        """One gateway alone, whose connections break just after it has connected and a command has come: each has its outcome in time."""
+        """The connections of a single gateway break just after it has connected and a command has arrived. Each command has its outcome in
+        time."""
         broker = self.fleet.observers.live[0].address
         self.cutter, port = Cutter(broker), free_port(socket.SOCK_DGRAM)
         daemon = self.fleet.make_lone_daemon(self.cutter.port, port)
         self.programs.append(daemon)
         daemon.start()
-        listener, told = self.client("lone-observer"), []
+        listener, reported = self.client("lone-observer"), []
         listener.connect()
         yield from until(lambda: listener.is_connected)
         listener.subscribe("lone/gateway/#", 0)
@@ -223,11 +224,11 @@ class Acts:
         self.fleet.lone_robots.append(robot)
         if not (yield from until(lambda: b'"online"' in dict(listener.heard).get("lone/gateway/lone/state", b"") and robot.is_served(), 60)):
             return "no session"
-        listener.on_message = lambda topic, payload, *_: topic.endswith("/commands/solo") and told.append((payload, self.cutter.cuts))
+        listener.on_message = lambda topic, payload, *_: topic.endswith("/commands/solo") and reported.append((payload, self.cutter.cuts))
         chance, said = random.Random(self.fleet.options.seed), {}
 
         def outcomes(kind):
-            return [(payload, cuts) for payload, cuts in told if json.loads(payload)["type"] == kind]
+            return [(payload, cuts) for payload, cuts in reported if json.loads(payload)["type"] == kind]
 
         def is_taken(kind):
             return robot.obeyed(kind) or outcomes(kind)
@@ -235,7 +236,7 @@ class Acts:
         for number in range(CUTS):
             connections = self.cutter.accepted
             if not (yield from until(lambda: self.cutter.cut(is_taken), OUTCOME_S)):
-                return f"not taken: {[kind for kind in said if not is_taken(kind)]}"
+                return f"commands without an outcome: {[kind for kind in said if not is_taken(kind)]}"
             yield from until(lambda before=connections: self.cutter.accepted > before)
             yield from pause(chance.uniform(0, 0.3))
             said[f"c{number}"] = self.cutter.cuts
@@ -244,20 +245,20 @@ class Acts:
         yield from until(lambda: self.cutter.cut(is_taken), OUTCOME_S)
         yield from until(lambda: all(outcomes(kind) for kind in said), OUTCOME_S)
         missing = {kind for kind in said if not outcomes(kind)}
-        doubled = {kind for kind, before in said.items() if robot.obeyed(kind) > 1 or is_told_again(outcomes(kind), before)}
+        doubled = {kind for kind, before in said.items() if robot.obeyed(kind) > 1 or has_second_outcome(outcomes(kind), before)}
         robot.end()
         daemon.end(15)
         return (f"no outcome: {sorted(missing)}; " if missing else "") + (f"doubled: {sorted(doubled)}" if doubled else "") or None
 
 
-def is_told_again(outcomes, cuts_before):
-    """Whether there is more than one outcome among the copies, (payload, cuts before it came). One whose PUBACK a cut has taken comes again."""
+def has_second_outcome(outcomes, cuts_before):
+    """Returns True if the copies, (payload, cuts before it came), are of more than one outcome. A cut that loses a PUBACK repeats one."""
     said, cuts = {payload for payload, _ in outcomes}, [cuts for _, cuts in outcomes]
     return len(said) > 1 or bool(cuts) and len(cuts) > 1 + max(cuts) - cuts_before
 
 
 class Cutter:
-    """Before a broker; breaks all connections at once."""
+    """A proxy before a broker that can break all connections at once."""
 
     def __init__(self, broker):
         self.broker, self.accepted, self.cuts, self.open, self.passed = broker, 0, 0, [], []
@@ -291,8 +292,8 @@ class Cutter:
             self.end(each)
 
     def cut(self, is_taken):
-        """Not while a command has come to the gateway and is not taken: one that comes within a round trip before a cut may have no
-        outcome. `is_taken`: by the command's type. The gateway's own connection also hears commands, at QoS 0, without a packet id."""
+        """Breaks all connections. Returns False while a command at the gateway is not taken, because a command within a round trip before
+        a cut may have no outcome. `is_taken`: by the command's type. The gateway's own connection also gets commands, at QoS 0."""
         with self.lock:
             come = {kind.decode() for octets in self.passed for kind in re.findall(rb"/server/solo/(c\d)(?!c)", octets)}
             if not all(map(is_taken, come)):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One BLE mesh on two boards or more: the simulator's robots, which all boards hear, are provisioned by the first gateway; the others
-join by export and import. Judges what the robots said against what came to the broker. Used by run."""
+"""One BLE mesh on two boards or more. All boards hear the simulator's robots. The first gateway provisions them; the other gateways
+join by export and import. Compares the robots' messages with those at the broker. Used by run."""
 import datetime
 import itertools
 import json
@@ -15,12 +15,12 @@ from program import Program
 HOST = 0  # the gateway that provisions
 FADE_S = 20  # in which a third board fades out and in once
 TYPE = "ping"
-# Another gateway serves a robot within so long, and what the robot has repeated meanwhile goes up at that moment. What is lost on the air
-# goes up with the next repeat, and robots repeat ever more slowly.
+# Within this time another gateway serves a robot and forwards its repeated message. A message that is lost on the air is forwarded with
+# its next repeat, and the intervals of repeats grow.
 SILENCE_S = 5
 REPEAT_S = 1  # from a repeat until it is acknowledged
-CHANGE_S = 1.0  # from a change of service until the broker has its presence, on a machine that is busy with other things
-REPEAT_MS = 100  # a command that is not acknowledged for so long goes on the air again
+CHANGE_S = 1.0  # from a change of service until its presence is at the broker, on a busy machine
+REPEAT_MS = 100  # a command that is not acknowledged for this time is sent again
 
 
 class BleMesh:
@@ -29,17 +29,17 @@ class BleMesh:
         self.gateways = range(options.boards)
         self.ttys = [directory / f"board{i}" for i in self.gateways]
         self.record, self.trace = directory / "ble.record", directory / "ble.trace"
-        # The second board hears worse, so that robots go back to the first one when it is there again. A third one hears best while
-        # it is not faded out.
+        # The second board hears worse, so that robots return to the first one when it is back. A third one hears best while it is not
+        # faded out.
         self.simulator = Program(directory, "ble", [
             self.bin / "slam-gateway-sim", "ble", "--tty", ",".join(map(str, self.ttys)), "--unprovisioned", "--robots",
             options.ble, "--acknowledged", "--numbered", "--payload", "probe", "--rate", 4, "--seed", options.seed,
             "--board-level-db", "0,-20,15", "--board-fade", f"0,0,{FADE_S}", "--board-loss", options.ble_loss, "--record", self.record, "--trace", self.trace])
         self.is_lossy = options.ble_loss > 0 or options.boards > 2
-        self.names = {}  # of the simulator: the gateways' names
+        self.names = {}  # by the simulator's name: the gateways' name
 
     def configuration(self, gateway):
-        """Of the gateway, for its file; nothing for one without a board."""
+        """Returns this gateway's section of the configuration; empty without a board."""
         if gateway not in self.gateways:
             return {}
         return {"ble_mesh": {"enabled": True, "device": str(self.port(gateway)), "flow_control": "none",
@@ -64,7 +64,7 @@ class BleMesh:
         return len(ready) == self.robots
 
     def join(self, gateway):
-        """docs/fleet.md: export, import, plug the board in."""
+        """Joins a gateway to the mesh as in docs/fleet.md: export, import, plug the board in."""
         file = self.directory / f"mesh{gateway}.export"
         for place, verb in ((HOST, "export"), (gateway, "import")):
             answer = self.ctl(place, "ble", verb, file)
@@ -77,11 +77,11 @@ class BleMesh:
         return answer.returncode == 0 and json.loads(answer.stdout)["meshes"]["ble"]["state"] == "up"
 
     def unplug(self):
-        """One board after the other, for 2 s."""
+        """Unplugs the next board for 2 s."""
         self.simulator.send(signal.SIGUSR1)
 
     def read_record(self):
-        """By (robot, number): (payload, when), when it was acknowledged, and when it was repeated."""
+        """Returns by (robot, number): (payload, when), the time of the acknowledgement, and the times of repeats."""
         to_monotonic = time.monotonic() - time.time()
         sent, acknowledged, repeats = {}, {}, defaultdict(list)
         for line in self.record.read_text().splitlines():
@@ -99,12 +99,12 @@ class BleMesh:
         return sent, acknowledged, repeats
 
     def acknowledged(self, prefix):
-        """(topic, payload) of each message that was."""
+        """Returns (topic, payload) of each acknowledged message."""
         sent, acknowledged, _ = self.read_record()
         return {(f"{prefix}/robot/{robot}/{TYPE}", bytes.fromhex(sent[robot, number][0])) for robot, number in acknowledged}
 
-    def judge(self, fleet, messages, told, bounds, findings):
-        """`messages`: those of the broker. `told`: the outcomes."""
+    def judge(self, fleet, messages, reported, bounds, findings):
+        """Returns the numbers for the verdict. `messages`: those of the broker. `reported`: the outcomes."""
         sent, acknowledged, repeats = self.read_record()
         robots = set(self.names.values())
         changes = {robot: bounds.changes_of_ble([at for at, _ in shown[1:]], self.gateways)
@@ -116,14 +116,14 @@ class BleMesh:
                 came[levels[2], payload.hex()].append(at)
                 late |= {(levels[2], payload.hex())} if is_late else set()
                 if levels[2] not in robots and levels[2].startswith("ble-"):
-                    findings.add("ble_unknown", at, levels[2])
+                    findings.add("ble_unknown_robot", at, levels[2])
         for key, at in acknowledged.items():
             if not came[key[0], sent[key][0]]:
                 findings.add("ble_lost", at, f"{key}, sent at {sent[key][1]:.3f}")
             self.judge_silence(key, sent[key][1], at, repeats[key], bounds, findings)
         self.judge_given_up(sent, acknowledged, repeats, bounds, findings)
         count = sum(len(each) for each in changes.values())
-        commands = self.judge_commands(told, changes, bounds, findings)
+        commands = self.judge_commands(reported, changes, bounds, findings)
         self.judge_copies(sent, came, changes, bounds, findings)
         self.judge_order(sent, came, late, bounds, findings)
         silence = sorted(at - sent[key][1] for key, at in acknowledged.items())
@@ -135,17 +135,17 @@ class BleMesh:
         }
 
     def judge_silence(self, key, since, until, repeats, bounds, findings):
-        """From when a gateway with a board has a way to the broker: nobody serves without one."""
+        """Reports a message that waited too long while a gateway with a board was connected to the broker. Others do not serve robots."""
         late = since + SILENCE_S
         later = [at for at in repeats if at >= late] if self.is_lossy else []
         if until <= (min(later) + REPEAT_S if later else late):
             return
-        had_a_way = any(not bounds.was_disturbed(gateway, since, until) for gateway in self.gateways)
-        findings.add("ble_silence_too_long" if had_a_way else "ble_waited_for_the_broker", until,
+        was_connected = any(not bounds.was_disturbed(gateway, since, until) for gateway in self.gateways)
+        findings.add("ble_silence_too_long" if was_connected else "ble_waited_for_the_broker", until,
                      f"{key}: {until - since:.3f} s, since {since:.3f}")
 
     def judge_given_up(self, sent, acknowledged, repeats, bounds, findings):
-        """A message that a robot gave up: nobody served it until a later one was acknowledged, or until the end."""
+        """Judges messages that a robot gave up, as silent until a later one was acknowledged, or until the end."""
         end = max([at for _, at in sent.values()] + list(acknowledged.values()), default=0.0)
         for robot, number in sent.keys() - acknowledged.keys():
             later = [at for (other, after), at in acknowledged.items() if other == robot and after > number]
@@ -153,14 +153,14 @@ class BleMesh:
                                bounds, findings)
 
     def judge_copies(self, sent, came, changes, bounds, findings):
-        """Bounds 8 and 3."""
+        """Judges copies by bounds 8 and 3."""
         for (robot, number), (payload, at) in sent.items():
             copies = came[robot, payload]
             broken = sum(bounds.breaks(gateway, at, copies[0], copies[-1]) for gateway in self.gateways) if copies else 0
             for one, next_one in zip(copies, copies[1:]):
                 since = self.went_up(at, one, bounds) - CHANGE_S
                 change = next((each for each in changes[robot] if since <= each <= next_one + CHANGE_S), None)
-                kind = "ble_doubled_beyond"
+                kind = "ble_doubled_beyond_bound"
                 if change is not None:
                     changes[robot].remove(change)
                     kind = "ble_doubled"
@@ -170,8 +170,8 @@ class BleMesh:
                 findings.add(kind, next_one, f"{robot} {number} sent at {at:.3f} came at {[round(each, 3) for each in copies]}")
 
     def went_up(self, sent, came, bounds):
-        """The earliest time at which a gateway may have published a message. While a node stands still, presence may overtake a message that
-        was published before it."""
+        """Returns the earliest time at which a gateway may have published a message. While a node is stopped, presence may overtake a
+        message that was published before it."""
         return sent if any(bounds.was_disturbed(gateway, sent, came) for gateway in self.gateways) else came
 
     def judge_order(self, sent, came, late, bounds, findings):
@@ -185,26 +185,26 @@ class BleMesh:
                              f"{robot} {number} sent at {at:.3f} behind {newest[robot]}")
             newest[robot] = max(number, newest.get(robot, 0))
 
-    def judge_commands(self, told, changes, bounds, findings):
-        """What is lost on the air is repeated, and what the robot acknowledges late on a busy machine; the robot counts repeats too. A
-        `timeout` of when its robot changed its gateway may have been obeyed (bound 7)."""
+    def judge_commands(self, reported, changes, bounds, findings):
+        """Compares counts of commands. Commands are repeated when they are lost on the air or acknowledged late, and robots count repeats.
+        A command with `timeout` from when its robot changed its gateway may have been obeyed (bound 7)."""
         received = json.loads(self.simulator.log.read_text().splitlines()[-1])["robots"]
         obeyed = {self.names[name]: robot["commands_received"] for name, robot in received.items()}
-        results = {key: {each.what() for each in said} for key, said in told.items() if key[0] in obeyed}
+        results = {key: {each.what() for each in said} for key, said in reported.items() if key[0] in obeyed}
         delivered = Counter(robot for (robot, _), outcomes in results.items() if "delivered" in outcomes)
         told_of = Counter(robot for robot, _ in results)
-        repeated = {robot for (robot, _), said in told.items() if any(json.loads(each.payload)["after_ms"] >= REPEAT_MS for each in said)}
+        repeated = {robot for (robot, _), said in reported.items() if any(json.loads(each.payload)["after_ms"] >= REPEAT_MS for each in said)}
         for robot, count in obeyed.items():
             if count < delivered[robot] or (not self.is_lossy and robot not in repeated and count > told_of[robot]):
                 findings.add("ble_commands_wrong", time.monotonic(),
                              f"{robot} got {count}; {delivered[robot]} delivered of {told_of[robot]}")
             excess = max(0, min(count, told_of[robot]) - delivered[robot])
-            unclear = sum(1 for key, said in told.items() if key[0] == robot and results[key] == {"timeout"} and
+            unclear = sum(1 for key, said in reported.items() if key[0] == robot and results[key] == {"timeout"} and
                           self.may_be_obeyed(changes[robot], said, bounds))
             if excess > unclear and not self.is_lossy and robot not in repeated:
                 findings.add("ble_obeyed_though_refused", time.monotonic(),
-                             f"{robot} got {count}, {delivered[robot]} delivered, {unclear} in doubt")
-        return {"ble_commands": len(results), "ble_obeyed_all_the_same":
+                             f"{robot} got {count}, {delivered[robot]} delivered, {unclear} perhaps obeyed")
+        return {"ble_commands": len(results), "ble_obeyed_despite_timeout":
                 sum(max(0, count - delivered[robot]) for robot, count in obeyed.items())}
 
     def may_be_obeyed(self, changes, said, bounds):

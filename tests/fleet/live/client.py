@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small MQTT 3.1.1 client that never blocks for long: receive() is to be called again and again. Observers are such clients, and so
-are strangers. Used by observer, acts and run."""
+"""A small MQTT 3.1.1 client that never blocks for long: call receive() regularly. Observers and hostile clients are such clients.
+Used by observer, acts and run."""
 import socket
 import time
 
@@ -25,7 +25,7 @@ def frame(kind, body):
 
 class Client:
     def __init__(self, address, name, user, make_socket, is_clean=True, user_of=None):
-        """`user`: (name -> user name), or None where clients need none. `user_of`: the name, if it is not that of the client."""
+        """`user`: (name -> user name), or None if the broker needs no user names. `user_of`: the name, if it differs from the client's."""
         self.address, self.name, self.make_socket, self.is_clean = address, name, make_socket, is_clean
         self.user = user(user_of or name) if user else None
         self.socket, self.begun = None, 0.0
@@ -65,7 +65,7 @@ class Client:
         self.write(frame(0x82, self.next_id().to_bytes(2, "big") + text(topic_filter) + bytes([qos])))
 
     def publish(self, topic, payload, qos=1, retain=False, key=None):
-        """`key` is in `confirmed` as soon as the broker has it."""
+        """Publishes a message. `key` is in `confirmed` once the broker has acknowledged it."""
         number = b""
         if qos:
             self.unconfirmed[self.next_id()] = key

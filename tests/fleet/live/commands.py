@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of a run. Distinct ones, each with a type of its own, to any robot; and streams of equal ones, `run 1`, to some robots
-twice and to others five times a second. Judges what became of each: one outcome, and obeyed once at most. Used by run, acts and judge."""
+"""The commands of a run: distinct ones with unique types to any robot; and streams of equal ones, `run 1`, to some robots twice and to
+others five times a second. Judges each: exactly one outcome, and obeyed at most once. Used by run, acts and judge."""
 import bisect
 import json
 from collections import Counter, defaultdict
 from typing import NamedTuple
 
-DISTINCT_S = 0.2  # between two of them
-EQUAL_S = (0.5, 0.2)  # between two to one robot
+DISTINCT_S = 0.2  # between two distinct commands
+EQUAL_S = (0.5, 0.2)  # between two equal commands to one robot
 RUN, ON = "run", "1"
-OUTCOME_S = 30  # promise 6 of docs/topics.md, from when a gateway can have the command
-SLACK_S = 3  # a gateway that comes back needs that to be connected
-MOST_WITHOUT = 0.01  # part of the commands that bound 1 may leave without an outcome
+OUTCOME_S = 30  # promise 6 of docs/topics.md, once a gateway can have the command
+SLACK_S = 3  # for a gateway to reconnect
+MOST_WITHOUT = 0.01  # share of commands that bound 1 may leave without an outcome
 LEAST_WITHOUT = 2
-SAME_S = 0.1  # a time that is reckoned is as exact as that
+SAME_S = 0.1  # precision of a calculated time
 
 
 class Command(NamedTuple):
@@ -27,27 +27,27 @@ class Outcome(NamedTuple):
     at: float
     gateway: int
     payload: bytes
-    is_late: bool = False  # it came late (streams), and `at` is reckoned
+    is_late: bool = False  # it came late (streams), so `at` is calculated
 
     def what(self):
         return json.loads(self.payload)["outcome"]
 
 
 def outcomes_of(messages, commands):
-    """By (robot, type): the Outcomes, in the order of their times. `commands`: when each distinct one was published. The time of an outcome
-    that came late is reckoned: it says how long the command took."""
-    told = defaultdict(list)
+    """Returns by (robot, type) the Outcomes in the order of their times. `commands`: when each distinct command was published. The time of
+    an outcome that came late is calculated from its `after_ms`."""
+    reported = defaultdict(list)
     for at, topic, payload, is_late in messages:
         levels = topic.split("/")
         if levels[1] == "gateway" and levels[3] == "commands":
             key = levels[4], json.loads(payload)["type"]
             when = min(at, said_at(commands.get(key, at), payload)) if is_late else at
-            told[key].append(Outcome(when, int(levels[2].removeprefix("gw-")), payload, is_late))
-    return {key: sorted(said) for key, said in told.items()}
+            reported[key].append(Outcome(when, int(levels[2].removeprefix("gw-")), payload, is_late))
+    return {key: sorted(said) for key, said in reported.items()}
 
 
 def said_at(commanded, payload):
-    """When an outcome was published, at the earliest: the gateway may have got the command late."""
+    """Returns the earliest time at which an outcome was published. The gateway may have got the command late."""
     return commanded + json.loads(payload)["after_ms"] / 1000
 
 
@@ -56,8 +56,8 @@ def described(said):
 
 
 def unanswered(commands, said):
-    """Of equal commands, those that no outcome seems to be about: each is about the newest one that was there when its gateway got it. Those
-    that waited at the broker came in their order: each is about the oldest one that is newer than any with another outcome."""
+    """Returns the equal commands without an outcome. An outcome is for the newest command that was published when its gateway got it. If
+    the command waited at the broker, it is for the oldest one after the last command with another outcome."""
     left, answered = list(commands), []
     outcomes = [json.loads(each.payload) | {"came": each.at - json.loads(each.payload)["after_ms"] / 1000} for each in said]
     for each in sorted(outcomes, key=lambda each: (each["why"].startswith("waited at the broker"), each["came"])):
@@ -79,7 +79,7 @@ class Commands:
         self.count, self.next_distinct, self.next_equal = 0, 0.0, {}
 
     def step(self, now, robots, names):
-        """`robots`: those that get equal ones. `names`: those that get the others."""
+        """Sends the commands that are due. `robots` get equal commands, `names` get distinct ones."""
         if now >= self.next_distinct:
             self.next_distinct = now + DISTINCT_S
             self.send(now, self.random.choice(names))
@@ -89,7 +89,7 @@ class Commands:
                 self.publish(Command(robot.name, RUN, now, self.count), ON, robot.qos)
 
     def send(self, now, name, qos=1):
-        """A distinct one; nothing when no node takes it."""
+        """Sends and returns a distinct command; None if no node takes it."""
         command = Command(name, f"c{self.count}", now, self.count)
         return command if self.publish(command, command.kind, qos) else None
 
@@ -107,24 +107,25 @@ class Commands:
     def times(self):
         return {key: command.at for key, command in self.distinct.items()}
 
-    def are_all_told(self):
-        told = self.observers.outcomes()
-        return (all(key in told for key in self.distinct) and
-                all(told[robot, RUN] >= len(each) for robot, each in self.equal.items()))
+    def have_all_outcomes(self):
+        reported = self.observers.outcomes()
+        return (all(key in reported for key in self.distinct) and
+                all(reported[robot, RUN] >= len(each) for robot, each in self.equal.items()))
 
-    # --- What became of them ---
+    # --- Judgement ---
 
-    def judge(self, robots, places_of_ble, told, bounds, findings, again_s, breaks=None):
-        """`robots`: of the Thread mesh, by name; BLE robots do not say which command they obey. A command that no broker has confirmed may
-        be lost; it is not obeyed twice either, and has no two outcomes. `breaks`: by robot, when the broker broke its session."""
+    def judge(self, robots, places_of_ble, reported, bounds, findings, again_s, breaks=None):
+        """Returns the numbers for the verdict. `robots`: of the Thread mesh, by name; BLE robots do not report which command they obey. A
+        command that no broker has confirmed may be lost, but not be obeyed twice or have two outcomes. `breaks`: by robot, when the
+        broker broke its session."""
         self.places_of_ble = places_of_ble
         self.bounds, self.findings, self.again_s, self.breaks = bounds, findings, again_s, breaks or {}
         self.confirmed = self.observers.confirmed()
         self.results, self.whys, self.waits = Counter(), Counter(), []
         for key, command in self.distinct.items():
-            self.judge_distinct(command, robots.get(key[0]), told.get(key, []))
+            self.judge_distinct(command, robots.get(key[0]), reported.get(key, []))
         for name, commands in self.equal.items():
-            self.judge_equal(commands, robots[name], told.get((name, RUN), []))
+            self.judge_equal(commands, robots[name], reported.get((name, RUN), []))
         self.judge_forgiven()
         self.waits.sort()
         obeyed = sum(len(robot.commands) for robot in robots.values())
@@ -132,7 +133,8 @@ class Commands:
                 "outcomes": dict(self.results), "obeyed_by_thread_robots": obeyed,
                 "undelivered": sum(count for what, count in self.results.items() if what not in ("delivered", "sent")),
                 "undelivered_why": dict(self.whys.most_common(8)),
-                "without_outcome": sum(self.findings.counts[kind] for kind in ("outcomes_missing", "cut_short", "forgotten", "unheard")),
+                "without_outcome": sum(self.findings.counts[kind] for kind in ("outcomes_missing", "lost_at_a_move", "lost_by_broker",
+                                                                               "without_subscription")),
                 "delivered_p50_s": self.waits[len(self.waits) // 2] if self.waits else None,
                 "delivered_p99_s": self.waits[len(self.waits) * 99 // 100] if self.waits else None}
 
@@ -148,21 +150,21 @@ class Commands:
             self.findings.add("outcomes_doubled", said[-1].at, f"{name}: {described(said)}")
         if not said and command.number in self.confirmed:
             self.add_missing(command, robot, f"obeyed {obeyed}")
-        if said and not said[0].is_late and said[0].at > at + OUTCOME_S + SLACK_S + self.again_s + self.bounds.taken_away_s(at, said[0].at):
+        if said and not said[0].is_late and said[0].at > at + OUTCOME_S + SLACK_S + self.again_s + self.bounds.fault_s(at, said[0].at):
             self.findings.add("outcomes_late", said[0].at, f"{name}: {described(said)}")
         if "sent" in results:
             self.findings.add("sent_at_qos_0", said[0].at, f"{name}: {described(said)}")
         if "delivered" in results:
             self.waits.append(round(said[0].at - at, 3))
             if robot and not obeyed:
-                self.findings.add("delivered_nowhere", at, f"{name}: {described(said)}")
+                self.findings.add("delivered_but_not_obeyed", at, f"{name}: {described(said)}")
         elif obeyed and results and "sent" not in results:
             self.findings.add(self.kind_of_obeyed(robot, obeyed, said), at, f"{name}: {obeyed}; {described(said)}")
         if robot and any("not subscribed" in json.loads(each.payload)["why"] for each in said) and not robot.is_clean:
-            self.findings.add("deaf", at, f"{name}: {described(said)}")
+            self.findings.add("subscription_lost", at, f"{name}: {described(said)}")
 
     def judge_equal(self, commands, robot, all_said):
-        """They cannot be told apart, so they are counted."""
+        """Judges equal commands by their counts, because they cannot be distinguished."""
         said = self.without_repetitions(None, all_said)
         results = Counter(each.what() for each in all_said)
         self.count_outcomes(all_said)
@@ -176,7 +178,7 @@ class Commands:
         if obeyed > len(commands):
             self.findings.add("obeyed_twice", at, f"{name}, {obeyed} obeyed, outcomes: {dict(results)}")
         if obeyed < sum(1 for each in said if each.what() == "delivered"):
-            self.findings.add("delivered_nowhere", at, f"{name}, {obeyed} obeyed, outcomes: {dict(results)}")
+            self.findings.add("delivered_but_not_obeyed", at, f"{name}, {obeyed} obeyed, outcomes: {dict(results)}")
         if obeyed > len(commands) - results["refused"]:
             self.findings.add("obeyed_though_refused", at, f"{name}, {obeyed} obeyed, outcomes: {dict(results)}")
 
@@ -187,32 +189,32 @@ class Commands:
                 self.whys["".join(letter for letter in json.loads(each.payload)["why"] if not letter.isdigit())[:70]] += 1
 
     def excuse(self, command, robot):
-        """The bound that leaves the command without an outcome, if one does."""
+        """Returns the bound that allows a command without an outcome; None if there is none."""
         places = robot.places if robot else self.places_of_ble[command.robot]
-        if self.bounds.may_be_forgotten(command.at):
-            return "forgotten"
-        if robot and self.bounds.may_be_unheard(command.at, robot.bare):
-            return "unheard"
-        return "cut_short" if self.bounds.may_have_no_outcome(command.at, places, self.breaks.get(command.robot, ())) else None
+        if self.bounds.may_be_lost_by_broker(command.at):
+            return "lost_by_broker"
+        if robot and self.bounds.may_lack_a_subscription(command.at, robot.bare):
+            return "without_subscription"
+        return "lost_at_a_move" if self.bounds.may_have_no_outcome(command.at, places, self.breaks.get(command.robot, ())) else None
 
     def add_missing(self, command, robot, what):
         places = f", places {[place for place in robot.places if place[0] > command.at - 10][:4]}" if robot else ""
         self.findings.add(self.excuse(command, robot) or "outcomes_missing", command.at, f"{command.robot} {command.kind}: {what}{places}")
 
     def judge_forgiven(self):
-        """A round trip is short."""
-        if (cut_short := self.findings.counts["cut_short"]) > max(LEAST_WITHOUT, MOST_WITHOUT * self.count):
-            self.findings.add("too_many_cut_short", 0.0, f"{cut_short} of {self.count}")
+        """Bounds the number of commands that bound 1 covers, because a round trip is short."""
+        if (lost := self.findings.counts["lost_at_a_move"]) > max(LEAST_WITHOUT, MOST_WITHOUT * self.count):
+            self.findings.add("too_many_lost_at_moves", 0.0, f"{lost} of {self.count}")
 
     def kind_of_obeyed(self, robot, obeyed, said):
         moves = [since for since, _ in robot.places]
         is_bound = "refused" not in [each.what() for each in said] and all(
-            self.bounds.may_be_obeyed_all_the_same(gateway, when, said[-1].at, moves) for when, gateway, _ in obeyed)
-        return "obeyed_all_the_same" if is_bound else "obeyed_though_refused"
+            self.bounds.may_be_obeyed_despite_timeout(gateway, when, said[-1].at, moves) for when, gateway, _ in obeyed)
+        return "obeyed_despite_timeout" if is_bound else "obeyed_though_refused"
 
     def without_repetitions(self, commanded, said):
-        """Without copies, word for word, of what the same gateway said: as many as connections broke under it. `commanded`: None when
-        it is not known which command each is about."""
+        """Returns the outcomes without equal copies from the same gateway, up to the number of its broken connections. `commanded`: None if
+        it is unknown which command each outcome is for."""
         kept, copies = [], Counter()
         for each in said:
             before = next((other for other in kept if (other.gateway, other.payload) == (each.gateway, each.payload)), None)

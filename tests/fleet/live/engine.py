@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The brokers that the gateways of a run use, from Debian's packages: one Mosquitto or ejabberd, or a cluster of three nodes of
-RabbitMQ or NATS. Used by run."""
+"""The brokers of a run, from Debian's packages: one Mosquitto or ejabberd, or a cluster of three nodes of RabbitMQ or NATS. Used by
+run."""
 import datetime
 import os
 import re
@@ -18,25 +18,25 @@ START_S = 180  # for one node of Erlang, on a busy machine
 
 
 class Engine:
-    """Node i is reached at `ports[i]` of `host`."""
+    """A broker or a cluster. Node i listens at `ports[i]` of `host`."""
 
     package = program_of_package = None
     count = 1
     takes_qos2 = takes_mqtt5 = True
-    rate, most_equal = 100, 10  # messages a second of all robots, and robots that get equal commands, that it bears on a busy machine
-    user = None  # (name of a client -> user name); None: clients need none
-    subscribed_s = 1  # what it needs for the subscriptions of a gateway that connects
+    rate, most_equal = 100, 10  # most messages a second of all robots, and most robots with equal commands, on a busy machine
+    user = None  # (name of a client -> user name); None: clients need no user name
+    subscribed_s = 1  # for the subscriptions of a gateway that connects
     change_s = 1.0  # from a robot's CONNECT until its session is at its new gateway, with its subscriptions
-    settle_s = 12  # after a node has come back, connections that it has harmed have ended: two keep-alives of 6 s
-    again_s = 0  # after so long it delivers what a former holder of a session has not acknowledged
+    settle_s = 12  # until the connections that a failed node has harmed have ended: two keep-alives of 6 s
+    again_s = 0  # until it delivers messages that a former holder of a session has not acknowledged
     move_pause_s = 0.3  # between two takeovers of one session
-    may_nodes_differ = False  # in what they retain, for good, once a node was away
-    sends_retained_to_wildcards = True  # and each node what another one took
-    repeats_in_a_connection = False  # what a client has not acknowledged for a while; others repeat it to one that is back
+    may_nodes_differ = False  # nodes may keep different retained messages once a node was down
+    sends_retained_to_wildcards = True  # also messages that another node received
+    repeats_in_a_connection = False  # unacknowledged messages, after a while; otherwise only to a client that reconnects
 
     def __init__(self, directory, host, prefix=()):
         if not shutil.which(self.program_of_package):
-            sys.exit(f"this engine needs Debian's package: apt-get install --no-install-recommends {self.package}")
+            sys.exit(f"this engine needs a package of Debian: apt-get install --no-install-recommends {self.package}")
         self.directory, self.host, self.prefix = directory, host, list(prefix)
         self.ports = [free_port(socket.SOCK_STREAM) for _ in range(self.count)]
         self.nodes = [self.make_node(i) for i in range(self.count)]
@@ -52,11 +52,11 @@ class Engine:
         return self.nodes
 
     def broken_connections(self):
-        """(when, client id) of those that a node broke for a fault of its own."""
+        """Returns (when, client id) of connections that a node broke by its own fault."""
         return []
 
     def is_well(self, i):
-        """Whether the node serves clients, and the cluster can do without another one."""
+        """Returns True if the node serves clients, and the cluster can lose another node."""
         return self.nodes[i].is_running()
 
     def accepts(self, i):
@@ -67,7 +67,7 @@ class Engine:
             return False
 
     def stop(self):
-        """Nothing of it is needed any more, and an orderly end of a cluster takes long."""
+        """Kills all programs, because a clean shutdown of a cluster takes long."""
         for each in self.programs():
             if each.is_running():
                 each.end(signal.SIGKILL)
@@ -90,10 +90,10 @@ class Nats(Engine):
     count = NODES
     takes_mqtt5 = False
     takes_qos2 = False  # it closes the connection
-    rate, most_equal = 30, 2  # some 100 messages a second with QoS 1 in all
-    subscribed_s = 10  # 6 s were seen
+    rate, most_equal = 30, 2  # it handles some 100 messages a second with QoS 1 in all
+    subscribed_s = 10  # measured: up to 6 s
     change_s = 3.0
-    settle_s = Engine.settle_s + 4  # so long it waits for a stream before it closes the connection of who published
+    settle_s = Engine.settle_s + 4  # it waits 4 s for a stream before it closes a publisher's connection
     again_s = 30
     move_pause_s = 2  # it closes a client id that comes back within about a second
     may_nodes_differ = True
@@ -115,7 +115,7 @@ class Nats(Engine):
         return self.program(f"nats{i}", ["nats-server", "-c", path])
 
     def is_well(self, i):
-        """Its streams and consumers are where those of the others are."""
+        """Returns True when the node's streams and consumers are up to date."""
         try:
             with urllib.request.urlopen(f"http://{self.host}:{self.watched[i]}/healthz", timeout=0.3) as answer:
                 return answer.status == 200
@@ -124,8 +124,8 @@ class Nats(Engine):
 
 
 class Erlang(Engine):
-    """Its nodes find each other by a port mapper of their own, so that none is left behind. They start one after another: of nodes that
-    begin at once, RabbitMQ has formed a group of its MQTT plug-in that never worked."""
+    """Its nodes find each other by a private port mapper, which ends with them. They start one after another: when nodes started together,
+    the Raft group of RabbitMQ's MQTT plug-in never worked."""
 
     def __init__(self, directory, host, prefix=()):
         self.environment = {"ERL_EPMD_PORT": free_port(socket.SOCK_STREAM), "ERL_EPMD_ADDRESS": "127.0.0.1", "HOME": directory,
@@ -173,7 +173,7 @@ class RabbitMq(Erlang):
                         "".join(f"cluster_formation.classic_config.nodes.{n} = {name}\n" for n, name in enumerate(names, 1)))
         plugins = self.directory / "rabbitmq.plugins"
         plugins.write_text("[rabbitmq_mqtt].\n")
-        # As under systemd: the node itself takes the place of the script, so that it can be killed and stopped.
+        # As under systemd: the node itself replaces the script, so that it can be killed and stopped.
         return self.program(f"rabbitmq{i}", self.with_environment(
             ["/usr/lib/rabbitmq/bin/rabbitmq-server"], RUNNING_UNDER_SYSTEMD="true", RABBITMQ_NODENAME=names[i],
             RABBITMQ_CONFIG_FILE=path.with_suffix(""), RABBITMQ_ENABLED_PLUGINS_FILE=plugins,
@@ -185,8 +185,8 @@ class RabbitMq(Erlang):
         return "Starting broker... completed" in self.nodes[i].log.read_text()
 
     def broken_connections(self):
-        """While a robot's queue is deleted, for a clean session, a message to it or beside it costs its publisher the connection: the plug-in
-        does not expect basic.nack."""
+        """While a robot's queue is deleted for a clean session, a message to it can end its publisher's connection: the plug-in does not
+        expect basic.nack."""
         found, to_monotonic = [], time.monotonic() - time.time()
         for i in range(NODES):
             clients = {}
@@ -200,8 +200,8 @@ class RabbitMq(Erlang):
 
 
 class Ejabberd(Erlang):
-    """MQTT 5, one node: in a cluster it refuses a client id for good after that has moved between nodes. Clients need a user name that is
-    an address of the host, and any password. Client ids are those of a user, so all gateways have one user."""
+    """MQTT 5, one node: in a cluster it refuses a client id for good after this has moved between nodes. Clients need a user name that is
+    an address of the host, and any password. Client ids belong to a user, so all gateways have the same user."""
 
     package, program_of_package = "ejabberd", "ejabberdctl"
     user = staticmethod("{}@localhost".format)

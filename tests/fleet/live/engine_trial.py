@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether an engine keeps what robots' sessions rest on: a client id that connects at another node takes its session over, with its
-subscriptions and with what came meanwhile, and the former holder is cut off. Used by run --engine-only."""
+"""Checks what robots' sessions need from an engine: a client id that connects at another node takes over its session with
+subscriptions and waiting messages, and the former connection is closed. Used by run --engine-only."""
 import functools
 import shutil
 import time
@@ -38,7 +38,7 @@ def wait(clients, condition, most_s=ANSWER_S):
 
 
 def move_session(engine, make):
-    """What went wrong; nothing when all was well."""
+    """Returns a description of the failure, or None."""
     nodes = range(len(engine.nodes))
 
     def connected(name, node, is_clean, most_s=ANSWER_S):
@@ -53,11 +53,11 @@ def move_session(engine, make):
         return None
 
     if not wait([], lambda: all(engine.is_well(node) for node in nodes), START_S):
-        return "its nodes are not well"
+        return "its nodes are not ready"
     senders = [connected(f"sender{node}", node, True, START_S) for node in nodes]
     holder = connected("p-robot-r1", 0, False)
     if None in senders or not holder:
-        return "nobody can connect"
+        return "clients cannot connect"
     holder.subscribe("p/server/r1/+", 1)
     if not wait([holder], lambda: holder.granted == [1]):
         return f"SUBSCRIBE was answered with {holder.granted}"
@@ -66,12 +66,12 @@ def move_session(engine, make):
         former, node = holder, move % len(nodes)
         holder = connected("p-robot-r1", node, False)
         if not holder or not holder.has_session:
-            return f"move {move}: " + ("no session of before" if holder else "refused")
+            return f"move {move}: " + ("the session is not present" if holder else "the connection was refused")
         if not wait([former], lambda: not former.socket):
-            return f"move {move}: the former holder is not cut off"
+            return f"move {move}: the former connection is not closed"
         for number, sender in enumerate(senders):
             sender.publish(TOPIC, f"{move} {number}".encode())
         expected = {(TOPIC, f"{move} {number}".encode()) for number in range(len(senders))}
         if not wait([holder, *senders], lambda: expected <= set(holder.heard)):
-            return f"move {move}: came {holder.heard}"
+            return f"move {move}: received only {holder.heard}"
     return None

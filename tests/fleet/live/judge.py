@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run has come to: every message of a robot, every command, and where the broker said that each robot is. What it forgives is
-in bounds. Used by run.
+"""Judges a run: every message of a robot, every command, and the presence of each robot at the broker. bounds.py has what it forgives.
+Used by run.
 
-Of a message that came late (streams: no live observer was there) it is not known when it was published. It counts as come, and its
-copies and its order are judged, with the time of its arrival as the latest possible one. Left out: whether a will was false
-(`wills_of_unknown_time`), whether an outcome came in time, how long the message took, the order of messages of BLE robots
-(`ble_order_unknown`). Presence is what live observers saw."""
+The time of publication is unknown for a message that came late (streams: no live observer was connected). It counts as arrived. Its
+copies and order are judged with its arrival as the latest possible time. Not judged: false wills (`wills_of_unknown_time`), the delay
+of outcomes and messages, the order of messages of BLE robots (`ble_order_unknown`). Presence is that of live observers."""
 import datetime
 import time
 from collections import Counter, defaultdict
@@ -16,12 +15,13 @@ from presence import longest_contradiction
 from robot import KEEP_ALIVE_S
 
 SERVICE_S = 5  # the promise for p99 of the time without service, each time that it was interrupted
-JUDGED_S = 30  # a shorter run says nothing about p99
+JUDGED_S = 30  # a shorter run has too few values for p99
 CONTRADICTION_S = 2  # the promise for two `online` at a time
-BROKEN = ("lost", "doubled", "out_of_order", "false_wills", "obeyed_twice", "obeyed_unasked", "delivered_nowhere", "obeyed_though_refused",
-          "outcomes_missing", "outcomes_late", "outcomes_doubled", "too_many_cut_short", "sent_at_qos_0", "deaf", "act_failed", "strange_presence",
-          "contradicting_presence", "silence_too_long", "ended", "ble_lost", "ble_doubled_beyond", "ble_out_of_order", "ble_unknown",
-          "ble_commands_wrong", "ble_obeyed_though_refused", "ble_silence_too_long")
+BROKEN = ("lost", "doubled", "out_of_order", "false_wills", "obeyed_twice", "obeyed_without_command", "delivered_but_not_obeyed",
+          "obeyed_though_refused", "outcomes_missing", "outcomes_late", "outcomes_doubled", "too_many_lost_at_moves", "sent_at_qos_0",
+          "subscription_lost", "act_failed", "wrong_presence", "contradicting_presence", "silence_too_long", "programs_ended",
+          "ble_lost", "ble_doubled_beyond_bound", "ble_out_of_order", "ble_unknown_robot", "ble_commands_wrong",
+          "ble_obeyed_though_refused", "ble_silence_too_long")
 
 
 def percentile(values, part):
@@ -30,7 +30,7 @@ def percentile(values, part):
 
 
 def connections(log):
-    """(from, to), of each connection of a gateway to a broker."""
+    """Returns (from, to) of each connection of a gateway to a broker."""
     to_monotonic = time.monotonic() - time.time()
     begun, found = None, []
     for line in log.read_text().splitlines():
@@ -45,17 +45,17 @@ def connections(log):
 
 
 class Findings:
-    """Each thing that is wrong or forgiven: counted by its kind for the verdict, and told with its time for the log."""
+    """Faults and forgiven events: counted by kind for the verdict, and listed with their times for the log."""
 
     def __init__(self):
-        self.counts, self.told = Counter(), []
+        self.counts, self.reported = Counter(), []
 
     def add(self, kind, at, what):
         self.counts[kind] += 1
-        self.tell(kind, at, what)
+        self.note(kind, at, what)
 
-    def tell(self, kind, at, what):
-        self.told.append((at, f"{kind}: {what}", b""))
+    def note(self, kind, at, what):
+        self.reported.append((at, f"{kind}: {what}", b""))
 
 
 def judge_messages(fleet, bounds, messages, findings):
@@ -80,10 +80,10 @@ def judge_messages(fleet, bounds, messages, findings):
     for name, number, later in behind:
         judge_order(bounds, robots[name], number, later, came, findings)
     return {"messages": sum(len(robot.acknowledged) for robot in fleet.robots),
-            "came_late": len(late), "order_unknown": unjudged,
+            "arrived_late": len(late), "order_unknown": unjudged,
             "arrival_p99_s": percentile([times[0] - robots[name].sent[number] for (name, number), times in came.items()
                                          if times and number in robots[name].sent and (name, number) not in late], 99),
-            "sessions_begun_anew": sum(robot.refused_topics for robot in fleet.robots)}
+            "sessions_restarted": sum(robot.refused_topics for robot in fleet.robots)}
 
 
 def judge_copies(bounds, name, number, tries, times, findings):
@@ -100,14 +100,15 @@ def judge_copies(bounds, name, number, tries, times, findings):
 
 
 def judge_will(bounds, robot, at, findings):
-    """It may have been published a moment before it came, when the robot had not yet gone on."""
+    """Judges a will. It may have been published a moment before it arrived, when the robot had not moved yet."""
     places = robot.places_between(at - HURRY_S, at)
     is_bound = any(bounds.may_have_a_will(place, at) for place in places)
-    findings.add("wills_of_cut_off" if is_bound else "false_wills", at, f"{robot.name} at {sorted(f'gw{place}' for place in places)}")
+    findings.add("wills_at_cut_off_gateways" if is_bound else "false_wills", at,
+                 f"{robot.name} at {sorted(f'gw{place}' for place in places)}")
 
 
 def waits_since(robot, number, came):
-    """When the robot said the first one of those before it that were still on their way by the same gateway, which keeps their order."""
+    """Returns when the robot sent the first of the messages that were still under way by the same gateway, which keeps their order."""
     since = robot.sent[number]
     for before in range(number - 1, 0, -1):
         times = came.get((robot.name, before))
@@ -131,31 +132,31 @@ def judge_silence(fleet, findings):
     interruptions = [seconds for _, seconds, _ in found]
     for name, seconds, asked in found:
         if seconds > SERVICE_S:
-            findings.tell("silence_too_long", asked[0][0], f"{name} for {seconds:.1f} s: {asked}")
+            findings.note("silence_too_long", asked[0][0], f"{name} for {seconds:.1f} s: {asked}")
     return {"interruptions": len(interruptions), "silence_p50_s": percentile(interruptions, 50),
             "silence_p99_s": percentile(interruptions, 99), "silence_max_s": percentile(interruptions, 100),
             "silence_too_long": int(fleet.options.seconds >= JUDGED_S and (percentile(interruptions, 99) or 0) > SERVICE_S)}
 
 
 def judge_obedience(fleet, findings):
-    """What a robot has obeyed that nobody has sent."""
+    """Reports commands that a robot has obeyed although they were not sent."""
     sent = {command.kind for command in fleet.commands.distinct.values()} | {"1"}
     for robot in fleet.robots:
         for at, gateway, payload in robot.commands:
             if payload not in sent:
-                findings.add("obeyed_unasked", at, f"{robot.name} by gw{gateway}: {payload}")
+                findings.add("obeyed_without_command", at, f"{robot.name} by gw{gateway}: {payload}")
 
 
 def judge_presence(fleet, bounds, findings):
-    """At the end, and all the time that it was observed."""
+    """Judges presence at the end, and for all the time that it was observed."""
     for line in fleet.presence:
-        findings.add("strange_presence", time.monotonic(), line)
+        findings.add("wrong_presence", time.monotonic(), line)
     for line in fleet.stale_presence:
         findings.add("stale_presence_at_a_node", time.monotonic(), line)
     longest, longest_at_return = 0.0, 0.0
 
     def is_bound(begin, seconds, places, earliest):
-        return bounds.may_announce_anew([int(place.removeprefix("gw-")) for place in places], begin, seconds, earliest)
+        return bounds.may_show_former_robots([int(place.removeprefix("gw-")) for place in places], begin, seconds, earliest)
 
     for name in fleet.names():
         begin, seconds, places, _ = longest_contradiction(fleet.observers.presence(), name, is_bound)
@@ -163,7 +164,7 @@ def judge_presence(fleet, bounds, findings):
         longest_at_return = max(longest_at_return, longest_contradiction(fleet.observers.presence(), name,
                                                                          lambda *each: not is_bound(*each))[1])
         if seconds > CONTRADICTION_S:
-            findings.add("contradicting_presence", begin, f"{name} is said to be at {places} for {seconds:.3f} s")
+            findings.add("contradicting_presence", begin, f"{name} is shown at {places} for {seconds:.3f} s")
     return {"two_online_max_s": round(longest, 3), "two_online_at_a_return_max_s": round(longest_at_return, 3)}
 
 
@@ -174,16 +175,16 @@ def bounds_of(fleet):
 
 
 def judge_commands(fleet, messages, bounds, findings):
-    told = outcomes_of(messages, fleet.commands.times())
+    reported = outcomes_of(messages, fleet.commands.times())
     robots = {robot.name: robot for robot in fleet.robots}
     breaks = defaultdict(list)
     for at, client in fleet.engine.broken_connections():
         breaks[client.removeprefix(f"{fleet.prefix}-robot-")].append(at)
-    return told, fleet.commands.judge(robots, fleet.places_of_ble(), told, bounds, findings, fleet.engine.again_s, breaks)
+    return reported, fleet.commands.judge(robots, fleet.places_of_ble(), reported, bounds, findings, fleet.engine.again_s, breaks)
 
 
 def are_outcomes_missing(fleet):
-    """As far as the run has come."""
+    """Returns True if an outcome is missing so far."""
     findings = Findings()
     judge_commands(fleet, fleet.observers.messages(), bounds_of(fleet), findings)
     return findings.counts["outcomes_missing"] > 0
@@ -196,11 +197,11 @@ def judge(fleet):
         findings.add("act_failed", at, what)
     verdict = {"seed": fleet.options.seed, "engine": fleet.options.engine, **fleet.trouble.acts, **fleet.observers.verdict(),
                **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet, findings)}
-    told, commands = judge_commands(fleet, messages, bounds, findings)
+    reported, commands = judge_commands(fleet, messages, bounds, findings)
     verdict.update({**commands, **judge_presence(fleet, bounds, findings),
-                    **(fleet.ble.judge(fleet, messages, told, bounds, findings) if fleet.ble else {}), "acts": fleet.acts.verdict()})
+                    **(fleet.ble.judge(fleet, messages, reported, bounds, findings) if fleet.ble else {}), "acts": fleet.acts.verdict()})
     for what in fleet.ended:
-        findings.add("ended", time.monotonic(), what)
+        findings.add("programs_ended", time.monotonic(), what)
     verdict.update(sorted(findings.counts.items()))
     verdict["fleet_messages"] = sum(1 for _, topic, *_ in messages if topic.split("/")[1] == "fleet")
     verdict.update(fleet.machine.verdict())

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge of a live run takes for one outcome, for an obedient robot, for one message of a BLE robot, and for a false will. Run as
-a test (ctest -R Fleet.Judge)."""
+"""How the judge of a live run counts outcomes, obeyed commands, messages of BLE robots, and false wills. Run as a test (ctest -R
+Fleet.Judge)."""
 import json
 import pathlib
 import sys
@@ -8,7 +8,7 @@ import unittest
 from types import SimpleNamespace
 
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
-from acts import is_told_again  # noqa: E402
+from acts import has_second_outcome  # noqa: E402
 from ble_mesh import BleMesh  # noqa: E402
 from bounds import Absence, Bounds  # noqa: E402
 from commands import Command, Commands, outcomes_of  # noqa: E402
@@ -26,8 +26,8 @@ def outcome(at, gateway, what="delivered", after_ms=100, is_late=False, kind="c1
     return Message(at, f"p/gateway/gw-{gateway}/commands/r1", payload, is_late)
 
 
-def told(commanded, *messages, connections=(BROKE_AT_20, WHOLE)):
-    """(outcomes that are left, those that were forgiven) of one command."""
+def counted(commanded, *messages, connections=(BROKE_AT_20, WHOLE)):
+    """Returns (outcomes that count, outcomes that are forgiven) of one command."""
     commands, findings = Commands("p", None, None), Findings()
     commands.bounds, commands.findings = Bounds([], list(connections), subscribed_s=1), findings
     kept = commands.without_repetitions(commanded, outcomes_of(messages, {("r1", "c1"): commanded})["r1", "c1"])
@@ -35,35 +35,35 @@ def told(commanded, *messages, connections=(BROKE_AT_20, WHOLE)):
 
 
 class Repetitions(unittest.TestCase):
-    def test_a_copy_word_for_word_when_the_connection_broke_is_no_second_outcome(self):
-        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0)), (1, 1))
+    def test_forgives_an_equal_outcome_after_the_connection_broke(self):
+        self.assertEqual(counted(19.5, outcome(19.6, 0), outcome(21.5, 0)), (1, 1))
 
-    def test_nor_is_one_whose_first_copy_lay_in_a_socket_that_was_given_up(self):
-        self.assertEqual(told(19.5, outcome(21.5, 0), outcome(25, 0)), (1, 1))
+    def test_forgives_an_equal_outcome_whose_first_copy_was_in_a_closed_socket(self):
+        self.assertEqual(counted(19.5, outcome(21.5, 0), outcome(25, 0)), (1, 1))
 
-    def test_it_is_one_if_no_connection_broke(self):
-        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0), connections=(WHOLE, WHOLE)), (2, 0))
-        self.assertEqual(told(30, outcome(30.1, 0), outcome(30.5, 0)), (2, 0), "it was said after that")
+    def test_counts_an_equal_outcome_if_no_connection_broke(self):
+        self.assertEqual(counted(19.5, outcome(19.6, 0), outcome(21.5, 0), connections=(WHOLE, WHOLE)), (2, 0))
+        self.assertEqual(counted(30, outcome(30.1, 0), outcome(30.5, 0)), (2, 0), "published after the break")
 
-    def test_or_if_another_gateways_did(self):
-        self.assertEqual(told(19.5, outcome(19.6, 1), outcome(21.5, 1)), (2, 0))
+    def test_counts_an_equal_outcome_if_another_gateways_connection_broke(self):
+        self.assertEqual(counted(19.5, outcome(19.6, 1), outcome(21.5, 1)), (2, 0))
 
-    def test_one_break_repeats_it_once(self):
-        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0), outcome(21.9, 0)), (2, 1))
+    def test_forgives_one_equal_outcome_for_each_break(self):
+        self.assertEqual(counted(19.5, outcome(19.6, 0), outcome(21.5, 0), outcome(21.9, 0)), (2, 1))
 
-    def test_other_words_are_another_outcome(self):
-        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0, after_ms=101)), (2, 0))
-        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0, "refused")), (2, 0))
+    def test_counts_a_different_outcome(self):
+        self.assertEqual(counted(19.5, outcome(19.6, 0), outcome(21.5, 0, after_ms=101)), (2, 0))
+        self.assertEqual(counted(19.5, outcome(19.6, 0), outcome(21.5, 0, "refused")), (2, 0))
 
-    def test_the_same_words_of_another_gateway_are_another_outcome(self):
-        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 1)), (2, 0))
+    def test_counts_an_equal_outcome_of_another_gateway(self):
+        self.assertEqual(counted(19.5, outcome(19.6, 0), outcome(21.5, 1)), (2, 0))
 
 
 class Obedience(unittest.TestCase):
-    """Of a robot that was at gateway 0 all the time, when nothing was taken away."""
+    """A robot that was at gateway 0 all the time, without faults."""
 
     def kinds(self, sent, messages, obeyed, places=((0.0, 0),), is_clean=False, bare=(), hears_all=True):
-        """`sent`: (type, when) of commands that the broker has confirmed. `obeyed`: (when, payload)."""
+        """Returns the findings. `sent`: (type, when) of commands that the broker has confirmed. `obeyed`: (when, payload)."""
         commands, findings = Commands("p", SimpleNamespace(confirmed=lambda: set(range(100))), None), Findings()
         for number, (kind, at) in enumerate(sent):
             command = Command("r1", kind, at, number)
@@ -78,114 +78,114 @@ class Obedience(unittest.TestCase):
         self.verdict = commands.judge({"r1": robot}, {}, outcomes_of(messages, commands.times()), bounds, findings, again_s=0)
         return dict(findings.counts)
 
-    def test_obeyed_once_and_told_once(self):
+    def test_accepts_a_command_obeyed_once_with_one_outcome(self):
         self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], [(10.05, "c1")]), {})
         self.assertEqual(self.verdict["outcomes"], {"delivered": 1})
 
-    def test_obeyed_twice(self):
+    def test_reports_a_command_obeyed_twice(self):
         self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], [(10.05, "c1"), (10.5, "c1")]), {"obeyed_twice": 1})
 
-    def test_told_twice(self):
+    def test_reports_two_outcomes(self):
         self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0), outcome(40, 1, "timeout")], [(10.05, "c1")]), {"outcomes_doubled": 1})
 
-    def test_told_by_nobody(self):
+    def test_reports_a_missing_outcome(self):
         self.assertEqual(self.kinds([("c1", 10)], [], []), {"outcomes_missing": 1})
         self.assertEqual(self.verdict["without_outcome"], 1)
 
-    def test_or_when_its_robot_went_just_then(self):
-        self.assertEqual(self.kinds([("c1", 10)], [], [], places=[(0.0, 0), (10.1, 1)]), {"cut_short": 1})
+    def test_forgives_a_missing_outcome_when_the_robot_moved_just_then(self):
+        self.assertEqual(self.kinds([("c1", 10)], [], [], places=[(0.0, 0), (10.1, 1)]), {"lost_at_a_move": 1})
         self.assertEqual(self.verdict["without_outcome"], 1)
 
-    def test_or_when_its_robot_had_not_subscribed_and_the_broker_knows_mqtt_3_only(self):
+    def test_forgives_a_missing_outcome_on_mqtt_3_while_the_robot_had_no_subscription(self):
         bare = {"places": [(0.0, 0), (9.9, 1)], "bare": [(9.9, 10.4)]}
-        self.assertEqual(self.kinds([("c1", 10)], [], [], hears_all=False, **bare), {"unheard": 1})
-        self.assertEqual(self.kinds([("c1", 10)], [], [], **bare), {"cut_short": 1})
-        self.assertEqual(self.kinds([("c1", 10.5)], [], [], hears_all=False, **bare), {"cut_short": 1})
+        self.assertEqual(self.kinds([("c1", 10)], [], [], hears_all=False, **bare), {"without_subscription": 1})
+        self.assertEqual(self.kinds([("c1", 10)], [], [], **bare), {"lost_at_a_move": 1})
+        self.assertEqual(self.kinds([("c1", 10.5)], [], [], hears_all=False, **bare), {"lost_at_a_move": 1})
 
-    def test_told_too_late(self):
+    def test_reports_a_late_outcome(self):
         self.assertEqual(self.kinds([("c1", 10)], [outcome(42, 0)], [(10, "c1")]), {})
         self.assertEqual(self.kinds([("c1", 10)], [outcome(44, 0)], [(10, "c1")]), {"outcomes_late": 1})
 
-    def test_delivered_to_nobody(self):
-        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], []), {"delivered_nowhere": 1})
+    def test_reports_delivered_if_the_robot_did_not_obey(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], []), {"delivered_but_not_obeyed": 1})
 
-    def test_robots_acknowledge_each_command(self):
+    def test_reports_an_outcome_sent(self):
         self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "sent")], [(10.05, "c1")]), {"sent_at_qos_0": 1})
 
-    def test_refused_and_obeyed(self):
+    def test_reports_a_refused_command_that_was_obeyed(self):
         moved = [(0.0, 0), (10.07, 1)]
         self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "refused")], [(10.05, "c1")], moved), {"obeyed_though_refused": 1})
-        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "timeout")], [(10.05, "c1")], moved), {"obeyed_all_the_same": 1})
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "timeout")], [(10.05, "c1")], moved), {"obeyed_despite_timeout": 1})
         self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "timeout")], [(10.05, "c1")]), {"obeyed_though_refused": 1})
 
-    def test_equal_ones_are_counted(self):
-        sent, told = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, kind="run")]
-        self.assertEqual(self.kinds(sent, told, [(10.05, "1"), (10.55, "1")]), {})
-        self.assertEqual(self.kinds(sent, told, [(10.05, "1"), (10.55, "1"), (10.6, "1")]), {"obeyed_twice": 1, "obeyed_though_refused": 1})
-        self.assertEqual(self.kinds(sent, [*told, outcome(11, 1, kind="run")], [(10.05, "1"), (10.55, "1")]),
-                         {"outcomes_doubled": 1, "delivered_nowhere": 1})
-        self.assertEqual(self.kinds(sent, told[:1], [(10.05, "1")]), {"outcomes_missing": 1})
-        self.assertEqual(self.kinds(sent, told, [(10.05, "1")]), {"delivered_nowhere": 1})
+    def test_counts_equal_commands_and_their_outcomes(self):
+        sent, reported = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, kind="run")]
+        self.assertEqual(self.kinds(sent, reported, [(10.05, "1"), (10.55, "1")]), {})
+        self.assertEqual(self.kinds(sent, reported, [(10.05, "1"), (10.55, "1"), (10.6, "1")]), {"obeyed_twice": 1, "obeyed_though_refused": 1})
+        self.assertEqual(self.kinds(sent, [*reported, outcome(11, 1, kind="run")], [(10.05, "1"), (10.55, "1")]),
+                         {"outcomes_doubled": 1, "delivered_but_not_obeyed": 1})
+        self.assertEqual(self.kinds(sent, reported[:1], [(10.05, "1")]), {"outcomes_missing": 1})
+        self.assertEqual(self.kinds(sent, reported, [(10.05, "1")]), {"delivered_but_not_obeyed": 1})
 
-    def test_of_equal_ones_the_one_that_nobody_told_of_is_found(self):
+    def test_finds_which_of_equal_commands_has_no_outcome(self):
         moved, sent = [(0.0, 0), (20.2, 1)], [("run", 10), ("run", 15), ("run", 20)]
-        told = [outcome(10.1, 0, kind="run"), outcome(15.1, 0, kind="run")]
-        self.assertEqual(self.kinds(sent, told, [(10, "1"), (15, "1")], moved), {"cut_short": 1})
-        told = [outcome(10.1, 0, kind="run"), outcome(20.4, 1, kind="run")]
-        self.assertEqual(self.kinds(sent, told, [(10, "1"), (20.3, "1")], moved), {"outcomes_missing": 1})
+        reported = [outcome(10.1, 0, kind="run"), outcome(15.1, 0, kind="run")]
+        self.assertEqual(self.kinds(sent, reported, [(10, "1"), (15, "1")], moved), {"lost_at_a_move": 1})
+        reported = [outcome(10.1, 0, kind="run"), outcome(20.4, 1, kind="run")]
+        self.assertEqual(self.kinds(sent, reported, [(10, "1"), (20.3, "1")], moved), {"outcomes_missing": 1})
 
-    def test_equal_ones_that_waited_came_in_their_order(self):
+    def test_assigns_outcomes_to_waiting_equal_commands_in_order(self):
         moved = {"places": [(0.0, 0), (12.9, 1)], "bare": [(12.9, 14.2)], "hears_all": False}
         sent = [("run", 10), ("run", 11), ("run", 12), ("run", 13), ("run", 14), ("run", 15)]
         waited = [outcome(13.5 + i / 10, 1, "refused", kind="run", why="waited at the broker until ...") for i in range(3)]
-        told = [outcome(10.1, 0, kind="run"), *waited, outcome(15.1, 1, kind="run")]
-        self.assertEqual(self.kinds(sent, told, [(10, "1"), (15, "1")], **moved), {"unheard": 1})
-        self.assertEqual(self.kinds(sent, told[:1] + told[2:], [(10, "1"), (15, "1")], **moved), {"unheard": 2})
+        reported = [outcome(10.1, 0, kind="run"), *waited, outcome(15.1, 1, kind="run")]
+        self.assertEqual(self.kinds(sent, reported, [(10, "1"), (15, "1")], **moved), {"without_subscription": 1})
+        self.assertEqual(self.kinds(sent, reported[:1] + reported[2:], [(10, "1"), (15, "1")], **moved), {"without_subscription": 2})
 
-    def test_an_equal_one_that_was_refused_is_not_obeyed(self):
-        sent, told = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, "refused", kind="run")]
-        self.assertEqual(self.kinds(sent, told, [(10.05, "1")]), {})
-        self.assertEqual(self.kinds(sent, told, [(10.05, "1"), (10.55, "1")]), {"obeyed_though_refused": 1})
+    def test_reports_a_refused_equal_command_that_was_obeyed(self):
+        sent, reported = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, "refused", kind="run")]
+        self.assertEqual(self.kinds(sent, reported, [(10.05, "1")]), {})
+        self.assertEqual(self.kinds(sent, reported, [(10.05, "1"), (10.55, "1")]), {"obeyed_though_refused": 1})
 
-    def test_who_keeps_its_session_is_not_deaf(self):
-        deaf = [outcome(10.1, 0, "refused", why="the robot has not subscribed to p/server/r1/c1")]
-        self.assertEqual(self.kinds([("c1", 10)], deaf, []), {"deaf": 1})
-        self.assertEqual(self.kinds([("c1", 10)], deaf, [], is_clean=True), {})
+    def test_reports_a_kept_session_without_its_subscription(self):
+        refused = [outcome(10.1, 0, "refused", why="the robot has not subscribed to p/server/r1/c1")]
+        self.assertEqual(self.kinds([("c1", 10)], refused, []), {"subscription_lost": 1})
+        self.assertEqual(self.kinds([("c1", 10)], refused, [], is_clean=True), {})
 
-    def test_what_is_cut_short_is_little(self):
+    def test_bounds_the_commands_without_an_outcome(self):
         sent = [(f"c{number}", 10) for number in range(3)]
-        self.assertEqual(self.kinds(sent, [], [], places=[(0.0, 0), (10.1, 1)]), {"cut_short": 3, "too_many_cut_short": 1})
+        self.assertEqual(self.kinds(sent, [], [], places=[(0.0, 0), (10.1, 1)]), {"lost_at_a_move": 3, "too_many_lost_at_moves": 1})
 
 
 class Cuts(unittest.TestCase):
     """Outcomes of one command, as (payload, cuts before it came)."""
 
-    def test_a_copy_word_for_word_for_each_cut_is_no_second_outcome(self):
-        self.assertFalse(is_told_again([], 3))
-        self.assertFalse(is_told_again([(b"a", 3)], 3))
-        self.assertFalse(is_told_again([(b"a", 3), (b"a", 4)], 3))
-        self.assertFalse(is_told_again([(b"a", 4), (b"a", 4)], 3), "the first copy passed the cut on its way")
+    def test_accepts_one_equal_outcome_for_each_cut(self):
+        self.assertFalse(has_second_outcome([], 3))
+        self.assertFalse(has_second_outcome([(b"a", 3)], 3))
+        self.assertFalse(has_second_outcome([(b"a", 3), (b"a", 4)], 3))
+        self.assertFalse(has_second_outcome([(b"a", 4), (b"a", 4)], 3), "both copies came after the cut")
 
-    def test_one_more_is(self):
-        self.assertTrue(is_told_again([(b"a", 3), (b"a", 3)], 3))
-        self.assertTrue(is_told_again([(b"a", 3), (b"a", 4), (b"a", 4)], 3))
+    def test_detects_more_equal_outcomes_than_cuts(self):
+        self.assertTrue(has_second_outcome([(b"a", 3), (b"a", 3)], 3))
+        self.assertTrue(has_second_outcome([(b"a", 3), (b"a", 4), (b"a", 4)], 3))
 
-    def test_other_words_are(self):
-        self.assertTrue(is_told_again([(b"a", 3), (b"b", 4)], 3))
+    def test_detects_a_different_outcome(self):
+        self.assertTrue(has_second_outcome([(b"a", 3), (b"b", 4)], 3))
 
 
 class LateOutcomes(unittest.TestCase):
-    def test_the_time_of_one_that_came_late_is_reckoned(self):
+    def test_calculates_the_time_of_a_late_outcome(self):
         said = outcomes_of([outcome(40, 0, after_ms=500, is_late=True)], {("r1", "c1"): 10})["r1", "c1"]
         self.assertEqual((said[0].at, said[0].is_late), (10.5, True))
 
-    def test_that_of_a_live_one_is_its_own(self):
+    def test_takes_the_time_of_a_live_outcome_from_its_arrival(self):
         said = outcomes_of([outcome(40, 0, after_ms=500)], {("r1", "c1"): 10})["r1", "c1"]
         self.assertEqual((said[0].at, said[0].is_late), (40, False))
 
 
 class Order(unittest.TestCase):
-    """The gateway 0 was cut off from 20 to 21, and its robot went on to another one."""
+    """Gateway 0 was cut off from 20 to 21, and its robot moved to another one."""
 
     @staticmethod
     def kinds(sent, came):
@@ -195,18 +195,18 @@ class Order(unittest.TestCase):
                     findings)
         return dict(findings.counts)
 
-    def test_what_waits_on_the_disk_is_overtaken(self):
+    def test_forgives_a_message_overtaken_while_on_disk(self):
         self.assertEqual(self.kinds({1: 20.5}, {1: 23}), {"overtaken_at_a_roam": 1})
 
-    def test_so_is_what_waits_behind_it_when_the_gateway_is_back(self):
+    def test_forgives_messages_queued_behind_it_after_the_cut(self):
         self.assertEqual(self.kinds({1: 20.5, 2: 21.2, 3: 21.6}, {1: 23, 2: 23.1, 3: 23.2}), {"overtaken_at_a_roam": 1})
 
-    def test_not_what_was_said_when_nothing_waited_any_more(self):
+    def test_reports_an_overtaken_message_after_the_queue_was_empty(self):
         self.assertEqual(self.kinds({1: 20.5, 2: 22}, {1: 21.5, 2: 23}), {"out_of_order": 1})
 
 
 class Wills(unittest.TestCase):
-    """The gateway 0 was cut off from 20 to 26."""
+    """Gateway 0 was cut off from 20 to 26."""
 
     @staticmethod
     def kinds(at, *places):
@@ -215,12 +215,12 @@ class Wills(unittest.TestCase):
         judge_will(Bounds([], [[(0.0, 20.0), (26.0, END)], WHOLE], subscribed_s=1), robot, at, findings)
         return dict(findings.counts)
 
-    def test_of_a_robot_at_a_gateway_that_is_cut_off(self):
-        self.assertEqual(self.kinds(25, (0, 0)), {"wills_of_cut_off": 1})
+    def test_forgives_the_will_of_a_robot_at_a_cut_off_gateway(self):
+        self.assertEqual(self.kinds(25, (0, 0)), {"wills_at_cut_off_gateways": 1})
         self.assertEqual(self.kinds(25, (0, 1)), {"false_wills": 1})
 
-    def test_or_that_was_there_a_moment_before(self):
-        self.assertEqual(self.kinds(25, (0, 0), (24.5, 1)), {"wills_of_cut_off": 1})
+    def test_forgives_the_will_of_a_robot_that_has_just_left_it(self):
+        self.assertEqual(self.kinds(25, (0, 0), (24.5, 1)), {"wills_at_cut_off_gateways": 1})
         self.assertEqual(self.kinds(25, (0, 0), (23.5, 1)), {"false_wills": 1})
 
 
@@ -235,17 +235,17 @@ class CopiesOfBleRobots(unittest.TestCase):
         mesh.judge_copies({("ble-0100", 1): ("aa", 10.1)}, {("ble-0100", "aa"): came}, {"ble-0100": changes}, bounds, findings)
         return dict(findings.counts)
 
-    def test_one_goes_up_twice_when_another_gateway_serves_its_robot(self):
+    def test_forgives_a_second_copy_when_another_gateway_serves_the_robot(self):
         self.assertEqual(self.kinds([11.0], [10.2, 11.5]), {"ble_doubled": 1})
-        self.assertEqual(self.kinds([], [10.2, 11.5]), {"ble_doubled_beyond": 1})
+        self.assertEqual(self.kinds([], [10.2, 11.5]), {"ble_doubled_beyond_bound": 1})
 
-    def test_each_change_doubles_one(self):
-        self.assertEqual(self.kinds([11.0], [10.2, 11.5, 11.6]), {"ble_doubled": 1, "ble_doubled_beyond": 1})
+    def test_forgives_one_copy_for_each_change(self):
+        self.assertEqual(self.kinds([11.0], [10.2, 11.5, 11.6]), {"ble_doubled": 1, "ble_doubled_beyond_bound": 1})
 
-    def test_presence_may_overtake_both_while_a_node_stands_still(self):
+    def test_forgives_copies_behind_presence_while_a_node_is_stopped(self):
         self.assertEqual(self.kinds([11.3], [12.7, 13.2], self.stands_still), {"ble_doubled": 1})
-        self.assertEqual(self.kinds([11.3], [12.7, 13.2]), {"ble_doubled_beyond": 1})
-        self.assertEqual(self.kinds([9.0], [12.7, 13.2], self.stands_still), {"ble_doubled_beyond": 1}, "it had come there before")
+        self.assertEqual(self.kinds([11.3], [12.7, 13.2]), {"ble_doubled_beyond_bound": 1})
+        self.assertEqual(self.kinds([9.0], [12.7, 13.2], self.stands_still), {"ble_doubled_beyond_bound": 1}, "the change was long before")
 
 
 if __name__ == "__main__":

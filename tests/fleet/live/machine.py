@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the machine was in time: a thread of a gateway or a broker that was ready and got no processor, or this process that came
-round too late. What is late then is not the fleet. Used by run."""
+"""Measures whether the machine was too slow: how long threads of gateways and brokers waited for a processor, and how long a round of
+this process took. The fleet is not to blame for such delays. Used by run."""
 import contextlib
 import pathlib
 
-LATE_S = 0.3  # of each second; the shortest time of the protocol is the lease's 1.2 s
+LATE_S = 0.3  # of each second
 
 
 class Machine:
@@ -30,7 +30,7 @@ class Machine:
             self.worst_s, self.worst = lateness, who
 
     def look(self):
-        """For each thread: how long it has waited for a processor since the last look."""
+        """Yields for each thread how long it has waited for a processor since the last look."""
         for program in self.programs:
             if not program.is_running():
                 continue

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where gateways, brokers and robots are: all on the loopback, or in network namespaces of this run, each gateway in one of its
-own with a link to the brokers and one to the robots. The first of them can be cut. Used by run."""
+"""The network of gateways, brokers and robots: the loopback, or private network namespaces. There each gateway has its own namespace
+with a link to the robots and one to the brokers, which can be cut. Used by run."""
 import contextlib
 import ctypes
 import os
@@ -39,7 +39,7 @@ def ip(*arguments):
 
 
 class Namespaces:
-    """Needs root. Two of them hold a bridge each, the others are a gateway each."""
+    """Network namespaces: one for each gateway, and two with a bridge, for brokers and robots. Needs root."""
 
     broker_host = f"{BROKERS}.1"
 
@@ -92,7 +92,7 @@ class Namespaces:
         return inside(self.robots)
 
     def cut(self, gateway):
-        """At the switch: the gateway's packets to the brokers vanish, and those of the brokers to it."""
+        """Cuts the gateway off the brokers at the switch: packets in both directions are lost."""
         ip("-n", self.brokers, "link", "set", f"port{gateway}", "nomaster")
 
     def join(self, gateway):
@@ -107,7 +107,7 @@ class Namespaces:
 
 @contextlib.contextmanager
 def inside(namespace):
-    """A socket stays where it was made."""
+    """Enters the namespace. A socket stays in the namespace in which it was made."""
     with open("/proc/self/ns/net") as own, open(f"/run/netns/{namespace}") as other:
         enter(other)
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client that hears everything below the prefix and publishes commands. Used by observers."""
+"""A client that subscribes to everything below the prefix and publishes commands. Used by observers."""
 import json
 import time
 from collections import Counter
@@ -9,18 +9,18 @@ from streams import Stream
 
 
 class Observer(Client):
-    """On one node. It connects again when that breaks. A live one has missed what came meanwhile; for a kept one the broker keeps it."""
+    """An observer on one node, which reconnects. The broker keeps messages for a disconnected kept observer. A live one misses them."""
 
     def __init__(self, address, prefix, name, user, make_socket, retry_s, stream=None):
         self.stream = stream or Stream(is_kept=False)
         super().__init__(address, name, user, make_socket, is_clean=not self.stream.is_kept)
         self.prefix, self.retry_s = prefix, retry_s
         self.qos = 1 if self.stream.is_kept else 0
-        self.retained, self.last = {}, {}  # since it is connected; of presence, what was published when it was, with its time
-        self.presence = []  # (time, topic, payload, is_retained): what the node says; without a topic when it does not say
-        self.outcomes = Counter()  # by (robot, type), with what was repeated to a kept one
+        self.retained, self.last = {}, {}  # since it is connected; last published presence, with its time
+        self.presence = []  # (time, topic, payload, is_retained) from the node; without a topic for the end of a connection
+        self.outcomes = Counter()  # by (robot, type), including repeats to a kept observer
         self.is_subscribed = False
-        self.session_is_subscribed = False  # the one that the broker keeps
+        self.session_is_subscribed = False  # the session that the broker keeps
 
     def connect(self):
         self.is_subscribed, self.retained = False, {}

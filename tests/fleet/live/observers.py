@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observers on all nodes of a cluster, as one: a live one on each, and kept ones on some (streams says what each kind is for). Two kept
-ones are enough, for one node is away at a time. Used by run."""
+"""Observers on all nodes of a cluster, as one: a live one on each, and kept ones on some (streams explains both kinds). Two kept ones
+are enough, because only one node fails at a time. Used by run."""
 import functools
 import operator
 
@@ -13,7 +13,7 @@ MOST_UNCONFIRMED = 8
 class Observers:
     def __init__(self, addresses, prefix, user, make_socket, name, kept, repeats_in_a_connection):
         self.prefix = prefix
-        retry_s = 0.5 if len(addresses) > 1 else 0.01  # the only one must be there before the gateways are
+        retry_s = 0.5 if len(addresses) > 1 else 0.01  # the only observer must reconnect before the gateways
 
         def make(address, client, stream):
             return Observer(address, prefix, client, user, make_socket, retry_s, stream)
@@ -33,25 +33,25 @@ class Observers:
         return all(each.is_subscribed for each in self.all)
 
     def publish(self, topic, payload, qos, key, random):
-        """False when no node takes anything just now."""
+        """Publishes a message at a random node. Returns False if no node is ready."""
         able = [each for each in self.live if each.is_subscribed and len(each.unconfirmed) < MOST_UNCONFIRMED]
         if able:
             random.choice(able).publish(topic, payload, qos, key=key)
         return bool(able)
 
     def outcomes(self):
-        """By (robot, type): how many were told, about."""
+        """Returns by (robot, type) the approximate number of outcomes."""
         return functools.reduce(operator.or_, (each.outcomes for each in self.all))
 
     def confirmed(self):
         return set().union(*(each.confirmed for each in self.live))
 
     def retained(self, topic):
-        """What the nodes say it is."""
+        """Returns the topic's retained message at each node."""
         return [each.retained.get(topic, b"") for each in self.live]
 
     def last(self, topic):
-        """Of presence: what was published last."""
+        """Returns the last published message on this topic of presence."""
         return max(each.last.get(topic, (0.0, b"")) for each in self.live)[1]
 
     def presence(self):
@@ -64,7 +64,7 @@ class Observers:
         return messages_of(self.streams())
 
     def arrived(self):
-        """(topic, payload) of all that came to any of them."""
+        """Returns (topic, payload) of all messages that any observer received."""
         return set().union(*(stream.arrived for stream in self.streams()))
 
     def late_notes(self):

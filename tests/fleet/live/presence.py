@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For how long the broker named more than one gateway for a robot. Used by judge."""
+"""Finds how long the broker showed a robot at more than one gateway. Used by judge."""
 
 
 def contradictions(views, name):
-    """`views`: (time, topic, payload, is_retained) of one observer in the order that they came, without a topic where it was cut off.
-    (begin, seconds, gateways, earliest begin) of each time that a robot was `online` at several gateways: what the broker had retained
-    when the observer came back may be as old as the moment when it was cut off."""
+    """Yields (begin, seconds, gateways, earliest begin) of each time that a robot was `online` at several gateways. `views`: (time, topic,
+    payload, is_retained) of one observer in their order, without a topic where it was cut off. Retained messages at its return may be as
+    old as the cut."""
     online, begin, cut = {}, None, 0.0
     for at, topic, payload, is_retained in views:
         if topic is not None and not topic.endswith(f"/robots/{name}"):
@@ -28,14 +28,14 @@ def contradictions(views, name):
 
 
 def longest_contradiction(views_of_observers, name, is_bound):
-    """As the observer saw it that saw the least of it: others' nodes were late, or away. Without those that are within a bound."""
+    """Returns the longest contradiction beyond the bounds, as the observer with the shortest one saw it. Other nodes were late or down."""
     longest = [max((each for each in contradictions(views, name) if not is_bound(*each)), key=lambda each: each[1],
                    default=(0.0, 0.0, [], 0.0)) for views in views_of_observers]
     return min(longest, key=lambda each: each[1])
 
 
 def showings(views_of_observers, names):
-    """By robot: (time, gateway) of each time that a gateway began to show it, as the first observer saw it that saw it."""
+    """Returns by robot (time, gateway) of each time that a gateway began to show it, as the first observer saw it."""
     found = {name: {} for name in names}
     for views in views_of_observers:
         online = set()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One robot on the Thread mesh that walks between gateways: an MQTT-SN 1.2 client of its own, which shares no code with the
-gateway. One request at a time, repeated until it is answered. It counts what it has obeyed. Used by run and acts."""
+"""One robot on the Thread mesh that roams between gateways: an independent MQTT-SN 1.2 client, which shares no code with the gateway.
+One request at a time, repeated until it is answered. It records the commands that it obeys. Used by run and acts."""
 import random
 import socket
 import time
@@ -11,7 +11,7 @@ SUBSCRIBE, SUBACK, PINGREQ, PINGRESP, DISCONNECT = 0x12, 0x13, 0x16, 0x17, 0x18
 DUP, QOS2, QOS1, WILL, CLEAN = 0x80, 0x40, 0x20, 0x08, 0x04
 REPEAT_S, TRIES, KEEP_ALIVE_S = 0.7, 4, 4
 PING_S = 1  # of a robot that only listens
-SAME_S = 30  # so long a gateway may repeat a command
+SAME_S = 30  # a gateway may repeat a command for this time
 
 
 def packet(kind, body):
@@ -20,16 +20,16 @@ def packet(kind, body):
 
 class Robot:
     def __init__(self, name, prefix, gateways, make_socket, is_clean, period_s, seed, qos=1, place=None):
-        """`period_s`: None for a robot that only listens, and asks with pings whether its gateway is there."""
+        """`period_s`: None for a robot that only listens, and pings its gateway."""
         self.name, self.prefix, self.gateways, self.is_clean, self.period_s = name, prefix, gateways, is_clean, period_s
         self.make_socket, self.qos, self.flags = make_socket, qos, QOS2 if qos == 2 else QOS1
         self.random = random.Random(seed)
         self.place = self.random.randrange(len(gateways)) if place is None else place
         self.places = []  # (since when, gateway)
-        self.others = None  # where it goes when nobody answers; None: anywhere
+        self.others = None  # gateways that it tries when its own does not answer; None: any
         self.socket = None
         self.sent, self.acknowledged = {}, {}  # by number: when
-        self.tries = {}  # by number: (when, gateway, moves before) of each time that it was said
+        self.tries = {}  # by number: (when, gateway, moves before) of each transmission
         self.acknowledged_by = {}  # by number: which gateway
         self.commands = []  # (time, gateway, payload) of each that it has obeyed
         self.heard = {}  # by (gateway, message id): payload and time of the last command
@@ -39,7 +39,7 @@ class Robot:
         self.number, self.msg_id, self.moves, self.refused_topics = 0, 0, 0, 0
         self.topic_id = 0
         self.ended = float("inf")
-        self.has_session = False  # its topic ids and subscriptions are believed to stand at the gateway
+        self.has_session = False  # it expects its topic ids and subscriptions at the gateway
         self.bare = []  # [from, to] of each time without a subscription: from its CONNECT to its SUBACK
         self.move_to(self.place)
 
@@ -47,14 +47,14 @@ class Robot:
         return self.socket.fileno()
 
     def acknowledged_messages(self):
-        """(topic, payload) of each."""
+        """Returns (topic, payload) of each acknowledged message."""
         return {(f"{self.prefix}/robot/{self.name}/note", str(number).encode()) for number in self.acknowledged}
 
     def place_at(self, when):
         return [place for since, place in self.places if since <= when][-1]
 
     def places_between(self, begin, end):
-        """Each gateway that it was at."""
+        """Returns each gateway that it was at."""
         return {self.place_at(begin if self.places[0][0] <= begin else end), self.place_at(end),
                 *(place for since, place in self.places if begin <= since <= end)}
 
@@ -69,7 +69,7 @@ class Robot:
             self.waits_since = time.monotonic()
 
     def end_wait(self):
-        """It is served, or nothing more is asked of it."""
+        """Ends the wait for service: the robot is served, or the run ends."""
         if self.is_interrupted and self.waits_since is not None:
             self.interruptions.append((time.monotonic() - self.waits_since, self.asked))
         self.waits_since, self.is_interrupted, self.asked = None, False, []
@@ -96,7 +96,7 @@ class Robot:
         self.ask("connect", packet(CONNECT, bytes([flags, 1]) + KEEP_ALIVE_S.to_bytes(2, "big") + self.name.encode()))
 
     def sleep(self, seconds):
-        """Its gateway keeps what comes, until it connects again."""
+        """Falls asleep: its gateway keeps messages until it connects again."""
         self.ask("sleep", packet(DISCONNECT, seconds.to_bytes(2, "big")))
 
     def ask(self, step, request):
@@ -110,7 +110,7 @@ class Robot:
         return self.msg_id.to_bytes(2, "big")
 
     def next_step(self):
-        """After CONNACK: what the session lacks, then messages."""
+        """Subscribes and registers if the session needs it, then continues with messages."""
         root = f"{self.prefix}/server/{self.name}/+".encode()
         if not self.has_session and self.step == "connect":
             return self.ask("subscribe", packet(SUBSCRIBE, bytes([self.flags]) + self.next_id() + root))
@@ -121,7 +121,7 @@ class Robot:
         self.step, self.request = "idle", None
         self.next_at = time.monotonic() + (self.random.uniform(0.5, 1.5) * self.period_s if self.period_s else PING_S)
         if self.number in self.sent and self.number not in self.acknowledged:
-            return self.say()  # what was not acknowledged is said again
+            return self.say()  # repeats the unacknowledged message
         return self.end_wait()
 
     def say(self):
@@ -139,7 +139,7 @@ class Robot:
             return self.say()
         if now < self.repeat_at:
             return
-        if self.attempt == TRIES:  # nobody answers: another gateway
+        if self.attempt == TRIES:  # no answer: tries another gateway
             others = self.others or [place for place in range(len(self.gateways)) if place != self.place] or [self.place]
             return self.move_to(self.random.choice(others))
         if self.step == "publish" and self.attempt > 0:
@@ -155,7 +155,7 @@ class Robot:
         try:
             self.socket.send(octets)
         except OSError:
-            pass  # the gateway is dead; the repetition shows it
+            pass  # the gateway is down; repetitions will show it
 
     def receive(self, now):
         while True:
@@ -190,7 +190,7 @@ class Robot:
             if body[4] == 0:
                 self.on_acknowledged(now)
                 self.next_step()
-            elif body[4] == 2:  # it does not know the topic id: begin anew
+            elif body[4] == 2:  # unknown topic id: starts a new session
                 self.refused_topics += 1
                 self.has_session = False
                 self.connect()
@@ -205,11 +205,11 @@ class Robot:
             self.connect()
 
     def on_acknowledged(self, now):
-        """With QoS 2 when the gateway has it: what follows is about the id only."""
+        """Records an acknowledgement. At QoS 2 PUBREC counts: the rest of the exchange only releases the id."""
         self.acknowledged[self.number], self.acknowledged_by[self.number] = now, self.place
 
     def on_command(self, body, now):
-        """A gateway repeats with DUP; one that was started anew uses its message ids anew."""
+        """Obeys and acknowledges a command. A gateway repeats with DUP; a restarted one reuses message ids."""
         key, payload = (self.place, body[3:5]), body[5:].decode()
         if not (body[0] & DUP and key in self.heard and self.heard[key][0] == payload and now - self.heard[key][1] < SAME_S):
             self.commands.append((now, self.place, payload))
@@ -217,6 +217,6 @@ class Robot:
         self.send(packet(PUBREC, body[3:5]) if body[0] & QOS2 else packet(PUBACK, body[1:5] + b"\0"))
 
     def end(self):
-        """Whoever still waits has waited for so long at least. It says nothing more."""
+        """Stops the robot. An open wait counts up to now."""
         self.end_wait()
         self.ended = time.monotonic()

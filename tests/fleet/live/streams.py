@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What observers were sent, each by itself, and what follows of them all: which messages came, how often, and in which order. Two
-kinds of observers:
+"""The messages to each observer, and the conclusion from all of them: which messages arrived, how often, and in which order. Two kinds
+of observers:
 
-- live: QoS 0. The broker repeats nothing to it, so each copy is one that somebody has published, and comes at its time. It misses what
-  is published while it is cut off.
-- kept: QoS 1 in a session that the broker keeps. What is published while it is cut off comes later, and the broker repeats to it what
-  it has not seen acknowledged.
+- live: QoS 0. The broker repeats nothing to it, so each copy was published separately, and arrives at its time. It misses messages
+  while it is cut off.
+- kept: QoS 1 in a session that the broker keeps. Messages from while it was cut off arrive later, and the broker repeats
+  unacknowledged messages to it.
 
-So times, presence and order are those of live observers. Kept ones show what no live one was there for: that a message came, and how
-often, but not when. Pure: lists in, lists out. Used by observer and judge."""
+So times, presence and order are those of live observers. While no live observer is connected, kept ones show that a message arrived
+and how often, but not when. Pure: lists in, lists out. Used by observer and judge."""
 from collections import defaultdict
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ FOREVER = float("inf")
 
 
 class Copy(NamedTuple):
-    """As one observer got it, on the connection with that number."""
+    """A message as one observer got it, with the number of its connection."""
 
     at: float
     topic: str
@@ -26,7 +26,7 @@ class Copy(NamedTuple):
 
 
 class Message(NamedTuple):
-    """As it came to the fleet's observers. One that `is_late` came to kept observers only: it was published at any time before."""
+    """A message as all observers together got it. If `is_late`, only kept observers got it: it was published at any time before."""
 
     at: float
     topic: str
@@ -35,14 +35,14 @@ class Message(NamedTuple):
 
 
 class Stream:
-    """All that one observer was sent, in the order that it came."""
+    """All messages to one observer in their order."""
 
     def __init__(self, is_kept, repeats_in_a_connection=False):
-        """`repeats_in_a_connection`: the broker does so when no acknowledgement comes for a while, and not only to one that is back."""
+        """`repeats_in_a_connection`: the broker repeats unacknowledged messages after a while, and not only to a client that reconnects."""
         self.is_kept, self.repeats_in_a_connection = is_kept, repeats_in_a_connection
         self.copies, self.arrived = [], set()
-        self.connections = []  # [begin, end], from the moment that its subscription stands
-        self.missed = []  # (begin, end) of what a kept one has missed for good: its session was lost
+        self.connections = []  # [begin, end], from SUBACK on
+        self.missed = []  # (begin, end) of times that a kept one has missed, because its session was lost
 
     def begin_connection(self, now, has_session):
         if self.is_kept and self.connections and not has_session:
@@ -60,16 +60,16 @@ class Stream:
         return any(since <= begin and end <= until for since, until in self.connections)
 
     def observed(self):
-        """(begin, end) of each time of which it can know everything, in the end."""
+        """Returns (begin, end) of each time of which it gets all messages in the end."""
         if not self.is_kept or not self.connections:
             return [tuple(each) for each in self.connections]
         begins = [self.connections[0][0], *(end for _, end in self.missed)]
         return list(zip(begins, [*(begin for begin, _ in self.missed), FOREVER]))
 
     def without_repetitions(self, copies):
-        """`copies` of one message. A copy with DUP is a repetition by the broker if this observer has had the message on an earlier
-        connection, or at all where the broker repeats within one. Otherwise it is the message itself, or a second one to which
-        somebody else has given the flag: RabbitMQ before 3.12 passes on that of the publisher."""
+        """Returns the copies of one message without the broker's repetitions. A copy with DUP is a repetition if this observer got the
+        message on an earlier connection, or at all if the broker repeats within one. Otherwise it is the message itself, or a second
+        one whose DUP is the publisher's: RabbitMQ before 3.12 passes that flag on."""
         own = []
         for copy in copies:
             is_repetition = copy.is_dup and any(self.repeats_in_a_connection or one.connection < copy.connection for one in own)
@@ -86,9 +86,9 @@ def by_message(stream):
 
 
 def messages_of(streams):
-    """A message has come as often as the live observer has seen it that saw it most often: others were cut off. If live observers were
-    away, what is more than that came meanwhile: as often as each kept observer has it, for what one alone has more often was repeated to
-    it (a broker whose node has died may do so without DUP)."""
+    """Returns the messages of all observers. A message came as often as the live observer with most copies has seen it, because others were
+    cut off. If live observers were cut off, further copies count as often as all kept observers have them. A copy at one kept observer
+    alone was repeated to it (a broker whose node has died may repeat without DUP)."""
     copies = [(stream, by_message(stream)) for stream in streams]
     found = []
     for key in set().union(*(each for _, each in copies)):
@@ -102,16 +102,16 @@ def messages_of(streams):
 
 
 def could_see(views):
-    """Whether a live observer was there from the first copy of a message to the last one, at a node that was: of several nodes one at
-    most is away at a time, so two observers are enough."""
+    """Returns True if live observers were connected from the first to the last copy of a message. Only one of several nodes fails at a
+    time, so two observers are enough."""
     times = [copy.at for _, view in views for copy in view]
     were_there = [stream.was_connected(min(times), max(times)) for stream, _ in views if not stream.is_kept]
     return sum(were_there) >= min(2, len(were_there))
 
 
 def kept_copies(views):
-    """`views`: (kept observer, its copies of one message). Those agree that were connected all the time in which copies came; if there are
-    none, all that have never lost their session. Without any, the message came once, if it came."""
+    """Returns the copies of a message on which the kept observers agree. Observers that were connected while copies came count; if there
+    are none, those that never lost their session; otherwise one copy. `views`: (kept observer, its copies of one message)."""
     own = [(stream, stream.without_repetitions(copies)) for stream, copies in views]
     times = [copy.at for _, copies in own for copy in copies]
     if not times:
@@ -124,7 +124,7 @@ def kept_copies(views):
 
 
 def notes_of(copies):
-    """(robot, number, copy) of each message of a Thread robot."""
+    """Yields (robot, number, copy) of each message of a Thread robot."""
     for copy in copies:
         levels = copy.topic.split("/")
         if levels[1] == "robot" and levels[3] == "note":
@@ -132,8 +132,8 @@ def notes_of(copies):
 
 
 def late_in(stream):
-    """By (robot, number): the number before which it should have come, or None for one that came in order. Without repetitions, and
-    without what came to a kept observer with DUP only: the first try lies where it belongs, and was lost."""
+    """Returns by (robot, number) the number before which it should have come; None for one in order. Leaves out repetitions, and messages
+    that a kept observer got only with DUP: the first try was in order, and was lost."""
     newest, found = {}, {}
     for robot, number, copy in notes_of(stream.copies):
         if stream.is_kept and copy.is_dup:
@@ -144,8 +144,8 @@ def late_in(stream):
 
 
 def late_notes(streams):
-    """(robot, number, number before which it should have come): of messages of robots that came behind later ones at each live observer
-    that saw them; at each kept one if no live one did. And how many are not judged, for they came with DUP only."""
+    """Returns (robot, number, number before which it should have come) of messages that came behind later ones at each live observer
+    with them; at each kept one if no live one has them. Also returns how many are not judged, because they came only with DUP."""
     live = [late_in(stream) for stream in streams if not stream.is_kept]
     kept = [late_in(stream) for stream in streams if stream.is_kept]
     seen = {(robot, number) for stream in streams for robot, number, _ in notes_of(stream.copies)}
@@ -159,7 +159,7 @@ def late_notes(streams):
 
 
 def unobserved_s(streams):
-    """For how long no observer was connected, and no session was kept that came back: of that time nothing is known."""
+    """Returns for how long no observer was connected and no session was kept. Messages from that time are unknown."""
     total, known_until = 0.0, None
     for begin, end in sorted(each for stream in streams for each in stream.observed()):
         if known_until is not None:

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is taken away from a fleet, one thing at a time, and brought back: gateways and nodes of the cluster, killed or stopped,
-gateways' links to the broker, boards. Acts that were asked for come first. Used by run."""
+"""The random faults of a run, one at a time: gateways and nodes are killed or stopped, links to the broker are cut, boards are unplugged.
+Faults of explicit options come first. Used by run."""
 import signal
 import time
 from collections import Counter
 
 from bounds import Absence
 
-PAUSE_S = 65  # longer than a keep-alive: the broker has told the gateway's will, and others answer for its robots
+PAUSE_S = 65  # longer than a keep-alive: the broker has published the gateway's will, and others serve its robots
 
 
 class Trouble:
     def __init__(self, fleet):
         self.fleet, self.random, self.options = fleet, fleet.random, fleet.options
         self.acts = Counter()
-        self.told = []  # what was done, for the log
+        self.reported = []  # the faults, for the log
         self.away = None  # (which gateway or None, how to bring it back, when)
         self.next_act = 0.0
         self.absences = []
@@ -43,14 +43,14 @@ class Trouble:
             act = self.chosen.pop(0) if self.chosen else self.random.choices(*zip(*self.kinds))[0]
             act(now)
 
-    def tell(self, now, what):
-        self.told.append((now, what, b""))
+    def note(self, now, what):
+        self.reported.append((now, what, b""))
 
     def gateway_is_away(self, gateway):
         return self.away is not None and self.away[0] == gateway
 
     def unplug_board(self, now):
-        self.tell(now, "unplug a board")
+        self.note(now, "unplug a board")
         self.fleet.ble.unplug()
         self.acts["unplugged"] += 1
         self.next_act = now + self.random.uniform(3, 8)
@@ -78,40 +78,40 @@ class Trouble:
             self.acts[f"{prefix}stops"] += 1
 
     def kill(self, program, kind, number, now):
-        self.tell(now, f"kill {program.name}")
+        self.note(now, f"kill {program.name}")
         self.absences.append(Absence(f"{kind} killed", number, now))
         program.end(signal.SIGKILL)
         self.away = (number if kind == "gateway" else None, program.start, now + self.random.uniform(0.5, 8))
 
     def stop(self, program, kind, number, now, seconds):
-        self.tell(now, f"stop {program.name}")
+        self.note(now, f"stop {program.name}")
         self.absences.append(Absence(f"{kind} stopped", number, now))
         program.send(signal.SIGSTOP)
         self.away = (number if kind == "gateway" else None, lambda: program.send(signal.SIGCONT), now + seconds)
 
     def pause_gateway(self, now):
-        """Nothing else is taken away meanwhile."""
+        """Stops a gateway for PAUSE_S. No other fault happens during that time."""
         victim = self.random.randrange(self.options.gateways)
         self.stop(self.fleet.daemons[victim], "gateway", victim, now, PAUSE_S)
         self.acts["pauses"] += 1
 
     def restart_broker(self, now):
-        """It has no persistence file, so sessions and retained messages are gone."""
+        """Kills the broker. It has no persistence file, so sessions and retained messages are lost."""
         self.kill(self.fleet.engine.nodes[0], "node", 0, now)
         self.acts["broker_restarts"] += 1
 
     def cut_link(self, now):
         victim = self.random.randrange(self.options.gateways)
-        self.tell(now, f"cut gw{victim} from the broker")
+        self.note(now, f"cut gw{victim} from the broker")
         self.fleet.network.cut(victim)
         self.absences.append(Absence("link cut", victim, now))
-        # Robots still reach it, so they go on there.
+        # Robots still reach it, so they continue there.
         self.away = (None, lambda: self.fleet.network.join(victim), now + self.random.uniform(1, 12))
         self.acts["cuts"] += 1
 
     def bring_back(self):
         now = time.monotonic()
-        self.tell(now, "bring back")
+        self.note(now, "bring back")
         self.away[1]()
         self.absences[-1].end = now
         self.away, self.next_act = None, now + self.random.uniform(2, 6)
