@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Seeded random walks of commands to several robots on virtual time: a lossy radio, robots that are
 // switched off and on, a board that restarts, falls silent, is busy or unplugged. Each command has
-// one outcome within 30 s, one that was delivered was received, and nothing of a command goes on
-// the air after its outcome.
+// one outcome within 30 s. A delivered command was received, and no command is sent after its
+// outcome.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -20,9 +20,9 @@ constexpr std::size_t robot_count = 5;
 
 struct Chances {
   double radio_loss = 0.2;
-  double switch_off = 0.003;  ///< each of these in one step, for each robot
+  double switch_off = 0.003;  ///< probability in one step, for each robot
   double command = 0.02;
-  double restart = 0;  ///< and these for the board
+  double restart = 0;  ///< probability in one step, for the board
   double silence = 0;
   double unplug = 0;
   double busy = 0;
@@ -32,7 +32,7 @@ struct Chances {
 struct Issued {
   std::uint16_t robot = 0;
   TimePoint at{};
-  bool is_numbered = false;  ///< its messages name it
+  bool is_numbered = false;  ///< its payload holds its number
 };
 
 class CommandWalk {
@@ -138,7 +138,7 @@ class CommandWalk {
   }
 
   void judge() {
-    std::map<CommandId, std::size_t> ended;  // packets that were sent by then
+    std::map<CommandId, std::size_t> ended;  // packets sent before the outcome
     for (std::size_t i = 0; i < rig_.events.size(); ++i) {
       const auto* outcome = std::get_if<CommandOutcome>(&rig_.events[i]);
       if (outcome == nullptr) continue;
@@ -159,10 +159,10 @@ class CommandWalk {
       const std::uint32_t number = number_in(rig_.board.sent[i].payload);
       if (number == 0) continue;
       EXPECT_LT(i, ended[CommandId{number}])
-          << "command " << number << " went on the air after its outcome";
+          << "command " << number << " was sent after its outcome";
     }
-    EXPECT_EQ(rig_.board.count(0xac), 0u) << "no operator has the board cleared";
-    EXPECT_TRUE(rig_.mesh.open_commands().empty()) << "nothing is under way any more";
+    EXPECT_EQ(rig_.board.count(0xac), 0u) << "no operator ordered the board to be cleared";
+    EXPECT_TRUE(rig_.mesh.open_commands().empty()) << "no command is open";
   }
 
   Chances chances_;
@@ -188,23 +188,23 @@ void walk(Chances chances, std::initializer_list<CommandResult> expected) {
   for (const CommandResult result : expected) EXPECT_GT(results[result], 0u) << to_string(result);
 }
 
-TEST(CommandWalk, ALossyRadioAndRobotsThatGo) {
+TEST(CommandWalk, EachCommandHasOneOutcomeOnLossyRadio) {
   walk({}, {CommandResult::delivered, CommandResult::timeout, CommandResult::superseded});
 }
 
-TEST(CommandWalk, ABoardThatRestartsAndIsUnplugged) {
+TEST(CommandWalk, EachCommandHasOneOutcomeWhenBoardRestarts) {
   walk({.restart = 0.002, .unplug = 0.0005}, {CommandResult::delivered, CommandResult::refused});
 }
 
-TEST(CommandWalk, ABoardThatFallsSilentAndIsBusy) {
+TEST(CommandWalk, EachCommandHasOneOutcomeWhenBoardIsSilentOrBusy) {
   walk({.silence = 0.002, .busy = 0.02}, {CommandResult::delivered, CommandResult::timeout});
 }
 
-TEST(CommandWalk, ASerialLineThatLosesTransfers) {
+TEST(CommandWalk, EachCommandHasOneOutcomeOnLossySerialLine) {
   walk({.lost_transfer = 0.02}, {CommandResult::delivered, CommandResult::timeout});
 }
 
-TEST(CommandWalk, AllAtOnceWithMoreCommandsThanTheMeshCarries) {
+TEST(CommandWalk, EachCommandHasOneOutcomeWithAllFaultsAndFullQueues) {
   walk({.command = 0.1, .restart = 0.001, .silence = 0.001, .busy = 0.01, .lost_transfer = 0.005},
        {CommandResult::delivered, CommandResult::timeout, CommandResult::refused,
         CommandResult::superseded});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The events that a machine or an adapter has told, and questions about them. Part of every rig.
+// The events that a machine or an adapter has reported, and queries over them. Part of every rig.
 #pragma once
 
 #include <algorithm>

@@ -22,7 +22,7 @@ class FakeBoard {
   struct Address {
     std::uint16_t address = 0;
     bool is_subscribed = false;
-    int published = 0;  ///< how often it was added, less how often it was removed
+    int published = 0;  ///< additions minus removals
   };
   struct SentPacket {
     std::uint16_t appkey_handle = 0;
@@ -32,22 +32,22 @@ class FakeBoard {
     Bytes payload;
   };
 
-  /// As the stock board, which is built without storage.
+  /// True for the stock board, which is built without storage.
   bool forgets = false;
 
-  // What survives a restart unless it forgets.
+  // State that survives a restart unless the board forgets.
   std::uint16_t unicast = 0;  ///< 0: not set
   std::uint16_t unicast_count = 1;
   std::vector<std::pair<std::uint16_t, Bytes>> subnets;
   std::vector<std::pair<std::uint16_t, Bytes>> appkeys;
-  Bytes new_net_key;  ///< during a key refresh; it hears both, and sends under the old one
+  Bytes new_net_key;  ///< during a key refresh: receives under both, sends under the old key
   Bytes new_app_key;
-  std::vector<std::optional<Address>> addresses;  ///< place = handle
+  std::vector<std::optional<Address>> addresses;  ///< the index is the handle
   std::size_t max_addresses = 32;
   std::uint16_t serial_version = 10;
   std::uint8_t uuid_octet = 0xab;  ///< its UUID has 16 of them
 
-  // What goes on.
+  // Running state.
   bool is_enabled = true;  ///< the stock example starts the mesh itself
   std::uint32_t dropped = 0;
   std::vector<std::uint8_t> commands;  ///< opcodes, in order
@@ -60,14 +60,14 @@ class FakeBoard {
   std::map<std::uint8_t, std::uint8_t> status_of;    ///< answer with this status instead
   std::optional<std::size_t> ignore_command_number;  ///< counted from 0, once
 
-  /// What the host wrote; returns what the board writes.
+  /// Takes octets from the host; returns the board's answer.
   Bytes on_bytes(ByteView bytes);
-  /// Packet Send is refused so often, as while an earlier segmented message is under way.
+  /// Number of Packet Sends to refuse, as while an earlier segmented message is being sent.
   int busy_sends = 0;
 
-  /// Loses what RAM held. As at power-on.
+  /// Loses the contents of RAM, as at power-on.
   Bytes restart();
-  /// The event for an access message from `source`: to the gateway, or to a group's handle.
+  /// Returns the event for an access message from `source` to the gateway or to a group's handle.
   Bytes message(std::uint16_t source, ByteView payload, std::uint16_t group = 0,
                 std::uint16_t key_handle = 0) const;
 

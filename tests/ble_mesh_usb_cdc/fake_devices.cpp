@@ -210,7 +210,7 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
   return {};
 }
 
-/// Heartbeat Publication and Subscription. All heartbeats come at once.
+/// Answers Heartbeat Publication and Subscription. All heartbeats arrive at once.
 std::optional<Bytes> FakeDevices::answer_heartbeats(FakeDevice& device, const Bytes& request) {
   FakeDevice::Heartbeats& own = device.heartbeats;
   ByteReader params(ByteView(request).subspan(std::min<std::size_t>(2, request.size())));
@@ -237,7 +237,7 @@ std::optional<Bytes> FakeDevices::answer_heartbeats(FakeDevice& device, const By
          Bytes{5, count_log, own.min_hops, own.max_hops};
 }
 
-/// Default TTL, relay and network transmit: Get, or Set of what is allowed.
+/// Answers Get and valid Set messages for default TTL, relay and network transmit.
 std::optional<Bytes> FakeDevices::answer_state(FakeDevice& device, const std::string& request) {
   struct State {
     const char* get;
@@ -259,7 +259,7 @@ std::optional<Bytes> FakeDevices::answer_state(FakeDevice& device, const std::st
   return std::nullopt;
 }
 
-/// NetKey Update, AppKey Update and Key Refresh Phase Set.
+/// Answers NetKey Update, AppKey Update and Key Refresh Phase Set.
 Bytes FakeDevices::answer_refresh(FakeDevice& device, std::uint8_t status, const Bytes& request) {
   constexpr std::uint8_t cannot_update = 0x0b;
   const Bytes key(request.end() - std::min<std::ptrdiff_t>(16, std::ssize(request)), request.end());
@@ -285,7 +285,7 @@ Bytes FakeDevices::answer_refresh(FakeDevice& device, std::uint8_t status, const
   return hex("80 17") + Bytes{status, 0, 0, static_cast<std::uint8_t>(device.refresh_phase)};
 }
 
-/// The period of a model without periodic publication is undefined in Nordic's answer.
+/// Answers Publication Set. Nordic leaves the period undefined for models without a periodic one.
 Bytes FakeDevices::answer_publication(FakeDevice& device, std::uint8_t status, Bytes params) {
   constexpr std::size_t ttl_at = 6;
   constexpr std::size_t period_at = 7;
@@ -296,7 +296,7 @@ Bytes FakeDevices::answer_publication(FakeDevice& device, std::uint8_t status, B
   return hex("80 19") + Bytes{status} + params;
 }
 
-/// Model Subscription Add and Delete.
+/// Answers Model Subscription Add and Delete.
 Bytes FakeDevices::answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request) {
   ByteReader params(request.subspan(2));
   const std::uint16_t element = params.read_u16_le();
@@ -308,7 +308,7 @@ Bytes FakeDevices::answer_subscription(FakeDevice& device, std::uint8_t status, 
   return hex("80 1f") + Bytes{status} + number(element) + number(group) + model;
 }
 
-/// SIG and Vendor Model Subscription Get.
+/// Answers SIG and Vendor Model Subscription Get.
 Bytes FakeDevices::answer_list(const FakeDevice& device, std::uint8_t status, ByteView request) {
   const ByteView model = request.subspan(2);  // element and model, as they come
   Bytes answer{0x80, static_cast<std::uint8_t>(request[1] + 1), status};

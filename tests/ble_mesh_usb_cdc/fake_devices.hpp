@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Devices behind a FakeBoard that wait to be provisioned and obey their configuration, and the
-// board's half of it. Events and answers come at once; faults are scripted. Written from the
-// protocol's description.
+// board's half of provisioning. Events and answers come at once; faults are scripted. Written from
+// the protocol's description.
 #pragma once
 
 #include <cstdint>
@@ -24,12 +24,12 @@ struct FakeDevice {
   std::uint16_t address = 0;  ///< 0: not provisioned
   Bytes device_key;
   Bytes app_key;
-  Bytes net_key;  ///< with which it joined; empty: it hears whatever the board sends
+  Bytes net_key;  ///< of its mesh; empty: receives under any network key
   Bytes new_net_key;
   Bytes new_app_key;
   int refresh_phase = 0;
-  std::vector<std::string> requests;  ///< configuration messages that it carried out, hex
-  /// Groups of each model, by its element and identifier as they are on air, hex.
+  std::vector<std::string> requests;  ///< configuration messages carried out, hex
+  /// Groups of each model, by its element and identifier as on air, hex.
   std::map<std::string, std::set<std::uint16_t>> subscriptions;
 
   Bytes default_ttl{4};
@@ -38,7 +38,7 @@ struct FakeDevice {
 
   struct Heartbeats {
     std::uint16_t publishes_to = 0;
-    std::uint16_t source = 0;  ///< that it counts
+    std::uint16_t source = 0;  ///< whose heartbeats it counts
     std::uint16_t destination = 0;
     unsigned count = 0;
     std::uint8_t min_hops = 0x7f;
@@ -46,32 +46,32 @@ struct FakeDevice {
   };
   Heartbeats heartbeats;
 
-  bool keeps_subscriptions = false;   ///< they outlive provisioning, as with code that has a fault
+  bool keeps_subscriptions = false;   ///< they survive provisioning, a firmware fault
   bool shares_subscriptions = false;  ///< all models have one list of groups
-  /// As robots that run Nordic's code do: Subscription Delete All and Overwrite (of a model with
-  /// many groups) and a TTL from 128 to 254 stop it on a failed assertion, and it answers no more.
+  /// A failed assertion stops it, as Nordic's code: after Subscription Delete All or Overwrite of
+  /// a model with many groups, or a TTL from 128 to 254.
   bool has_stopped = false;
 
   // Faults.
-  std::set<std::string> deaf_to;                ///< requests that begin so get no answer
-  std::multiset<std::string> lost_requests;     ///< one that begins so is lost, for each
-  std::multiset<std::string> lost_answers;      ///< the answer to one that begins so, for each
-  std::map<std::string, std::uint8_t> refuses;  ///< requests that begin so: status
-  std::map<std::string, std::string> lies;      ///< requests that begin so: this answer, hex
+  std::set<std::string> deaf_to;                ///< prefixes of requests without an answer
+  std::multiset<std::string> lost_requests;     ///< prefixes; loses one request for each
+  std::multiset<std::string> lost_answers;      ///< prefixes; loses one answer for each
+  std::map<std::string, std::uint8_t> refuses;  ///< status by prefix of the request
+  std::map<std::string, std::string> lies;      ///< answer by prefix of the request, hex
 
-  /// In phases 1 and 2 of a key refresh it hears both keys.
+  /// Returns true for both keys in phases 1 and 2 of a key refresh.
   bool hears(const Bytes& key) const {
     return net_key.empty() || key == net_key || (refresh_phase > 0 && key == new_net_key);
   }
-  /// From phase 2 on it sends under the new key.
+  /// Returns the new key from phase 2 on.
   const Bytes& sending_key() const { return refresh_phase == 2 ? new_net_key : net_key; }
 };
 
 class FakeDevices {
  public:
   std::vector<FakeDevice> devices;
-  /// How many heartbeats the second device hears of the first, and over how many hops; else all of
-  /// them directly.
+  /// Heartbeats that the second device receives from the first, and over how many hops. Others
+  /// receive all of them directly.
   struct Hearing {
     unsigned count;
     std::uint8_t min_hops;
@@ -79,37 +79,37 @@ class FakeDevices {
   };
   std::map<std::pair<std::uint16_t, std::uint16_t>, Hearing> hearing;
   bool is_scanning = false;
-  /// Events that the board does not send, the next time each.
+  /// Events that the board omits once each.
   std::set<std::uint8_t> lost_events;
-  /// At this event the link closes instead (c2, reason 2), once.
+  /// Closes the link once in place of this event (c2, reason 2).
   std::optional<std::uint8_t> closes_at;
-  /// At this event provisioning fails instead (c9, this code; then c2), once.
+  /// Fails provisioning once in place of this event (c9 with this code, then c2).
   std::optional<std::pair<std::uint8_t, std::uint8_t>> fails_at;
-  /// Contexts that wait for the end of an earlier link.
+  /// Contexts that are still busy with an earlier link.
   std::set<std::uint8_t> busy_contexts;
   /// Device keys that the board holds, by handle.
   std::map<std::uint16_t, std::pair<std::uint16_t, Bytes>> device_keys;
   std::size_t max_device_keys = 10;
   std::size_t most_device_keys = 0;
-  /// The board's network keys: first the one that it sends under.
+  /// The board's network keys; it sends under the first.
   std::vector<Bytes> net_keys;
-  std::uint32_t last_iv_index = 0;  ///< that a device was given
+  std::uint32_t last_iv_index = 0;  ///< given to a device
   std::uint16_t context_count = 0;  ///< provisioning links that were opened
 
-  /// A device with the thesis's robot models: clients 0x0004 and 0x0006, server 0x0009, on/off,
-  /// health.
+  /// Adds a device with the thesis's robot models: clients 0x0004 and 0x0006, server 0x0009,
+  /// on/off, health.
   FakeDevice& add(std::uint8_t number);
   FakeDevice* at(std::uint16_t address);
 
-  /// A provisioning command; nothing for opcodes of others. The answer's frames.
+  /// Returns the frames that answer a provisioning command; empty for other opcodes.
   std::optional<Bytes> execute(std::uint8_t opcode, ByteView params);
-  /// An access message under the device key with this handle; what comes back.
+  /// Returns the answer to an access message under the device key with this handle.
   Bytes on_access(std::uint16_t devkey_handle, std::uint16_t destination, ByteView payload);
-  /// What a device answers to a configuration message, as hex.
+  /// Returns a device's answer to a configuration message, as hex.
   Bytes answer(FakeDevice& device, const std::string& request);
-  /// What the devices say while the board scans.
+  /// Returns the devices' beacons while the board scans.
   Bytes beacons() const;
-  /// The board has lost what was in RAM.
+  /// Loses the contents of the board's RAM.
   void on_restart();
 
  private:

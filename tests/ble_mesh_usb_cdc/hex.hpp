@@ -8,7 +8,7 @@
 
 namespace slamgw::ble {
 
-/// "03 02 68 69", spaces optional.
+/// Parses hex such as "03 02 68 69"; spaces are optional.
 inline Bytes hex(std::string_view text) {
   const auto digit = [](char c) { return c <= '9' ? c - '0' : c - 'a' + 10; };
   Bytes bytes;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The daemon's machine goes through the recorded life of a gateway, a board and a robot that run
 // Nordic's code, octet by octet: start-up, scan, provisioning, configuration, updates and their
-// STATUS, commands, removal. For each release: what a release says otherwise is taken from its own
-// recordings.
+// STATUS, commands, removal. Runs for each release; where a release differs, its own recordings are
+// used.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -57,7 +57,7 @@ Bytes with_message(const Bytes& frame, const Bytes& message) {
 /// The recorded host set the groups of a model with Subscription Overwrite, which can stop a robot.
 /// The daemon asks for the list and adds one group after the other, so each Overwrite becomes Get
 /// and Add. The answers are those that the robot gave in configuration.txt; see
-/// TheAnswersInPlaceOfOverwriteWereRecorded.
+/// AnswersInPlaceOfOverwriteWereRecorded.
 std::vector<Exchange> without_overwrite(const std::vector<Exchange>& recorded) {
   std::vector<Exchange> exchanges;
   for (const Exchange& exchange : recorded) {
@@ -142,8 +142,7 @@ RandomSource recorded_private_key(const Transcript& transcript) {
 
 /// The mesh on a BoardRadio in front of a recording: each command that it writes must be the
 /// recorded one, and gets the recorded answers. Inside one situation the order is free, because the
-/// answers do not depend on it. What the recorded operator and server did is done when it is its
-/// turn.
+/// answers do not depend on it. Actions of the recorded operator and server run in their turn.
 class LifeReplay : public EventLog {
  public:
   LifeReplay(Transcript transcript, const Settings& settings)
@@ -183,7 +182,7 @@ class LifeReplay : public EventLog {
                : &transcript_.exchanges[static_cast<std::size_t>(found - is_done_.begin())];
   }
 
-  /// What others than the daemon cause.
+  /// Plays events that the daemon does not cause.
   bool act(const Exchange& exchange) {
     const std::size_t at = static_cast<std::size_t>(&exchange - transcript_.exchanges.data());
     if (std::exchange(acted_at_, at) == at) return false;
@@ -233,7 +232,7 @@ class LifeReplay : public EventLog {
   void perform(MeshAction& action) {
     std::visit(overloaded{
                    [&](WriteSerial& write) { answer(write.bytes); },
-                   [&](ReopenPort&) { ADD_FAILURE() << "the link was given up"; },
+                   [&](ReopenPort&) { ADD_FAILURE() << "the daemon closed the link"; },
                    [&](StoreMesh& store) {
                      stored = std::move(store.database);
                      mesh.on_stored({}, now);
@@ -256,7 +255,7 @@ class LifeReplay : public EventLog {
       from_board_.push_back(hex("07 84 14 00 00 00 00 00"));
       return;
     }
-    if (frame_opcode_of(written) == local_unicast_get && mesh_is_started()) {  // in turn with it
+    if (frame_opcode_of(written) == local_unicast_get && mesh_is_started()) {  // alternates with it
       from_board_.push_back(hex("07 84 a0 00 01 00 20 00"));
       return;
     }
@@ -277,7 +276,7 @@ class LifeReplay : public EventLog {
                   << to_hex(expected->command) << "\nwritten  " << to_hex(written);
   }
   bool mesh_is_started() const { return !all<LinkChange>().empty(); }
-  /// The moment of a poll depends on the clock; what the robot said then is said.
+  /// Skips recorded polls, whose time depends on the clock, and plays the robot messages in them.
   void skip_polls() {
     while (next() != nullptr && mesh_is_started() &&
            frame_opcode_of(next()->command) == housekeeping_get) {
@@ -322,7 +321,7 @@ class LifeReplay : public EventLog {
 
 const std::vector<std::string> releases{"2.2.0", "3.1.0", "5.0.0"};
 
-TEST(LifeReplay, GoesAsRecordedWithEachRelease) {
+TEST(LifeReplay, WritesRecordedCommandsWithEachRelease) {
   for (const std::string& release : releases) {
     SCOPED_TRACE(release);
     LifeReplay replay(life("life", release), Settings{});
@@ -351,7 +350,7 @@ TEST(LifeReplay, GoesAsRecordedWithEachRelease) {
   }
 }
 
-TEST(LifeReplay, GoesAsRecordedWithStaticOobAndEachRelease) {
+TEST(LifeReplay, WritesRecordedCommandsWithStaticOobAndEachRelease) {
   for (const std::string& release : releases) {
     SCOPED_TRACE(release);
     Settings settings;
@@ -369,8 +368,8 @@ TEST(LifeReplay, GoesAsRecordedWithStaticOobAndEachRelease) {
   }
 }
 
-/// Takes a session through the recorded provisioning of one release: each of its commands must be
-/// one that the recorded host wrote and the board took.
+/// Runs a session through the recorded provisioning of one release: each of its commands must be
+/// one that the recorded host wrote and the board accepted.
 class ProvisioningReplay {
  public:
   ProvisioningReplay(const std::string& name, const std::string& release,
@@ -388,7 +387,7 @@ class ProvisioningReplay {
       if (session.wants_addresses()) session.on_addresses(now_);
     }
   }
-  /// The device's key as hex; empty if the device has not joined.
+  /// Returns the device's key as hex; empty if the device has not joined.
   std::string device_key() {
     while (const auto action = actions_.pop()) {
       const auto* event = std::get_if<RadioEvent>(&*action);
@@ -445,7 +444,7 @@ Key oob_of(std::string_view text) {
   return key;
 }
 
-TEST(ProvisioningReplay, EachReleaseTakesADeviceIn) {
+TEST(ProvisioningReplay, WritesRecordedCommandsOfEachRelease) {
   for (const std::string& release : releases) {
     SCOPED_TRACE(release);
     ProvisioningReplay plain("provision", release, std::nullopt);
@@ -467,7 +466,7 @@ bool was_recorded(std::string_view command, std::string_view answer) {
   return false;
 }
 
-TEST(LifeReplay, TheAnswersInPlaceOfOverwriteWereRecorded) {
+TEST(LifeReplay, AnswersInPlaceOfOverwriteWereRecorded) {
   EXPECT_TRUE(was_recorded("80 2b 00 01 59 00 05 00", "80 2c 00 00 01 59 00 05 00")) << "none";
   EXPECT_TRUE(was_recorded("80 29 00 01 00 10", "80 2a 00 00 01 00 10 02 c0")) << "one";
   EXPECT_TRUE(was_recorded("80 1b 00 01 02 c0 59 00 05 00", "80 1f 00 00 01 02 c0 59 00 05 00"));

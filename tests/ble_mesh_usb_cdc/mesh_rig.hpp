@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// BleMesh on a BoardRadio, wired to a FakeBoard on one virtual clock: what the machine writes
-// reaches the board at once, and what the board answers comes back `latency` later.
+// BleMesh on a BoardRadio, wired to a FakeBoard on one virtual clock: the machine's octets reach
+// the board at once, and the board's answers arrive `latency` later.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +29,7 @@ inline MeshKeys test_keys() {
   return keys;
 }
 
-/// Of a key refresh.
+/// The new keys of a key refresh.
 inline MeshKeys new_keys() {
   MeshKeys keys;
   keys.net_key.fill(0x33);
@@ -43,7 +43,7 @@ inline NodeDatabase test_database() {
   return database;
 }
 
-/// Different octets each time, the same in each test.
+/// Returns different octets at each call, the same in each test.
 inline RandomSource test_random() {
   return [random = std::mt19937_64(3)](std::span<std::uint8_t> octets) mutable {
     for (std::uint8_t& octet : octets) octet = static_cast<std::uint8_t>(random());
@@ -64,7 +64,7 @@ class MeshRig : public EventLog {
                return true;
              }) {}
 
-  /// Opens the port; the link is up some time later.
+  /// Opens the port; the link comes up later.
   void open() {
     mesh.on_port_open(now);
     drain();
@@ -79,7 +79,7 @@ class MeshRig : public EventLog {
     mesh.on_bytes(from_board, now);
     drain();
   }
-  /// A robot's access message.
+  /// Delivers a robot's access message.
   void hear(std::uint16_t source, std::string_view payload, std::uint16_t group = 0) {
     say(board.message(source, hex(payload), group));
   }
@@ -106,7 +106,7 @@ class MeshRig : public EventLog {
     drain();
     return waiting;
   }
-  /// The requests that count as a sign that the robot is here.
+  /// Returns the requests that show a robot's presence at this gateway.
   std::vector<SubscribeRequest> asked() const {
     auto requests = all<SubscribeRequest>();
     std::erase_if(requests, [](const SubscribeRequest& each) { return each.is_standing; });
@@ -138,16 +138,16 @@ class MeshRig : public EventLog {
     }
   }
 
-  /// Messages that the board sent to `destination`, as hex.
+  /// Returns the board's messages to `destination`, as hex.
   std::vector<std::string> sent_to(std::uint16_t destination) const {
     std::vector<std::string> found;
     for (const auto& packet : board.sent)
       if (packet.destination == destination) found.push_back(to_hex(packet.payload));
     return found;
   }
-  /// The address that the board last sent from; 0 when it did not send.
+  /// Returns the address that the board last sent from; 0 when it did not send.
   std::uint16_t source() const { return board.sent.empty() ? 0 : board.sent.back().source; }
-  /// A robot asks, so that the board has something to send.
+  /// Sends a robot's request, so that the board sends an answer.
   std::uint16_t source_of_an_answer() {
     board.sent.clear();
     hear(first_robot, "ca 59 00");
@@ -164,7 +164,7 @@ class MeshRig : public EventLog {
     return ~std::uint64_t{0};
   }
 
-  /// From the board, like its answers; `say` is at once.
+  /// Delivers octets of the board after the latency; `say` delivers at once.
   void deliver_later(Bytes bytes) {
     if (spoil) spoil(bytes);
     if (!bytes.empty()) in_flight_.push_back({now + latency, std::move(bytes)});
@@ -173,10 +173,10 @@ class MeshRig : public EventLog {
   TimePoint now{};
   Duration latency = std::chrono::milliseconds{3};
   FakeBoard board;
-  std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
+  std::function<void(Bytes&)> spoil;  ///< damages a transfer, either way
   BleMesh mesh;
-  std::vector<TimePoint> event_times;    ///< of each of them
-  std::vector<std::size_t> sent_before;  ///< packets on air when each of them was said
+  std::vector<TimePoint> event_times;    ///< time of each event
+  std::vector<std::size_t> sent_before;  ///< packets sent before each event
   std::vector<Duration> reopens;
   /// The mesh's keys are test_keys() first, then new_keys().
   int keys_drawn = 0;
@@ -184,7 +184,7 @@ class MeshRig : public EventLog {
   bool reopens_port = true;
   std::vector<NodeDatabase> stored;
   bool answers_stores = true;
-  std::uint64_t last_command = 0;  ///< the id of the last one
+  std::uint64_t last_command = 0;  ///< the id of the last command
   std::string store_problem;
   std::vector<OrderAnswer> answers;
   std::vector<HeardRobot> heard;

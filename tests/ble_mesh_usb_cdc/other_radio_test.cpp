@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh above the seam (radio.hpp) on a radio that is no board of Nordic's: it tells neither TTL
-// nor signal strength, keeps the device keys to itself and its address for ever, and sends more.
+// The mesh above radio.hpp on a radio that is not Nordic's board: it reports neither TTL nor signal
+// strength, does not reveal device keys, keeps its address, and sends longer messages.
 #include <gtest/gtest.h>
 
 #include <deque>
@@ -53,7 +53,7 @@ class OtherRadio final : public Radio {
     say(ProvisionerEvent{JoinEnded{}});
   }
   void use_device_key(std::uint16_t address, const std::optional<Key>& key) override {
-    EXPECT_FALSE(key) << "nobody was told it";
+    EXPECT_FALSE(key) << "this radio reveals no device key";
     say(ProvisionerEvent{DeviceKeyUsed{address, {}}});
   }
   void forget_device_key(std::uint16_t address) override {
@@ -80,7 +80,7 @@ class OtherRadio final : public Radio {
   void on_deadline(TimePoint) override {}
 
   void say(RadioEvent event) { actions_.emplace_back(std::move(event)); }
-  /// A message from the robot.
+  /// Delivers a message from the robot.
   void hear(Bytes payload, bool is_under_device_key = false) {
     MessageReceived message;
     message.source = other_robot;
@@ -173,7 +173,7 @@ TEST(OtherRadio, ARobotJoinsIsConfiguredHeardAndCommanded) {
   EXPECT_EQ(rig.all<CommandOutcome>()[0].result, CommandResult::delivered);
 }
 
-TEST(OtherRadio, TakesCommandsAsLongAsItSends) {
+TEST(OtherRadio, RefusesCommandsLongerThanRadioSends) {
   OtherRadioRig rig;
   rig.run_for(10s);
   constexpr std::size_t opcode_bytes = 3;
@@ -184,7 +184,7 @@ TEST(OtherRadio, TakesCommandsAsLongAsItSends) {
   EXPECT_EQ(rig.radio.sent.back().payload.size(), most_sent_bytes);
 }
 
-TEST(OtherRadio, ItsDatabaseIsReadAgain) {
+TEST(OtherRadio, ReadsItsStoredDatabase) {
   OtherRadioRig rig;
   rig.run_for(10s);
   const auto again = decode_node_database(encode_node_database(rig.stored));

@@ -17,7 +17,7 @@ struct ProvisioningRig : MeshRig {
 
   FakeDevice& add(std::uint8_t number) { return board.devices.add(number); }
 
-  /// `time` passes, with beacons each half second.
+  /// Runs for `time`, with beacons each half second.
   void pass(Duration time) {
     for (const TimePoint end = now + time; now < end;) {
       run_for(std::chrono::milliseconds{500});
@@ -25,7 +25,7 @@ struct ProvisioningRig : MeshRig {
     }
     run_for(std::chrono::milliseconds{100});
   }
-  /// Time passes until each device is configured, or this long.
+  /// Runs until each device is configured or `limit` has passed.
   bool all_configured(Duration limit) {
     for (const TimePoint end = now + limit; now < end;) {
       if (configured() == board.devices.devices.size()) return true;
@@ -33,13 +33,13 @@ struct ProvisioningRig : MeshRig {
     }
     return configured() == board.devices.devices.size();
   }
-  /// How many nodes the disk has as configured.
+  /// Returns the number of configured nodes on disk.
   std::size_t configured() const {
     return static_cast<std::size_t>(
         std::ranges::count(on_disk().nodes, NodeState::configured, &Node::state));
   }
   const NodeDatabase& on_disk() const { return stored.empty() ? initial : stored.back(); }
-  /// Somebody resets by hand what is in the mesh without the gateway having its key.
+  /// Resets devices by hand whose key the gateway does not have.
   void reset_lost_devices() {
     for (FakeDevice& device : board.devices.devices) {
       const Node* node = on_disk().find_address(device.address);
@@ -53,7 +53,7 @@ struct ProvisioningRig : MeshRig {
     run_for(Duration::zero());
     return last_order;
   }
-  /// The answer to the last order; null when there is none, its error as text.
+  /// Returns the answer to the last order, or its error as text; null when there is none.
   nlohmann::json answer() const {
     if (answers.size() != last_order) return nullptr;
     if (!answers.back().error.empty()) return answers.back().error;

@@ -56,7 +56,7 @@ class Walk {
     rig.run_for(20ms);
   }
 
-  /// Takes in what has happened since the last call.
+  /// Processes the events since the last call.
   void collect() {
     for (; next_event < rig.events.size(); ++next_event)
       if (const auto* report = std::get_if<Report>(&rig.events[next_event]))
@@ -88,7 +88,7 @@ class Walk {
     }
   }
 
-  /// Robots of other meshes say more than is relayed.
+  /// Robots of other meshes send more than the gateway relays.
   void relay() {
     for (const char* robot : {"ntnu-slam/robot/a/update", "ntnu-slam/robot/b/update"})
       rig.mesh.on_robot_message(
@@ -124,7 +124,7 @@ class Walk {
     rig.run_for(60s);
     collect();
     EXPECT_TRUE(rig.is_up());
-    EXPECT_EQ(rig.board.count(0xac), 0u) << "no operator has the board cleared";
+    EXPECT_EQ(rig.board.count(0xac), 0u) << "no operator ordered the board to be cleared";
     EXPECT_EQ(rig.all<CommandOutcome>().size(), commands) << "one outcome for each command";
   }
 
@@ -132,7 +132,7 @@ class Walk {
   MeshRig rig;
   std::vector<WalkRobot> robots;
   std::set<std::pair<std::uint16_t, std::uint16_t>> safe;
-  std::size_t safe_twice = 0;  ///< duplicates upstream: what was refused does not count
+  std::size_t safe_twice = 0;  ///< duplicates upstream, without refused messages
   std::vector<Report> reports;
   std::map<std::uint16_t, std::size_t> statuses;
   std::size_t next_event = 0;
@@ -144,7 +144,7 @@ class Walk {
   bool relays = false;
 };
 
-/// Every number in order without a gap; returns how many went up more than once.
+/// Checks that numbers are in order without a gap; returns how many were published twice.
 std::size_t expect_complete(const Walk& walk) {
   std::map<std::uint16_t, std::uint16_t> last;
   std::size_t doubles = 0;
@@ -157,11 +157,11 @@ std::size_t expect_complete(const Walk& walk) {
     seen = number;
   }
   for (const WalkRobot& robot : walk.robots)
-    EXPECT_GE(last[robot.address] + 1, robot.number) << "the last one may be on its way";
+    EXPECT_GE(last[robot.address] + 1, robot.number) << "the last one may be in flight";
   return doubles;
 }
 
-TEST(RandomWalk, ALossyRadioLosesNothingThatWasAcknowledged) {
+TEST(RandomWalk, LosesNoAcknowledgedMessageOnLossyRadio) {
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     SCOPED_TRACE(seed);
     Walk walk(seed);
@@ -173,7 +173,7 @@ TEST(RandomWalk, ALossyRadioLosesNothingThatWasAcknowledged) {
 }
 
 /// Three robots at five messages a second, a tenth of all radio messages lost.
-TEST(RandomWalk, TwentyMinutesOnALossyRadioLosesNothingAndDoublesLittle) {
+TEST(RandomWalk, LosesNothingAndDoublesLittleInTwentyMinutesOnLossyRadio) {
   Walk walk(1);
   for (int i = 0; i < 50 * 1200; ++i) walk.step();
   walk.settle();
@@ -182,7 +182,7 @@ TEST(RandomWalk, TwentyMinutesOnALossyRadioLosesNothingAndDoublesLittle) {
   EXPECT_GT(walk.safe.size(), 10000u);
 }
 
-TEST(RandomWalk, WhatIsRelayedCostsTheRobotsOfTheMeshNothing) {
+TEST(RandomWalk, RelayingLosesNoMessageOfMesh) {
   for (const double fault : {0.0, 0.005}) {
     SCOPED_TRACE(fault);
     Walk walk(4);
@@ -198,7 +198,7 @@ TEST(RandomWalk, WhatIsRelayedCostsTheRobotsOfTheMeshNothing) {
   }
 }
 
-TEST(RandomWalk, ABoardThatRestartsAndFallsSilentComesBack) {
+TEST(RandomWalk, RecoversFromBoardThatRestartsAndFallsSilent) {
   std::uint64_t restarts = 0;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     SCOPED_TRACE(seed);
@@ -212,7 +212,7 @@ TEST(RandomWalk, ABoardThatRestartsAndFallsSilentComesBack) {
   EXPECT_GT(restarts, 0u);
 }
 
-TEST(RandomWalk, ASerialLineThatLosesTransfersComesBack) {
+TEST(RandomWalk, RecoversFromSerialLineThatLosesTransfers) {
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     SCOPED_TRACE(seed);
     Walk walk(seed);
@@ -226,7 +226,7 @@ TEST(RandomWalk, ASerialLineThatLosesTransfersComesBack) {
   }
 }
 
-TEST(RandomWalk, ASerialLineThatLosesOctetsComesBack) {
+TEST(RandomWalk, RecoversFromSerialLineThatLosesOctets) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     SCOPED_TRACE(seed);
     Walk walk(seed);
@@ -239,7 +239,7 @@ TEST(RandomWalk, ASerialLineThatLosesOctetsComesBack) {
         transfer.insert(transfer.begin() + at, static_cast<std::uint8_t>(walk.random()));
       }
     };
-    // No checksum protects this line, so content is not compared here, only that it goes on.
+    // No checksum protects this line, so the test compares no content and checks only the recovery.
     for (int i = 0; i < 1000; ++i) {
       walk.rig.run_for(20ms);
       walk.rig.deliver_later(walk.rig.board.message(0x0100, hex("cb 59 00 01 00 02 00"), 0xc003));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a board writes: a length, an opcode and parameters.
+// A board's frame: a length, an opcode and parameters.
 #pragma once
 
 #include "daemon/core/bytes.hpp"

@@ -22,7 +22,7 @@ TEST(Opcode, IsOneTwoOrThreeOctets) {
   }
 }
 
-TEST(Opcode, RefusesTornAndReservedOnes) {
+TEST(Opcode, RejectsTruncatedAndReservedOpcodes) {
   EXPECT_EQ(decode_access({}).error(), DecodeError::too_short);
   EXPECT_EQ(decode_access(hex("82")).error(), DecodeError::too_short);
   EXPECT_EQ(decode_access(hex("c9 59")).error(), DecodeError::too_short);

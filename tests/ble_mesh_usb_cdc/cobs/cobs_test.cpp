@@ -44,7 +44,7 @@ TEST(Cobs, AgreesWithTheRobotsCode) {
   }
 }
 
-TEST(Cobs, RefusesWhatIsNoFrame) {
+TEST(Cobs, RejectsInvalidFrames) {
   EXPECT_EQ(decode_cobs({}).error(), DecodeError::too_short);
   EXPECT_EQ(decode_cobs(hex("05 11")).error(), DecodeError::too_short);
   EXPECT_EQ(decode_cobs(hex("03 11 00")).error(), DecodeError::bad_value);
@@ -62,7 +62,7 @@ TEST(CobsSplitter, FindsFramesWhereverTheStreamIsCut) {
   }
 }
 
-TEST(CobsSplitter, DropsWhatIsTooLongAndGoesOn) {
+TEST(CobsSplitter, DropsOversizedFrameAndContinues) {
   CobsSplitter splitter;
   splitter.on_bytes(hex("00"));
   EXPECT_TRUE(splitter.on_bytes(Bytes(100'000, 1)).empty());
@@ -121,7 +121,7 @@ class CobsMeshTest : public ::testing::Test, protected EventLog {
     mesh.emplace(settings, TopicScheme("ntnu-slam", "gw"), RobotNames({{"old2", 0x0002, {}}}));
     mesh->on_start();
     mesh->on_port_open(now);
-    hear("00");  // the end of whatever was on its way
+    hear("00");  // ends a frame in progress
   }
 
   void hear(std::string_view wire) {
@@ -152,7 +152,7 @@ class CobsMeshTest : public ::testing::Test, protected EventLog {
   std::vector<Bytes> written;
 };
 
-TEST_F(CobsMeshTest, PositionsBecomeTheConfiguredRobotsUpdates) {
+TEST_F(CobsMeshTest, PublishesPositionsAsUpdatesOfConfiguredRobot) {
   make(CobsContent::positions);
   EXPECT_TRUE(all<LinkChange>().at(0).is_up);
   hear("02 0a 03 ec ff 01 00 02 0a 04 ec ff 64 03 2c 01 00");
@@ -165,7 +165,7 @@ TEST_F(CobsMeshTest, PositionsBecomeTheConfiguredRobotsUpdates) {
   EXPECT_EQ(all<PresenceChange>().at(0).robot, "nr1");
 }
 
-TEST_F(CobsMeshTest, DropsTheTornFrameAfterEachOpening) {
+TEST_F(CobsMeshTest, DropsIncompleteFrameAfterEachOpening) {
   make(CobsContent::positions);
   hear("02 0a");
   mesh->on_port_closed("gone", now);
@@ -175,7 +175,7 @@ TEST_F(CobsMeshTest, DropsTheTornFrameAfterEachOpening) {
   EXPECT_EQ(all<Report>()[0].payload, hex("00"));
 }
 
-TEST_F(CobsMeshTest, CommandsAreRefusedNotSwallowed) {
+TEST_F(CobsMeshTest, RefusesCommandsWithOutcome) {
   make(CobsContent::positions);
   mesh->on_broker_message(
       {"nr1", {"ntnu-slam/server/nr1/cmd", hex("0a 00 ec ff"), Qos::at_least_once}, CommandId{1}},
@@ -189,12 +189,12 @@ TEST_F(CobsMeshTest, CommandsAreRefusedNotSwallowed) {
   EXPECT_NE(all<CommandOutcome>()[0].why.find("not supported by this link"), std::string::npos);
 }
 
-/// It is at another gateway: no presence is due here and no will, until it comes back.
-TEST_F(CobsMeshTest, ARobotThatWasGivenUpIsAnnouncedAgainWhenItComesBack) {
+/// The robot is at another gateway: presence and will are due here only after it is heard again.
+TEST_F(CobsMeshTest, AnnouncesGivenUpRobotWhenItIsHeardAgain) {
   make(CobsContent::positions);
-  EXPECT_TRUE(all<SubscribeRequest>().at(0).is_standing) << "it may be elsewhere";
+  EXPECT_TRUE(all<SubscribeRequest>().at(0).is_standing) << "the robot may be at another gateway";
   hear("02 0a 04 ec ff 00 03 ec ff 01 00");
-  EXPECT_FALSE(all<SubscribeRequest>().at(1).is_standing) << "it is here";
+  EXPECT_FALSE(all<SubscribeRequest>().at(1).is_standing) << "the robot is at this gateway";
   events.clear();
   EXPECT_TRUE(mesh->give_up("nr1", now).empty());
   mesh->on_deadline(now + 1h);
@@ -206,7 +206,7 @@ TEST_F(CobsMeshTest, ARobotThatWasGivenUpIsAnnouncedAgainWhenItComesBack) {
   EXPECT_FALSE(all<SubscribeRequest>().at(0).is_standing);
 }
 
-TEST_F(CobsMeshTest, BadFramesAreCountedAndSaidOnce) {
+TEST_F(CobsMeshTest, CountsBadFramesAndReportsThemOnce) {
   make(CobsContent::lien);
   hear("05 11 00 05 11 00 01 02 02 01 01 03 09 1e 00");
   EXPECT_EQ(mesh->counters().at(2).value, 3u);
@@ -214,9 +214,9 @@ TEST_F(CobsMeshTest, BadFramesAreCountedAndSaidOnce) {
   EXPECT_TRUE(all<Report>().empty());
 }
 
-TEST_F(CobsMeshTest, LienRobotsTakeNewNamesWhileTheyTalk) {
+TEST_F(CobsMeshTest, RenamesLienRobotsThatAreOnline) {
   make(CobsContent::lien);
-  hear("01 02 02 01 01 03 09 1e 00");  // not theirs
+  hear("01 02 02 01 01 03 09 1e 00");  // wrong CRC
   hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");
   events.clear();
   mesh->on_names(RobotNames({{"new2", 0x0002, {}}, {"new3", 0x0003, {}}}), now);
@@ -228,11 +228,11 @@ TEST_F(CobsMeshTest, LienRobotsTakeNewNamesWhileTheyTalk) {
   EXPECT_EQ(presence[1].robot, "new2");
   EXPECT_EQ(presence[1].presence, Presence::online);
   EXPECT_EQ(all<UnsubscribeRequest>().size(), 1u);
-  EXPECT_EQ(all<SubscribeRequest>().size(), 2u) << "the one that was not heard yet, too";
-  EXPECT_TRUE(all<Report>().empty()) << "it is not dead: no will";
+  EXPECT_EQ(all<SubscribeRequest>().size(), 2u) << "also for the robot that was not heard yet";
+  EXPECT_TRUE(all<Report>().empty()) << "a renamed robot publishes no will";
 }
 
-TEST_F(CobsMeshTest, WhatABannedLienRobotSaysIsDropped) {
+TEST_F(CobsMeshTest, DropsMessagesOfBannedLienRobot) {
   make(CobsContent::lien);
   mesh->on_names(RobotNames({{"old2", 0x0002, {}}}, Bans({"old2"})), now);
   drain();
@@ -264,7 +264,7 @@ TEST_F(CobsMeshTest, ABannedRobotGoesOfflineWithEitherContent) {
   }
 }
 
-TEST_F(CobsMeshTest, SimpleLienMessagesGoUpByName) {
+TEST_F(CobsMeshTest, PublishesSimpleLienMessagesByName) {
   make(CobsContent::lien);
   hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");
   hear("01 02 02 01 01 03 09 1f 00");
@@ -277,7 +277,7 @@ TEST_F(CobsMeshTest, SimpleLienMessagesGoUpByName) {
   EXPECT_EQ(reports[2].topic, "ntnu-slam/robot/old2/ping_response");
 }
 
-TEST_F(CobsMeshTest, SimpleMessagesInPartsArePutTogetherOrDropped) {
+TEST_F(CobsMeshTest, ReassemblesOrDropsSegmentedSimpleMessages) {
   make(CobsContent::lien);
   hear_lien("00 03 00 00 02 0b 41");
   hear_lien("00 03 00 01 02 42");
@@ -289,14 +289,14 @@ TEST_F(CobsMeshTest, SimpleMessagesInPartsArePutTogetherOrDropped) {
   EXPECT_EQ(all<Report>()[0].payload, hex("0b 41 42 43"));
 }
 
-TEST_F(CobsMeshTest, ArqMessagesAreAcknowledgedWhenTheyAreSafe) {
+TEST_F(CobsMeshTest, AcknowledgesArqMessagesWhenTheyAreSafe) {
   make(CobsContent::lien);
   hear("01 05 02 01 02 37 00");  // SYN
   ASSERT_EQ(written.size(), 1u);
   EXPECT_EQ(written[0], hex("02 02 04 01 03 21 00"));
   hear("01 04 02 01 01 02 68 00");           // ACK 0
   hear("01 03 02 01 01 02 01 03 03 04 00");  // IDLE
-  hear("01 03 02 01 01 02 01 03 03 04 00");  // again: not answered yet
+  hear("01 03 02 01 01 02 01 03 03 04 00");  // a repeat, not answered yet
   ASSERT_EQ(all<Report>().size(), 1u);
   EXPECT_EQ(all<Report>()[0].topic, "ntnu-slam/robot/old2/idle");
   EXPECT_EQ(written.size(), 1u);
@@ -325,7 +325,7 @@ TEST_F(CobsMeshTest, ArqMessagesSpanSegmentsAndNumbersWrap) {
   }
 }
 
-TEST_F(CobsMeshTest, ARefusedArqMessageCountsAgain) {
+TEST_F(CobsMeshTest, PublishesRepeatOfRefusedArqMessage) {
   make(CobsContent::lien);
   hear_lien("00 02 01 02");
   hear_lien("00 02 01 00 00 01 00 03");
@@ -337,7 +337,7 @@ TEST_F(CobsMeshTest, ARefusedArqMessageCountsAgain) {
   EXPECT_EQ(written.size(), 2u);
 }
 
-TEST_F(CobsMeshTest, TheUpdateOfARefusedArqMessageGoesUpOnce) {
+TEST_F(CobsMeshTest, PublishesUpdateOfRefusedArqMessageOnce) {
   make(CobsContent::lien);
   const auto send = [&] {
     events.clear();
@@ -361,7 +361,7 @@ TEST_F(CobsMeshTest, TheUpdateOfARefusedArqMessageGoesUpOnce) {
   EXPECT_EQ(written.size(), 2u);
 }
 
-TEST_F(CobsMeshTest, AnArqMessageWaitsForItsUpdateToo) {
+TEST_F(CobsMeshTest, AcknowledgesArqMessageOnlyWhenItsUpdateIsSafeToo) {
   make(CobsContent::lien);
   hear_lien("00 02 01 02");
   hear_lien("00 02 01 00 00 0d 00 01 0a 00 ec ff 5a 00 2d 00 14 28 50 5a");
@@ -378,7 +378,7 @@ TEST_F(CobsMeshTest, AnArqMessageWaitsForItsUpdateToo) {
   EXPECT_EQ(written.size(), 2u);
 }
 
-TEST_F(CobsMeshTest, ANewConnectionVoidsWhatWasOpen) {
+TEST_F(CobsMeshTest, NewConnectionDropsOwedAcknowledgements) {
   make(CobsContent::lien);
   hear_lien("00 02 01 02");
   hear_lien("00 02 01 00 00 01 00 03");
@@ -394,7 +394,7 @@ TEST_F(CobsMeshTest, SegmentsWithoutConnectionGetNoAnswer) {
   EXPECT_TRUE(all<Report>().empty());
 }
 
-TEST_F(CobsMeshTest, AMessageThatNeverEndsIsBounded) {
+TEST_F(CobsMeshTest, EndsConnectionOfMessageThatExceedsBound) {
   make(CobsContent::lien);
   hear_lien("00 02 01 02");
   for (int i = 0; i < 200; ++i) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter over a real pseudo-terminal with a FakeBoard at its other end: first light, unplug
+// The adapter over a real pseudo-terminal with a FakeBoard at its other end: first start, unplug
 // and replug, and the file with the keys.
 #include "adapters/ble_mesh_usb_cdc/io/board_adapter.hpp"
 
@@ -31,7 +31,7 @@ namespace asio = boost::asio;
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-/// A pseudo-terminal linked at `path`; what is written there reaches `board`.
+/// A pseudo-terminal linked at `path`; octets written there reach `board`.
 class PluggedBoard {
  public:
   PluggedBoard(asio::io_context& io, fs::path path, FakeBoard& board)
@@ -54,7 +54,7 @@ class PluggedBoard {
   void read() {
     master_.async_read_some(asio::buffer(buffer_), [this](auto error, std::size_t count) {
       if (error == asio::error::operation_aborted) return;
-      if (error) return poll();  // nobody has the other end open
+      if (error) return poll();  // the other end is not open
       const Bytes answer = board_.on_bytes(ByteView(buffer_).first(count));
       if (!answer.empty()) say(answer);
       read();
@@ -105,7 +105,7 @@ class BoardAdapterTest : public ::testing::Test {
                                              directory.string(), sessions, listener);
   }
   void plug() { plugged.emplace(io, directory / "tty", board); }
-  /// Runs the loop until `condition` holds; false after a limit that only a failure reaches.
+  /// Runs the loop until `condition` is true; false after a limit that only a failure reaches.
   bool eventually(const std::function<bool()>& condition) {
     const auto limit = std::chrono::steady_clock::now() + 20s;
     while (!condition() && std::chrono::steady_clock::now() < limit) {
@@ -169,10 +169,10 @@ TEST_F(BoardAdapterTest, SurvivesUnplugAndReplug) {
   EXPECT_EQ(board.subnets.size(), 1u);
 }
 
-TEST_F(BoardAdapterTest, KeepsTryingADeviceThatIsNotThere) {
+TEST_F(BoardAdapterTest, KeepsTryingMissingDevice) {
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.all<LinkChange>().size() == 1; }));
-  std::ofstream(directory / "tty") << "no terminal";  // the next attempts fail in another way
+  std::ofstream(directory / "tty") << "not a terminal";  // the next attempts fail in another way
   ASSERT_TRUE(eventually([&] { return listener.all<LinkChange>().size() == 2; }));
   fs::remove(directory / "tty");
   plug();
@@ -232,7 +232,7 @@ TEST_F(BoardAdapterTest, StaysOffWithTheAddressOfARobot) {
   EXPECT_TRUE(board.commands.empty());
 }
 
-TEST_F(BoardAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
+TEST_F(BoardAdapterTest, StaysOffWhenMeshFileContradictsItsAddress) {
   NodeDatabase guest;
   guest.guest_address = 2;
   ASSERT_EQ(MeshFile(directory.string()).write(guest), "");
@@ -258,7 +258,7 @@ TEST_F(BoardAdapterTest, AKeyFileIsNeverReplaced) {
   EXPECT_FALSE(fs::exists(directory / "mesh.json.new"));
 }
 
-TEST_F(BoardAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
+TEST_F(BoardAdapterTest, ReportsUnstorableKeysAndDoesNotConfigureBoard) {
   settings.device = directory / "tty";
   adapter =
       std::make_unique<BoardAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
@@ -269,7 +269,7 @@ TEST_F(BoardAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
   EXPECT_TRUE(board.subnets.empty());
 }
 
-TEST_F(BoardAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
+TEST_F(BoardAdapterTest, PublishesPositionsFromStreamingBoard) {
   settings.protocol = Protocol::cobs;
   settings.robot_id = "nr1";
   CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
@@ -279,7 +279,7 @@ TEST_F(BoardAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
   plugged->say(hex("00 02 0a 03 ec ff 01 00"));
   ASSERT_TRUE(eventually([&] { return !listener.all<Report>().empty(); }));
   EXPECT_EQ(listener.all<Report>()[0].topic, "ntnu-slam/robot/nr1/update");
-  EXPECT_TRUE(board.commands.empty()) << "nothing is written to such a board";
+  EXPECT_TRUE(board.commands.empty()) << "a streaming board gets no commands";
   streams.stop();
 }
 
@@ -293,13 +293,13 @@ TEST_F(BoardAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
   gates->closing.shut();
   adapter->stop();
-  EXPECT_TRUE(gates->closing.is_holding()) << "stop() came back first";
+  EXPECT_TRUE(gates->closing.has_waiting_call()) << "stop() returned first";
   adapter.reset();
   gates->closing.open();
   make_adapter();
 }
 
-TEST_F(BoardAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
+TEST_F(BoardAdapterTest, ReportsOutcomesOfCommandsThatCrashInterrupted) {
   const Now now = read_clocks();
   sessions.sessions["nr1"] = encode_open_commands({{"cmd", now.mono - 2s, true}}, now);
   sessions.sessions["nr2"] = encode_open_commands({{"x", now.mono - 1s, false}}, now);
@@ -319,8 +319,8 @@ TEST_F(BoardAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u) << "once";
 }
 
-/// As the core's answer to an outcome may do.
-TEST_F(BoardAdapterTest, TellsTheOutcomesOfInterruptedCommandsToAListenerThatCallsBack) {
+/// The core may call back when it gets an outcome.
+TEST_F(BoardAdapterTest, ReportsInterruptedCommandsToListenerThatCallsBack) {
   const Now now = read_clocks();
   sessions.sessions["nr1"] =
       encode_open_commands({{"run", now.mono - 2s, true}, {"cmd", now.mono - 1s, true}}, now);
@@ -333,7 +333,7 @@ TEST_F(BoardAdapterTest, TellsTheOutcomesOfInterruptedCommandsToAListenerThatCal
   EXPECT_TRUE(sessions.sessions.empty());
 }
 
-TEST_F(BoardAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
+TEST_F(BoardAdapterTest, KeepsOpenCommandsOnDiskUntilTheirOutcome) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
@@ -376,7 +376,7 @@ TEST_F(BoardAdapterTest, DoesNotBeginWithTheSameTidAfterARestart) {
   EXPECT_GT(commands.size(), 1u);
 }
 
-TEST_F(BoardAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
+TEST_F(BoardAdapterTest, ReturnsUnsentCommandsOfGivenUpRobot) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
@@ -391,10 +391,10 @@ TEST_F(BoardAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
   ASSERT_EQ(listener.all<CommandOutcome>().size(), 1u);
   EXPECT_EQ(listener.all<CommandOutcome>()[0].id, CommandId{1});
   EXPECT_TRUE(adapter->give_up("nr1").empty());
-  EXPECT_TRUE(adapter->give_up("nobody").empty());
+  EXPECT_TRUE(adapter->give_up("unknown").empty());
 }
 
-TEST_F(BoardAdapterTest, KeepsNoContentOfCommands) {
+TEST_F(BoardAdapterTest, StoresNoPayloadOfCommands) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
@@ -406,7 +406,7 @@ TEST_F(BoardAdapterTest, KeepsNoContentOfCommands) {
   EXPECT_EQ(as_text(sessions.sessions["nr1"]).find("KK"), std::string_view::npos);
 }
 
-TEST_F(BoardAdapterTest, SaysNothingAfterStop) {
+TEST_F(BoardAdapterTest, ReportsNothingAfterStop) {
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));

@@ -10,7 +10,7 @@ UsbPort usb(std::string path, std::uint16_t vendor, std::uint16_t product) {
   return {std::move(path), vendor, product, "0123"};
 }
 
-TEST(DeviceChoice, TakesTheOneBoardAndNeverTheThreadCoProcessor) {
+TEST(DeviceChoice, ChoosesOnlyBoardAndNeverThreadCoProcessor) {
   const auto chosen =
       choose_device({usb("/dev/ttyACM0", 0x1915, 0xcafe), usb("/dev/ttyACM1", 0x1366, 0x0105),
                      usb("/dev/ttyUSB0", 0x0403, 0x6001)});

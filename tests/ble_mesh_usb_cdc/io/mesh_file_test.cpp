@@ -14,12 +14,12 @@
 
 namespace {
 
-/// While set, the disk takes no change of a directory.
+/// While set, fsync() of a directory fails.
 std::atomic<bool> fails_directories = false;
 
 }  // namespace
 
-/// Takes the place of the C library's function, for every file of this process.
+/// Replaces the C library's function for every file of this process.
 extern "C" int fsync(int file) {
   struct stat about {};
   if (fails_directories && ::fstat(file, &about) == 0 && S_ISDIR(about.st_mode)) {
@@ -38,7 +38,7 @@ NodeDatabase mesh_with(std::uint8_t key) {
   return mesh;
 }
 
-TEST(MeshFile, TakesANewMeshAgainAfterItsDirectoryWasNotSafe) {
+TEST(MeshFile, StoresNewMeshAgainAfterFailedSyncOfItsDirectory) {
   const test::TempDir directory;
   const MeshFile file(directory.path());
   fails_directories = true;

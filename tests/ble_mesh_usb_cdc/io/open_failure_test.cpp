@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an operator reads when the serial board's tty can't be opened: what is wrong and what to do.
+// Messages for an operator when the serial board's tty can't be opened: cause and remedy.
 #include "adapters/ble_mesh_usb_cdc/io/device_choice.hpp"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ TEST(OpenFailure, NamesTheGroupThatMayUseTheTty) {
             "adduser slam-gateway dialout, then restart the daemon");
 }
 
-TEST(OpenFailure, DoesNotSendAnybodyIntoAGroupThatMayNotUseItEither) {
+TEST(OpenFailure, SuggestsNoGroupWithoutAccess) {
   for (const NodeAccess& access :
        {NodeAccess{"tty", 0600, "slam-gateway"}, NodeAccess{"root", 0660, "slam-gateway"}}) {
     const std::string why = explain(EACCES, access);
@@ -30,11 +30,11 @@ TEST(OpenFailure, DoesNotSendAnybodyIntoAGroupThatMayNotUseItEither) {
   }
 }
 
-TEST(OpenFailure, TellsTheSandboxFromTheFilesMode) {
+TEST(OpenFailure, DistinguishesSandboxFromFileMode) {
   EXPECT_NE(explain(EPERM).find("DeviceAllow=char-ttyAMA rw"), std::string::npos) << explain(EPERM);
 }
 
-TEST(OpenFailure, SaysHowToFindTheProgramThatHasIt) {
+TEST(OpenFailure, NamesCommandThatFindsProgramWithTty) {
   for (const int error : {EBUSY, EAGAIN}) {
     EXPECT_EQ(explain(error),
               "/dev/ttyAMA0 is busy: another program has it open; sudo fuser -v /dev/ttyAMA0 shows "
@@ -42,11 +42,11 @@ TEST(OpenFailure, SaysHowToFindTheProgramThatHasIt) {
   }
 }
 
-TEST(OpenFailure, HasAWordForTheRest) {
+TEST(OpenFailure, DescribesOtherErrors) {
   EXPECT_NE(explain(EIO).find("Input/output error; check its cable"), std::string::npos);
 }
 
-TEST(DeviceChoice, ShowsWhatIsAttachedInPlaceOfABoard) {
+TEST(DeviceChoice, ListsAttachedDevicesWhenThereIsNoBoard) {
   const auto chosen =
       choose_device({{"/dev/ttyACM0", 0x1915, 0xcafe, "1"}, {"/dev/ttyUSB0", 0x0403, 0x6001, "2"}});
   ASSERT_FALSE(chosen.has_value());

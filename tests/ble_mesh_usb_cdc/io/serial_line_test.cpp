@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A line over a pseudo-terminal: what waits in the kernel never holds up the loop.
+// A line over a pseudo-terminal: calls that wait in the kernel never block the loop.
 #include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 
 #include <fcntl.h>
@@ -57,13 +57,13 @@ class SerialLineTest : public ::testing::Test {
     while (!condition() && std::chrono::steady_clock::now() < limit) io.run_one_for(20ms);
     return condition();
   }
-  /// The loop does other things while a call waits at `gate`.
-  bool goes_on_while_held(const Gate& gate) {
-    if (!eventually([&] { return gate.is_holding(); })) return false;
+  /// Returns true if the loop runs while a call waits at `gate`.
+  bool runs_while_call_waits(const Gate& gate) {
+    if (!eventually([&] { return gate.has_waiting_call(); })) return false;
     const int before = ticks;
-    return eventually([&] { return ticks >= before + 50; }) && gate.is_holding();
+    return eventually([&] { return ticks >= before + 50; }) && gate.has_waiting_call();
   }
-  /// Everything that reached the other end so far.
+  /// Returns all octets that have reached the other end.
   Bytes read_at_board() {
     std::array<std::uint8_t, 64> octets{};
     const ssize_t count = ::read(master, octets.data(), octets.size());
@@ -97,34 +97,34 @@ TEST_F(SerialLineTest, CarriesOctetsBothWays) {
   EXPECT_TRUE(eventually([&] { return to_hex(read_at_board()) == "000d1113ff"; }));
 }
 
-TEST_F(SerialLineTest, TheLoopGoesOnWhileThePortOpens) {
+TEST_F(SerialLineTest, LoopRunsWhilePortOpens) {
   gates->opening.shut();
   line->open();
-  EXPECT_TRUE(goes_on_while_held(gates->opening));
+  EXPECT_TRUE(runs_while_call_waits(gates->opening));
   gates->opening.open();
   EXPECT_TRUE(eventually([&] { return opened == 1; }));
 }
 
-TEST_F(SerialLineTest, TheLoopGoesOnWhileDtrIsSet) {
+TEST_F(SerialLineTest, LoopRunsWhileDtrIsSet) {
   gates->setting_dtr.shut();
   line->open();
-  EXPECT_TRUE(goes_on_while_held(gates->setting_dtr));
+  EXPECT_TRUE(runs_while_call_waits(gates->setting_dtr));
   gates->setting_dtr.open();
   EXPECT_TRUE(eventually([&] { return opened == 1; }));
 }
 
-TEST_F(SerialLineTest, TheLoopGoesOnWhileThePortClosesAndThenOpensAgain) {
+TEST_F(SerialLineTest, LoopRunsWhilePortClosesAndOpensAgain) {
   open();
   gates->closing.shut();
   line->close();
   line->open();
-  EXPECT_TRUE(goes_on_while_held(gates->closing));
-  EXPECT_EQ(opened, 1) << "not before the former one is closed";
+  EXPECT_TRUE(runs_while_call_waits(gates->closing));
+  EXPECT_EQ(opened, 1) << "not before the first port is closed";
   gates->closing.open();
   EXPECT_TRUE(eventually([&] { return opened == 2; }));
 }
 
-TEST_F(SerialLineTest, TellsOnceThatAPortDoesNotClose) {
+TEST_F(SerialLineTest, ReportsOnceThatPortDoesNotClose) {
   open();
   gates->closing.shut();
   line->close();
@@ -137,11 +137,11 @@ TEST_F(SerialLineTest, TellsOnceThatAPortDoesNotClose) {
   EXPECT_TRUE(failures.empty());
 }
 
-TEST_F(SerialLineTest, StopLeavesAPortBehindThatDoesNotClose) {
+TEST_F(SerialLineTest, StopDoesNotWaitForPortThatDoesNotClose) {
   open();
   gates->closing.shut();
   line->stop();
-  EXPECT_TRUE(gates->closing.is_holding()) << "it came back first";
+  EXPECT_TRUE(gates->closing.has_waiting_call()) << "stop() returned first";
   const int before = opened;
   gates->closing.open();
   const int start = ticks;
@@ -149,12 +149,12 @@ TEST_F(SerialLineTest, StopLeavesAPortBehindThatDoesNotClose) {
   EXPECT_EQ(opened, before);
 }
 
-TEST_F(SerialLineTest, StopLeavesAPortBehindThatDoesNotOpen) {
+TEST_F(SerialLineTest, StopDoesNotWaitForPortThatDoesNotOpen) {
   gates->opening.shut();
   line->open();
-  ASSERT_TRUE(eventually([&] { return gates->opening.is_holding(); }));
+  ASSERT_TRUE(eventually([&] { return gates->opening.has_waiting_call(); }));
   line->stop();
-  EXPECT_TRUE(gates->opening.is_holding());
+  EXPECT_TRUE(gates->opening.has_waiting_call());
   line.reset();
   gates->opening.open();
   const int start = ticks;
@@ -175,7 +175,7 @@ TEST_F(SerialLineTest, FailsWhenTheBoardIsGone) {
   ASSERT_TRUE(eventually([&] { return !failures.empty(); }));
   EXPECT_NE(failures[0].find("is gone"), std::string::npos);
   line->open();
-  ASSERT_TRUE(eventually([&] { return failures.size() == 2; })) << "its node is gone, too";
+  ASSERT_TRUE(eventually([&] { return failures.size() == 2; })) << "its device node is gone, too";
 }
 
 TEST_F(SerialLineTest, FailsWhenTooManyFilesAreOpen) {
@@ -193,14 +193,14 @@ TEST_F(SerialLineTest, FailsWhenTooManyFilesAreOpen) {
   open();
 }
 
-TEST_F(SerialLineTest, HandsOverWhatWasWrittenBeforeClose) {
+TEST_F(SerialLineTest, WritesPendingOctetsBeforeClose) {
   open();
   line->write(hex("01 09"));
   line->close();
   EXPECT_TRUE(eventually([&] { return to_hex(read_at_board()) == "0109"; }));
 }
 
-TEST_F(SerialLineTest, LeavesInTheKernelWhatTheLoopDoesNotTake) {
+TEST_F(SerialLineTest, ReadsAheadOnlyUpToItsBound) {
   open();
   const Bytes block(4096, 0x55);
   std::size_t written = 0;
@@ -229,7 +229,7 @@ TEST_F(SerialLineTest, WaitsForThePermissionsOfANewNode) {
   EXPECT_EQ(attempts, 4);
 }
 
-TEST_F(SerialLineTest, TellsPermissionsThatStayMissing) {
+TEST_F(SerialLineTest, ReportsPermissionsThatStayMissing) {
   line.emplace(
       io,
       []() -> Result<std::unique_ptr<SerialPort>, OpenRefusal> {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A serial port whose calls wait, as a kernel's do while a board does not read from USB: for as
-// long as the test wants.
+// A serial port whose calls wait until the test lets them return, as a kernel's do while a board
+// does not read from USB.
 #pragma once
 
 #include <chrono>
@@ -13,17 +13,17 @@
 
 namespace slamgw::ble {
 
-/// Where a call waits while the gate is shut. Any thread.
+/// Waits while the gate is shut. Call from any thread.
 class Gate {
  public:
   void shut() { set(true); }
   void open() { set(false); }
-  /// A call is waiting now.
-  bool is_holding() const {
+  /// Returns true while a call is waiting.
+  bool has_waiting_call() const {
     const std::lock_guard lock(mutex_);
     return waiting_ > 0;
   }
-  /// Ends by itself after a limit that only a failing test reaches.
+  /// Returns after a limit that only a failing test reaches.
   void pass() {
     std::unique_lock lock(mutex_);
     ++waiting_;

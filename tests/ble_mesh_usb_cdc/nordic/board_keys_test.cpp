@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Nordic's board tells the program that opens its port, by its recordings: all that it hears,
-// and keys only in the moment in which a robot joins (docs/security.md).
+// What Nordic's board reports to the program that opens its port, by its recordings: all messages
+// that it receives, and keys only while a robot joins (docs/security.md).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -24,7 +24,7 @@ bool holds(const Bytes& octets, const Bytes& part) {
   return std::search(octets.begin(), octets.end(), part.begin(), part.end()) != octets.end();
 }
 
-/// Packets begin with their length.
+/// Splits octets into packets, which begin with their length.
 std::vector<Bytes> packets_of(const Bytes& written) {
   std::vector<Bytes> packets;
   for (std::size_t at = 0; at < written.size(); at += 1u + written[at]) {
@@ -45,15 +45,15 @@ std::set<Bytes> keys_of(const test::Transcript& transcript) {
   return keys;
 }
 
-/// The recording uses octets of keys for these too, which the board gives back: what it was told to
-/// echo, its UUID, the label of a virtual address.
+/// Returns true for packets in which the recording uses octets of keys for other content: echoes,
+/// the UUID, the label of a virtual address.
 bool is_readable(const Bytes& packet) {
   constexpr std::uint8_t echo = 0x82, response = 0x84, uuid_get = 0x54, address_get = 0xa7;
   return packet.at(1) == echo ||
          (packet.at(1) == response && (packet.at(2) == uuid_get || packet.at(2) == address_get));
 }
 
-/// Opcodes of the packets that carry a key.
+/// Returns the opcodes of the packets that carry a key.
 std::set<std::uint8_t> opcodes_with_keys(const test::Transcript& transcript) {
   std::set<std::uint8_t> opcodes;
   const std::set<Bytes> keys = keys_of(transcript);
@@ -81,7 +81,7 @@ TEST(BoardKeys, AreSentWhileARobotJoins) {
 }
 
 /// A robot's answer to Config AppKey Add, 80 03, which on the air is encrypted twice.
-TEST(BoardKeys, WhatTheBoardHearsComesInClear) {
+TEST(BoardKeys, ReceivedMessagesReachHostInClear) {
   for (const std::string& release : test::releases_of("life.txt")) {
     bool is_heard = false;
     for (const test::Exchange& exchange :

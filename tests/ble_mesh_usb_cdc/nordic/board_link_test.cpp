@@ -53,9 +53,9 @@ TEST(BoardLink, AsksForKeysOnlyForAFreshBoard) {
   EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
 }
 
-TEST(BoardLink, AsksForKeysOnceHoweverOftenTheBoardRestartsMeanwhile) {
+TEST(BoardLink, AsksForKeysOnceThoughBoardRestartsWhileTheyAreStored) {
   MeshRig rig({}, std::nullopt);
-  rig.answers_stores = false;  // it takes its time
+  rig.answers_stores = false;  // the disk is slow
   rig.start();
   rig.say(rig.board.restart());
   rig.run_for(1s);
@@ -69,7 +69,7 @@ TEST(BoardLink, AsksForKeysOnceHoweverOftenTheBoardRestartsMeanwhile) {
   EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
 }
 
-TEST(BoardLink, UsesAConfiguredBoardAsItIsWhenNoKeysAreKnown) {
+TEST(BoardLink, UsesConfiguredBoardUnchangedWithoutKnownKeys) {
   MeshRig rig({}, std::nullopt);
   configure(rig.board);
   rig.board.subnets[0].second = key(0x77);
@@ -90,7 +90,7 @@ TEST(BoardLink, RefusesABoardOfAnotherMeshAndNeverWipesIt) {
   EXPECT_EQ(rig.count_notices("another network key"), 1);
   EXPECT_EQ(rig.board.subnets[0].second, key(0x77));
   EXPECT_EQ(rig.board.count(0xac), 0u);
-  rig.board.subnets[0].second = key(0x11);  // the operator mends it
+  rig.board.subnets[0].second = key(0x11);  // the operator fixes it
   rig.run_for(40s);
   EXPECT_TRUE(rig.is_up());
 }
@@ -114,7 +114,7 @@ TEST(BoardLink, RefusesWhenKeysCannotBeStored) {
   rig.store_problem.clear();
   rig.run_for(40s);
   EXPECT_TRUE(rig.is_up());
-  EXPECT_EQ(rig.keys_drawn, 4) << "others, as the first ones may be on disk";
+  EXPECT_EQ(rig.keys_drawn, 4) << "new ones, as the first ones may be on disk";
 }
 
 TEST(BoardLink, RefusesWhenNoKeysCanBeMade) {
@@ -129,7 +129,7 @@ TEST(BoardLink, RefusesWhenNoKeysCanBeMade) {
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST(BoardLink, GetsInStepWithABoardInTheMiddleOfAPacket) {
+TEST(BoardLink, SynchronisesBoardInMiddleOfPacket) {
   for (const std::string_view torn : {"ff", "ff 02 41", "41 54 0d", "05 02 61"}) {
     MeshRig rig;
     rig.board.on_bytes(hex(torn));
@@ -140,7 +140,7 @@ TEST(BoardLink, GetsInStepWithABoardInTheMiddleOfAPacket) {
   }
 }
 
-TEST(BoardLink, GetsInStepWhileRobotsKeepTalking) {
+TEST(BoardLink, SynchronisesWhileRobotsKeepSending) {
   MeshRig rig;
   configure(rig.board);
   rig.open();
@@ -162,13 +162,14 @@ TEST(BoardLink, ReopensThePortWithBackOffWhenBoardStaysSilent) {
   EXPECT_EQ(rig.reopens.back(), 5s);
   ASSERT_EQ(rig.all<LinkChange>().size(), 1u) << "the reason did not change";
   EXPECT_NE(rig.all<LinkChange>()[0].detail.find("does not answer: "), std::string::npos);
-  EXPECT_EQ(rig.count_notices("the serial board does not answer"), 0) << "said once is enough";
+  EXPECT_EQ(rig.count_notices("the serial board does not answer"), 0)
+      << "reported in the link change only";
   rig.board.is_silent = false;
   rig.run_for(10s);
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST(BoardLink, SaysWhenTheDeviceIsNoSerialBoard) {
+TEST(BoardLink, ReportsDeviceThatIsNotSerialBoard) {
   MeshRig rig;
   rig.board.is_silent = true;
   rig.reopens_port = false;
@@ -204,7 +205,7 @@ TEST(BoardLink, ResynchronisesAfterALostAnswerAndStaysUp) {
   EXPECT_EQ(rig.sent_to(0x0100).size(), 2u);
 }
 
-TEST(BoardLink, ResynchronisesWhenTheBoardLostStep) {
+TEST(BoardLink, ResynchronisesWhenBoardHasLostSynchronisation) {
   MeshRig rig;
   rig.start();
   rig.say(hex("03 84 00 84"));
@@ -228,7 +229,7 @@ TEST(BoardLink, GoesDownWhenACommandIsNeverAnswered) {
   EXPECT_FALSE(rig.reopens.empty());
 }
 
-/// Starts up a fresh board again and again; `fail` strikes after 0, 1, 2 ... commands.
+/// Starts a fresh board repeatedly; calls `fail` after 0, 1, 2 ... commands.
 template <class Fail>
 void for_each_step(Fail fail) {
   MeshRig whole;
@@ -274,7 +275,7 @@ TEST(BoardLink, StartsUpWhereverThePortIsLost) {
   });
 }
 
-TEST(BoardLink, StartsUpWhicheverAnswerIsTorn) {
+TEST(BoardLink, StartsUpWhicheverAnswerIsTruncated) {
   for_each_step([](MeshRig& rig) {
     rig.spoil = [&rig](Bytes& transfer) {
       if (transfer.size() < 2 || transfer[1] != 0x84) return;
@@ -284,9 +285,9 @@ TEST(BoardLink, StartsUpWhicheverAnswerIsTorn) {
   });
 }
 
-TEST(BoardLink, CountsWhatTheBoardDropped) {
+TEST(BoardLink, CountsEventsThatBoardDropped) {
   MeshRig rig;
-  rig.board.dropped = 100;  // before our time
+  rig.board.dropped = 100;  // before this start
   rig.start();
   rig.board.dropped = 103;
   rig.run_for(11s);
@@ -294,7 +295,7 @@ TEST(BoardLink, CountsWhatTheBoardDropped) {
 }
 
 /// The board has room for few events, and reports a device key once.
-TEST(BoardLink, HoldsMessagesToRobotsBackWhileADeviceJoins) {
+TEST(BoardLink, DelaysCommandsWhileDeviceJoins) {
   const auto key = hex("2c c5 00") + Bytes(42, 0);
   for (const Bytes& end : {key, hex("03 c2 00 02")}) {
     MeshRig rig;
@@ -306,14 +307,14 @@ TEST(BoardLink, HoldsMessagesToRobotsBackWhileADeviceJoins) {
     rig.hear(0x0100, "ca 59 00");
     rig.run_for(10ms);
     EXPECT_EQ(rig.sent_to(0x0100), std::vector<std::string>{"cc590000"})
-        << "a robot that gets no STATUS repeats itself, which fills the board more";
+        << "a robot repeats its message until it gets its STATUS";
     rig.say(end);
     rig.run_for(10ms);
-    EXPECT_EQ(rig.sent_to(0x0100).size(), 2u) << "and the command";
+    EXPECT_EQ(rig.sent_to(0x0100).size(), 2u) << "the STATUS and the command";
   }
 }
 
-TEST(BoardLink, HoldsNothingBackForLong) {
+TEST(BoardLink, SendsDelayedCommandsAfterTimeLimit) {
   MeshRig rig;
   rig.start();
   rig.say(hex("02 c1 00"));
@@ -324,7 +325,7 @@ TEST(BoardLink, HoldsNothingBackForLong) {
   EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
 }
 
-TEST(BoardLink, HasRoomForAcknowledgementsWhileItHoldsMessagesBack) {
+TEST(BoardLink, SendsAcknowledgementsWhileQueueOfCommandsIsFull) {
   MeshRig rig;
   rig.start();
   rig.say(hex("02 c1 00"));
@@ -345,7 +346,7 @@ TEST(BoardLink, WarnsWhenAGroupCannotBeHeard) {
   EXPECT_TRUE(rig.has_notice("0xc003"));
 }
 
-TEST(BoardLink, MakesRoomInTheBoardsAddressTable) {
+TEST(BoardLink, ReplacesHandlesInBoardsFullAddressTable) {
   MeshRig rig;
   rig.start();
   for (std::uint16_t robot = 0x0200; robot < 0x0200 + 40; ++robot) {
@@ -357,12 +358,12 @@ TEST(BoardLink, MakesRoomInTheBoardsAddressTable) {
   EXPECT_TRUE(rig.board.handle_of(0xc003));
 }
 
-TEST(BoardLink, AddsAHandleOnceHoweverOftenASendIsRejected) {
+TEST(BoardLink, AddsHandleOnceWhenSendsAreRejectedRepeatedly) {
   MeshRig rig;
   rig.start();
   rig.hear(0x0200, "ca 59 00");
   rig.run_for(50ms);
-  rig.board.status_of[0xab] = 0x8e;  // the board does not know the key, for example
+  rig.board.status_of[0xab] = 0x8e;  // for example an unknown key
   for (int i = 0; i < 5; ++i) {
     rig.hear(0x0200, "ca 59 00");
     rig.run_for(50ms);
@@ -371,7 +372,7 @@ TEST(BoardLink, AddsAHandleOnceHoweverOftenASendIsRejected) {
   ASSERT_TRUE(handle);
   EXPECT_EQ(rig.board.addresses[*handle]->published, 1) << "one removal frees it";
   rig.board.status_of.clear();
-  rig.board.addresses[*handle].reset();  // now it really is unknown
+  rig.board.addresses[*handle].reset();  // now the handle is unknown
   for (int i = 0; i < 2; ++i) {
     rig.hear(0x0200, "ca 59 00");
     rig.run_for(50ms);
@@ -379,7 +380,7 @@ TEST(BoardLink, AddsAHandleOnceHoweverOftenASendIsRejected) {
   EXPECT_EQ(rig.sent_to(0x0200).size(), 2u);
 }
 
-TEST(BoardLink, MakesRoomWhenTheTableIsSmallerThanStock) {
+TEST(BoardLink, ReplacesHandlesInSmallerAddressTable) {
   MeshRig rig;
   rig.board.max_addresses = 5;
   rig.start();
@@ -409,10 +410,10 @@ TEST(BoardLink, RefusesFirmwareThatIsOlderThanTheProtocol) {
   rig.start();
   EXPECT_FALSE(rig.is_up());
   EXPECT_TRUE(rig.has_notice("version 4 of Nordic's serial protocol"));
-  EXPECT_EQ(rig.board.count(0x9f) + rig.board.count(0x92), 0u) << "it is left as it is";
+  EXPECT_EQ(rig.board.count(0x9f) + rig.board.count(0x92), 0u) << "the board is not changed";
 }
 
-TEST(BoardLink, SaysWhatOldFirmwareCannotSend) {
+TEST(BoardLink, RefusesCommandsThatOldFirmwareCannotSend) {
   MeshRig rig;
   rig.board.serial_version = 6;
   rig.start();
@@ -428,7 +429,7 @@ TEST(BoardLink, SaysWhatOldFirmwareCannotSend) {
   EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
 }
 
-TEST(BoardLink, SaysOnceWhyThePortIsNotThere) {
+TEST(BoardLink, ReportsMissingPortOnce) {
   MeshRig rig;
   for (int i = 0; i < 5; ++i) rig.mesh.on_port_closed("no serial board at /dev/x", rig.now);
   rig.run_for(1s);

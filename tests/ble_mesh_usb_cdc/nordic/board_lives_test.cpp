@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Boards that forget their sequence numbers, seen through BleMesh: robots drop what comes from an
-// address with numbers that they have heard, so each life of the board sends from another one.
+// Boards that forget their sequence numbers, seen through BleMesh: robots drop messages from an
+// address with numbers that they have heard, so each life of the board sends from another address.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -35,7 +35,8 @@ TEST(BoardLives, BeginAtTheGatewaysOwnAddress) {
   LivesRig rig(std::nullopt);
   rig.start();
   EXPECT_EQ(rig.board.unicast, 0x0001);
-  EXPECT_EQ(rig.board.unicast_count, max_sources) << "all that robots may still publish to";
+  EXPECT_EQ(rig.board.unicast_count, max_sources)
+      << "all addresses that robots may still publish to";
   EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
   EXPECT_EQ(rig.on_disk().life.number, 1u);
   EXPECT_NE(rig.detail().find("sends from 0x0001 (life 1)"), std::string::npos) << rig.detail();
@@ -47,7 +48,7 @@ TEST(BoardLives, SendFromTheNextAddressWhenTheBoardForgot) {
   for (std::uint16_t life = 2; life <= 5; ++life) {
     rig.power_cycle_board();
     EXPECT_TRUE(rig.is_up());
-    EXPECT_EQ(rig.board.unicast, 0x0001) << "robots go on publishing to it";
+    EXPECT_EQ(rig.board.unicast, 0x0001) << "robots still publish to it";
     EXPECT_EQ(rig.board.unicast_count, max_sources);
     EXPECT_EQ(rig.source_of_an_answer(), life);
   }
@@ -78,7 +79,7 @@ TEST(BoardLives, AreOnDiskBeforeTheirAddressIsUsed) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
-TEST(BoardLives, AreNotSpentOnABoardThatRestartsWhileItWaits) {
+TEST(BoardLives, RestartsWhileDiskIsSlowBeginOneLife) {
   LivesRig rig;
   rig.start();
   rig.answers_stores = false;
@@ -93,7 +94,7 @@ TEST(BoardLives, AreNotSpentOnABoardThatRestartsWhileItWaits) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
-TEST(BoardLives, GoOnWhenTheDaemonIsStartedAgain) {
+TEST(BoardLives, ContinueAfterDaemonRestart) {
   LivesRig first;
   first.start();
   first.power_cycle_board();
@@ -109,7 +110,7 @@ TEST(BoardLives, GoOnWhenTheDaemonIsStartedAgain) {
   EXPECT_EQ(second.source_of_an_answer(), 0x0003);
 }
 
-TEST(BoardLives, CountAFileWithoutThemAsOne) {
+TEST(BoardLives, TreatFileWithoutLivesAsFirstLife) {
   const auto old = decode_node_database(
       R"({"version": 2, "net_key": "11111111111111111111111111111111",
           "app_key": "22222222222222222222222222222222", "iv_index": 0, "next_address": "0x0100",
@@ -133,7 +134,7 @@ TEST(BoardLives, ABoardThatKeepsItsNumbersKeepsItsAddress) {
       << rig.detail();
 }
 
-TEST(BoardLives, AnotherBoardIsAnotherLife) {
+TEST(BoardLives, AnotherBoardBeginsAnotherLife) {
   LivesRig rig;
   rig.board.forgets = false;
   rig.start();
@@ -150,7 +151,7 @@ TEST(BoardLives, AnotherBoardIsAnotherLife) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0003) << "its numbers may be lower than at 0x0001 before";
 }
 
-TEST(BoardLives, ABoardThatAnEarlierVersionConfiguredGoesOn) {
+TEST(BoardLives, BoardConfiguredByEarlierVersionKeepsItsAddress) {
   LivesRig rig(robot_database());
   rig.initial.life.number = 1;
   rig.board.unicast = 0x0001;
@@ -163,7 +164,7 @@ TEST(BoardLives, ABoardThatAnEarlierVersionConfiguredGoesOn) {
 }
 
 /// The board acknowledges the segments of a message from the address that it was sent to.
-TEST(BoardLives, MoveWhatRobotsPublishTo) {
+TEST(BoardLives, MovePublicationsOfRobotsToNewAddress) {
   LivesRig rig;
   for (std::uint8_t number = 1; number <= 10; ++number) rig.add(number);
   rig.start();
@@ -181,7 +182,7 @@ TEST(BoardLives, MoveWhatRobotsPublishTo) {
   }
 }
 
-TEST(BoardLives, LeaveAGroupThatRobotsPublishTo) {
+TEST(BoardLives, LeavePublicationsToGroupUnchanged) {
   Settings settings;
   settings.gateway_group = 0xc010;
   LivesRig rig(test_database(), settings);
@@ -194,7 +195,7 @@ TEST(BoardLives, LeaveAGroupThatRobotsPublishTo) {
   EXPECT_TRUE(rig.board.devices.devices[0].requests.empty());
 }
 
-TEST(BoardLives, MoveARobotThatWasSwitchedOffMeanwhileWhenItIsHeard) {
+TEST(BoardLives, MovePublicationsOfAbsentRobotWhenItIsHeard) {
   LivesRig rig;
   rig.add(1);
   rig.start();
@@ -209,7 +210,7 @@ TEST(BoardLives, MoveARobotThatWasSwitchedOffMeanwhileWhenItIsHeard) {
   EXPECT_EQ(rig.on_disk().nodes.at(0).applied->destination, 0x0002);
 }
 
-TEST(BoardLives, BeginAnewWhenAnOperatorClearsTheBoard) {
+TEST(BoardLives, ClearedBoardBeginsAnotherLife) {
   LivesRig rig;
   rig.board.forgets = false;
   rig.start();
@@ -219,7 +220,7 @@ TEST(BoardLives, BeginAnewWhenAnOperatorClearsTheBoard) {
   EXPECT_EQ(rig.detail().find("forgets"), std::string::npos) << rig.detail();
 }
 
-TEST(BoardLives, UseTheFirstAddressAgainAfterTheLastAndSaySo) {
+TEST(BoardLives, ReuseFirstAddressAfterLastAndWarn) {
   LivesRig rig;
   rig.start();
   for (int life = 2; life <= max_sources; ++life) rig.power_cycle_board();
@@ -235,7 +236,7 @@ TEST(BoardLives, UseTheFirstAddressAgainAfterTheLastAndSaySo) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
-TEST(BoardLives, EndBeforeTheAddressOfANodeARobotAndAnotherGateway) {
+TEST(BoardLives, EndBeforeAddressesOfNodesRobotsAndOtherGateways) {
   LivesRig node(robot_database(0x0004));
   node.start();
   for (int life = 2; life <= 4; ++life) node.power_cycle_board();
@@ -253,8 +254,8 @@ TEST(BoardLives, EndBeforeTheAddressOfANodeARobotAndAnotherGateway) {
   EXPECT_TRUE(host.has_notice("used up"));
 }
 
-/// It has the mesh's keys, or octets were lost on the serial line.
-TEST(BoardLives, AreNotEndedByOneMessageFromAMadeUpAddress) {
+/// A device with the mesh's keys, or octets lost on the serial line, can forge an address.
+TEST(BoardLives, AreNotEndedByOneMessageFromForgedAddress) {
   LivesRig rig;
   rig.start();
   rig.hear(0x0002, update_set);
@@ -266,18 +267,18 @@ TEST(BoardLives, AreNotEndedByOneMessageFromAMadeUpAddress) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
 }
 
-TEST(BoardLives, ManyMadeUpAddressesHideNoRobotOfAnotherTool) {
+TEST(BoardLives, EndBeforeAnotherToolsRobotDespiteManyForgedAddresses) {
   LivesRig rig;
   rig.start();
   for (std::uint16_t address = 0x1000; address < 0x1000 + NodeDatabase::max_nodes; ++address)
     rig.hear(address, "cb 59 00 01 00 02 00");
-  rig.run_for(60s);  // they make room for other robots
+  rig.run_for(60s);  // long enough for other robots to replace them
   for (int i = 0; i < 3; ++i) rig.hear(0x0002, update_set);
   rig.power_cycle_board();
   EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
 }
 
-TEST(BoardLives, NoRobotSpeaksFromTheirAddresses) {
+TEST(BoardLives, MessagesFromTheirAddressesAreRejected) {
   LivesRig rig;
   rig.start();
   rig.power_cycle_board();
@@ -291,10 +292,11 @@ TEST(BoardLives, NoRobotSpeaksFromTheirAddresses) {
   EXPECT_EQ(rig.counter("rejected"), 2u);
   EXPECT_TRUE(rig.has_notice("the last from 0x0001: its source is an address of this gateway"));
   rig.hear(0x0003, update_set);
-  EXPECT_EQ(rig.all<Report>().size(), 1u) << "not used yet: another tool's robot";
+  EXPECT_EQ(rig.all<Report>().size(), 1u)
+      << "not used by a life yet, so it is another tool's robot";
 }
 
-TEST(BoardLives, LeaveANodeAndANamedRobotTheirs) {
+TEST(BoardLives, NodeAndNamedRobotKeepTheirAddresses) {
   NodeDatabase database = robot_database(0x0003);
   database.life = {.number = 9, .source = 0x0009};
   LivesRig rig(database, {}, RobotNames({{"r1", 0x0004, {}}}));
@@ -304,7 +306,7 @@ TEST(BoardLives, LeaveANodeAndANamedRobotTheirs) {
   EXPECT_EQ(rig.all<Report>().size(), 2u);
 }
 
-TEST(BoardLives, OfTwoGatewaysShareNoAddress) {
+TEST(BoardLives, GatewaysGetDisjointAddresses) {
   LivesRig host;
   host.start();
   std::set<std::uint16_t> taken;
@@ -312,7 +314,7 @@ TEST(BoardLives, OfTwoGatewaysShareNoAddress) {
     host.order(ExportOrder{});
     const auto exported = decode_node_database(host.answer()["mesh"].get<std::string>());
     ASSERT_TRUE(exported.has_value());
-    EXPECT_EQ(exported->life.number, 0u) << "no robot has heard it";
+    EXPECT_EQ(exported->life.number, 0u) << "no robot has heard the new gateway";
     for (std::uint32_t k = 0; k < exported->guest_addresses; ++k) {
       const auto address = static_cast<std::uint16_t>(*exported->guest_address + k);
       EXPECT_TRUE(taken.insert(address).second) << address;
@@ -321,10 +323,10 @@ TEST(BoardLives, OfTwoGatewaysShareNoAddress) {
   }
   EXPECT_EQ(taken.size(), 0xffu - max_sources);
   host.order(ExportOrder{});
-  EXPECT_TRUE(host.answer().is_string()) << "none is left";
+  EXPECT_TRUE(host.answer().is_string()) << "all addresses are assigned";
 }
 
-TEST(BoardLives, OfAGuestStayInWhatItWasGiven) {
+TEST(BoardLives, GuestGatewayUsesOnlyItsAssignedAddresses) {
   NodeDatabase given = robot_database();
   given.guest_address = 0x0021;
   given.guest_addresses = 2;
@@ -339,7 +341,7 @@ TEST(BoardLives, OfAGuestStayInWhatItWasGiven) {
   EXPECT_EQ(guest.source_of_an_answer(), 0x0021);
 }
 
-TEST(BoardLives, GiveNoRobotTheirAddresses) {
+TEST(BoardLives, RobotsGetNoneOfTheirAddresses) {
   Settings settings;
   settings.address = 0x0100;
   LivesRig rig(test_database(), settings);
@@ -349,7 +351,7 @@ TEST(BoardLives, GiveNoRobotTheirAddresses) {
   EXPECT_EQ(rig.on_disk().nodes.at(0).address, 0x0100 + max_sources);
 }
 
-/// It restarts while its port stays open, and its event 81 does not arrive.
+/// Restarts the board while its port stays open, without its event 81.
 void reset_unseen(LivesRig& rig) { rig.board.restart(); }
 
 /// A board that was built with storage keeps its address, so nothing shows that it has restarted.
@@ -358,13 +360,13 @@ TEST(BoardThatRestartedUnseen, ScansAgain) {
   rig.board.forgets = false;
   rig.start();
   reset_unseen(rig);
-  rig.say(hex("00"));  // the rest of its event
+  rig.say(hex("00"));  // the rest of its start event
   rig.run_for(2s);
   rig.add(1);
   EXPECT_TRUE(rig.all_configured(30s));
 }
 
-TEST(BoardThatRestartedUnseen, IsStartedAnewWhenItRefusesASend) {
+TEST(BoardThatRestartedUnseen, IsConfiguredAgainWhenItRefusesSend) {
   LivesRig rig;
   rig.start();
   EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
@@ -382,10 +384,10 @@ TEST(BoardThatRestartedUnseen, IsStartedAnewWhenItRefusesASend) {
     rig.hear(first_robot, "ca 59 00");
     rig.run_for(500ms);
   }
-  EXPECT_EQ(rig.source_of_an_answer(), 0x0003) << "again at once, as it was so before";
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0003) << "at once the second time, too";
 }
 
-TEST(BoardThatRestartedUnseen, IsStartedAnewWhenThePollShowsIt) {
+TEST(BoardThatRestartedUnseen, IsConfiguredAgainWhenPollShowsIt) {
   LivesRig rig;
   rig.start();
   reset_unseen(rig);
@@ -399,7 +401,7 @@ TEST(BoardThatRestartedUnseen, IsStartedAnewWhenThePollShowsIt) {
   }));
 }
 
-TEST(BoardThatRestartedUnseen, IsNotSuspectedForRefusalsOfALiveBoard) {
+TEST(BoardThatRestartedUnseen, IsNotAssumedAfterOtherRefusals) {
   LivesRig rig;
   rig.start();
   const std::size_t starts = rig.board.count(0x09);
@@ -412,7 +414,7 @@ TEST(BoardThatRestartedUnseen, IsNotSuspectedForRefusalsOfALiveBoard) {
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST(BoardThatRestartedUnseen, IsLookedAtOnceIn30SecondsWhenItRefusesAllTheSame) {
+TEST(BoardThatRestartedUnseen, IsCheckedOnceIn30SecondsWhileItRefusesSends) {
   LivesRig rig;
   rig.start();
   const std::size_t starts = rig.board.count(0x09);
@@ -422,11 +424,11 @@ TEST(BoardThatRestartedUnseen, IsLookedAtOnceIn30SecondsWhenItRefusesAllTheSame)
     rig.run_for(1s);
   }
   EXPECT_EQ(rig.board.count(0x09), starts + 2);
-  EXPECT_TRUE(rig.is_up()) << "it still has its address";
+  EXPECT_TRUE(rig.is_up()) << "the board still has its address";
   EXPECT_EQ(rig.on_disk().life.number, 1u);
 }
 
-/// Robots send a message and repeat it, each copy answered, as they do when they hear nothing.
+/// Lets robots send a message and repeat it after each answer, as deaf robots do.
 void repeat_all(LivesRig& rig, std::string_view set, int copies = 7) {
   Duration gap = 280ms;
   for (int copy = 0; copy < copies; ++copy) {
@@ -439,7 +441,7 @@ void repeat_all(LivesRig& rig, std::string_view set, int copies = 7) {
   }
 }
 
-TEST(BoardLives, AnotherOneIsTriedOnceWhenRobotsHearNothing) {
+TEST(BoardLives, AnotherLifeIsTriedOnceWhenRobotsHearNothing) {
   LivesRig rig;
   rig.start();
   rig.power_cycle_board();
@@ -450,16 +452,16 @@ TEST(BoardLives, AnotherOneIsTriedOnceWhenRobotsHearNothing) {
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.source_of_an_answer(), 0x0003);
   repeat_all(rig, "c5 59 00 02");
-  EXPECT_EQ(rig.count_notices("switch them off and on"), 1) << "it did not help";
+  EXPECT_EQ(rig.count_notices("switch them off and on"), 1) << "the new address did not help";
   EXPECT_EQ(rig.counter("mostly_deaf"), 1u);
   EXPECT_EQ(rig.counter("board_lives"), 3u);
   rig.power_cycle_board();
   repeat_all(rig, "c5 59 00 03");
-  EXPECT_EQ(rig.counter("board_lives"), 5u) << "a new one has its own";
+  EXPECT_EQ(rig.counter("board_lives"), 5u) << "each life may try another address once";
 }
 
 /// Nordic's robots double the time between copies, so one comes long after the new life began.
-TEST(BoardLives, ACopyFromBeforeDoesNotMakeARobotDeaf) {
+TEST(BoardLives, RepeatFromPreviousLifeDoesNotMakeRobotDeaf) {
   LivesRig rig;
   rig.start();
   rig.power_cycle_board();
@@ -471,7 +473,7 @@ TEST(BoardLives, ACopyFromBeforeDoesNotMakeARobotDeaf) {
   EXPECT_EQ(rig.count_notices("switch them off and on"), 0);
 }
 
-TEST(BoardLives, NoOtherOneIsTriedWhenRobotsGoDeafLater) {
+TEST(BoardLives, NoOtherLifeIsTriedWhenRobotsBecomeDeafLater) {
   LivesRig rig;
   rig.start();
   rig.run_for(BleMesh::address_suspected_for);
@@ -480,7 +482,7 @@ TEST(BoardLives, NoOtherOneIsTriedWhenRobotsGoDeafLater) {
   EXPECT_EQ(rig.count_notices("switch them off and on"), 1);
 }
 
-TEST(BoardLives, NoOtherOneIsTriedWithABoardThatKeepsItsAddress) {
+TEST(BoardLives, NoOtherLifeIsTriedWithBoardThatKeepsItsAddress) {
   LivesRig rig;
   rig.board.forgets = false;
   rig.start();
@@ -490,7 +492,7 @@ TEST(BoardLives, NoOtherOneIsTriedWithABoardThatKeepsItsAddress) {
   EXPECT_EQ(rig.count_notices("switch them off and on"), 1);
 }
 
-TEST(BoardLives, ARestartThatIsLostOnTheLineIsRepeated) {
+TEST(BoardLives, LostRestartCommandIsRepeated) {
   LivesRig rig;
   rig.start();
   bool is_lost = false;
@@ -506,8 +508,8 @@ TEST(BoardLives, ARestartThatIsLostOnTheLineIsRepeated) {
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
 }
 
-/// With storage it keeps its address, so that nothing shows its restart.
-TEST(BoardLives, ABoardThatRestartsWithoutAWordIsRestartedTwiceAtMost) {
+/// A board with storage keeps its address, so nothing shows its restart.
+TEST(BoardLives, BoardWithoutStartEventIsRestartedTwiceAtMost) {
   LivesRig rig;
   rig.board.forgets = false;
   rig.start();
@@ -519,10 +521,10 @@ TEST(BoardLives, ABoardThatRestartsWithoutAWordIsRestartedTwiceAtMost) {
   EXPECT_EQ(rig.board.count(0x0e), 2u);
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.count_notices("not Nordic's"), 0);
-  EXPECT_EQ(rig.all<LinkChange>().size(), 1u) << "it never went down";
+  EXPECT_EQ(rig.all<LinkChange>().size(), 1u) << "the link never went down";
 }
 
-TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
+TEST(BoardLives, AnotherLifeWaitsUntilDeviceHasJoined) {
   LivesRig rig;
   rig.start();
   repeat_all(rig, "c5 59 00 01");

@@ -24,7 +24,7 @@ Key device_key_of(std::uint8_t octet) {
   return key;
 }
 
-/// The answers of the board wait until the test lets them come.
+/// A BoardRadio and a FakeBoard whose answers wait until the test delivers them.
 struct BoardRadioRig {
   BoardRadioRig() {
     radio.on_port_open(now);
@@ -63,7 +63,7 @@ struct BoardRadioRig {
     if (std::holds_alternative<SourceWanted>(*concern)) radio.use_source(1, 1, now);
     if (const auto* one = std::get_if<DeviceKeyUsed>(concern)) used.push_back(*one);
   }
-  /// The keys of the node on the board.
+  /// Returns the node's keys on the board.
   std::vector<Bytes> keys() const {
     std::vector<Bytes> found;
     for (const auto& [handle, entry] : board.devices.device_keys)
@@ -90,7 +90,7 @@ TEST(BoardRadio, AddsADeviceKeyAndRemovesIt) {
   EXPECT_EQ(rig.used.size(), 2u);
 }
 
-TEST(BoardRadio, ADeviceKeyThatIsThereIsNotAddedAgain) {
+TEST(BoardRadio, DoesNotAddPresentDeviceKeyAgain) {
   BoardRadioRig rig;
   rig.use(1);
   rig.run();
@@ -104,7 +104,7 @@ TEST(BoardRadio, ADeviceKeyThatIsThereIsNotAddedAgain) {
   EXPECT_TRUE(rig.keys().empty());
 }
 
-TEST(BoardRadio, AnotherDeviceKeyOfTheSameNodeTakesThePlaceOfTheOld) {
+TEST(BoardRadio, ReplacesDeviceKeyOfNode) {
   BoardRadioRig rig;
   rig.use(1);
   rig.run();
@@ -115,7 +115,7 @@ TEST(BoardRadio, AnotherDeviceKeyOfTheSameNodeTakesThePlaceOfTheOld) {
   EXPECT_EQ(rig.keys(), std::vector<Bytes>{Bytes(16, 2)});
 }
 
-TEST(BoardRadio, TheLastWishForADeviceKeyCountsWhileACommandIsInFlight) {
+TEST(BoardRadio, AppliesLastDeviceKeyRequestedDuringCommand) {
   BoardRadioRig rig;
   rig.use(1);
   rig.run();
@@ -137,7 +137,7 @@ TEST(BoardRadio, TheLastWishForADeviceKeyCountsWhileACommandIsInFlight) {
   EXPECT_TRUE(rig.keys().empty());
 }
 
-TEST(BoardRadio, ADeviceKeyThatIsForgottenBeforeItIsAddedIsNotAdded) {
+TEST(BoardRadio, DoesNotAddDeviceKeyThatIsAlreadyForgotten) {
   BoardRadioRig rig;
   rig.use(1);
   rig.radio.forget_device_key(keyed_node);
@@ -146,7 +146,7 @@ TEST(BoardRadio, ADeviceKeyThatIsForgottenBeforeItIsAddedIsNotAdded) {
   EXPECT_EQ(rig.board.count(devkey_addition), 0u);
 }
 
-TEST(BoardRadio, SendsNothingUnderADeviceKeyThatIsNotThere) {
+TEST(BoardRadio, SendsNothingUnderMissingDeviceKey) {
   BoardRadioRig rig;
   rig.radio.send({.destination = keyed_node, .payload = hex("80 49"), .is_under_device_key = true},
                  rig.now);
@@ -154,7 +154,7 @@ TEST(BoardRadio, SendsNothingUnderADeviceKeyThatIsNotThere) {
   EXPECT_TRUE(rig.board.sent.empty());
 }
 
-TEST(BoardRadio, WithoutADeviceKeyItSaysSo) {
+TEST(BoardRadio, ReportsMissingDeviceKey) {
   BoardRadioRig rig;
   rig.radio.use_device_key(keyed_node, std::nullopt);
   rig.run();

@@ -10,7 +10,7 @@
 namespace slamgw::ble {
 namespace {
 
-/// Drops the length octet, as FrameDecoder does.
+/// Decodes an event after dropping the length octet, as FrameDecoder does.
 Result<Event, DecodeError> decode(std::string_view wire) {
   const Bytes bytes = hex(wire);
   return decode_event(ByteView(bytes).subspan(1));
@@ -65,7 +65,7 @@ TEST(Events, ReadTheNumbersOfTheMesh) {
   EXPECT_EQ(decode_as<Heartbeat>("07 d8 08 02 03 00 00 01").source, 0x0100);
 }
 
-TEST(Events, LeaveOpcodesThatTheyDoNotKnow) {
+TEST(Events, ReadUnknownOpcodesAsOtherEvents) {
   decode_as<OtherEvent>("02 c4 00");
   decode_as<OtherEvent>("02 fe 01");
 }

@@ -51,7 +51,7 @@ TEST(FrameDecoder, TakesTheLongestFrame) {
   EXPECT_EQ(decoder.on_bytes(wire, TimePoint{}).size(), 1u);
 }
 
-TEST(FrameDecoder, LosesStepAtLengthZero) {
+TEST(FrameDecoder, LosesSynchronisationAtLengthZero) {
   FrameDecoder decoder;
   const auto frames = decoder.on_bytes(hex("01 90 00 01 91"), TimePoint{});
   EXPECT_EQ(frames.size(), 1u);
@@ -61,7 +61,7 @@ TEST(FrameDecoder, LosesStepAtLengthZero) {
   EXPECT_EQ(decoder.on_bytes(hex("01 90"), TimePoint{}).size(), 1u);
 }
 
-TEST(FrameDecoder, LosesStepWhenAFrameStaysTorn) {
+TEST(FrameDecoder, LosesSynchronisationWhenFrameStaysIncomplete) {
   FrameDecoder decoder;
   decoder.on_bytes(hex("05 84 09"), TimePoint{});
   ASSERT_EQ(decoder.deadline(), TimePoint{} + 250ms);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Serial lines that lose or add octets, and boards that are slow or busy: what the link does, and
-// what the operator reads.
+// Serial lines that lose or add octets, and boards that are slow or busy: the state of the link and
+// the messages for the operator.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -17,7 +17,7 @@ bool is_from_board(const Bytes& transfer) {
          (transfer[1] < 0x92 || transfer[1] > 0xac);
 }
 
-/// Everything that an operator could read.
+/// Returns all messages for an operator.
 std::vector<std::string> texts(const MeshRig& rig) {
   std::vector<std::string> all;
   for (const auto& change : rig.all<LinkChange>()) all.push_back(change.detail);
@@ -25,7 +25,7 @@ std::vector<std::string> texts(const MeshRig& rig) {
   return all;
 }
 
-TEST(LineTrouble, AStrayOctetWithEachCommandEndsInAStateAndIsNamed) {
+TEST(LineTrouble, LinkGoesDownAndReportsStrayOctetWithEachCommand) {
   MeshRig rig;
   rig.spoil = [](Bytes& transfer) {
     if (is_from_board(transfer)) transfer.insert(transfer.begin(), 0x41);
@@ -50,7 +50,7 @@ TEST(LineTrouble, AStrayOctetWithEachCommandEndsInAStateAndIsNamed) {
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST(LineTrouble, AStrayOctetNowAndThenIsNoReasonToGoDown) {
+TEST(LineTrouble, LinkStaysUpWithOccasionalStrayOctet) {
   MeshRig rig;
   rig.start();
   for (int i = 0; i < 20; ++i) {
@@ -67,7 +67,7 @@ TEST(LineTrouble, LostOctetsAreNotBlamedOnTheFirmware) {
   for (const unsigned seed : {1u, 5u, 6u}) {
     SCOPED_TRACE(seed);
     MeshRig rig;
-    rig.start();  // the board gets its keys whole
+    rig.start();  // the board gets its keys undamaged
     std::mt19937 random(seed);
     rig.spoil = [&random](Bytes& transfer) {
       std::erase_if(transfer, [&](std::uint8_t) { return random() % 50 == 0; });
@@ -103,9 +103,8 @@ TEST(LineTrouble, ABoardOfAnotherMeshIsNeverClearedOnALineThatLosesOctets) {
   }
 }
 
-/// Octets lost on the line, or another host that has the same board for a while: the gateway cannot
-/// tell the one from the other.
-TEST(LineTrouble, ABoardThatWasFreshIsNotClearedUnlessAnOperatorSaysSo) {
+/// The gateway cannot distinguish octets lost on the line from another host that used the board.
+TEST(LineTrouble, BoardWithDamagedKeysIsClearedOnlyByOperator) {
   ProvisioningRig rig;
   bool was_spoiled = false;
   rig.spoil = [&](Bytes& transfer) {
@@ -158,7 +157,7 @@ TEST(LineTrouble, ABoardThatIsMuteForFiveSecondsAfterResetComesUp) {
   rig.board.is_silent = false;
   rig.run_for(5s);
   EXPECT_TRUE(rig.is_up());
-  EXPECT_EQ(rig.all<LinkChange>().size(), 1u) << "nothing was told meanwhile";
+  EXPECT_EQ(rig.all<LinkChange>().size(), 1u) << "the silence was not reported";
 }
 
 TEST(LineTrouble, ABoardThatIsBusyForAMomentDuringStartUpComesUpAtOnce) {
@@ -177,7 +176,7 @@ TEST(LineTrouble, ABoardThatIsBusyForAMomentDuringStartUpComesUpAtOnce) {
   }
 }
 
-TEST(LineTrouble, ABoardThatStaysBusyIsNamed) {
+TEST(LineTrouble, ReportsBoardThatStaysBusy) {
   MeshRig rig;
   rig.board.status_of[0x92] = 0x86;
   rig.open();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The daemon's side of recorded transcripts: what it writes is what the board was told, octet by
-// octet, and it reads all that the board ever said.
+// The daemon's side of recorded transcripts: it writes the recorded commands octet by octet, and
+// decodes every recorded packet of the board.
 #include "tests/support/transcript.hpp"
 
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ MeshKeys recorded_keys() {
   return keys;
 }
 
-/// Answers as recorded, one exchange after the other; each write must be the recorded one.
+/// Answers as recorded, one exchange after another; each write must be the recorded one.
 class RecordedBoard {
  public:
   explicit RecordedBoard(Transcript transcript) : transcript_(std::move(transcript)) {}
@@ -185,13 +185,13 @@ void expect_sends(const std::string& release, SerialVersion version, std::size_t
   }
 }
 
-TEST(Transcript, PacketSendIsEncodedAsEachReleaseTakesIt) {
+TEST(Transcript, EncodesPacketSendForEachRelease) {
   expect_sends("2.2.0", SerialVersion::sdk_2_2, 2);
   expect_sends("3.1.0", SerialVersion::sdk_3_1, 3);
   expect_sends("5.0.0", SerialVersion::sdk_3_1, 3);
 }
 
-TEST(Transcript, EveryRecordedPacketIsUnderstood) {
+TEST(Transcript, DecodesEveryRecordedPacket) {
   std::size_t packets = 0;
   for (const char* file : {"start_up.txt", "board.txt", "provisioning.txt", "situations.txt",
                            "configuration.txt", "life.txt"}) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What nodes are told, as bytes and as a conversation that loses messages.
+// The configuration of nodes, as bytes and as a conversation that loses messages.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -11,12 +11,12 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// The octets of this request.
+/// Returns the octets of this request.
 Bytes request(const ble::Exchange& exchange, const auto&... params) {
   return config_step("", exchange, params...).request;
 }
 
-TEST(ConfigMessages, AreWhatNordicsHostScriptWrites) {
+TEST(ConfigMessages, EqualThoseOfNordicsHostScript) {
   constexpr std::uint16_t element = 0x0100;
   constexpr std::uint16_t group = 0xc004;
   const Bytes vendor_model = encode_model_id(sensor_update_client);
@@ -69,7 +69,7 @@ TEST(ConfigMessages, ReadListsOfSubscriptions) {
   EXPECT_EQ(decode_subscription_list(hex("00"), vendor), Addresses{});
 }
 
-TEST(ConfigMessages, ReadCompositionDataAndItsDamages) {
+TEST(ConfigMessages, ReadCompositionDataAndRejectDamages) {
   const Bytes whole = hex("00 59 00 01 00 01 00 28 00 03 00 00 00 01 01 00 10 59 00 06 00") +
                       hex("00 00 00 01 59 00 09 00");
   const auto composition = decode_composition(whole);
@@ -84,9 +84,9 @@ TEST(ConfigMessages, ReadCompositionDataAndItsDamages) {
   EXPECT_FALSE(decode_composition(hex("01 59 00")).has_value()) << "another page";
 }
 
-/// The last octet but those of the model is the number of repeats. BlueZ 5.66 takes 0 for
+/// The octet before the model is the number of repeats. BlueZ 5.66 takes 0 for
 /// "unlimited"; Nordic's stack sends each repeat as a message of its own.
-TEST(Configuration, HasPublicationsRepeatedOnlyWhereNoRepeatsMeansForEver) {
+TEST(Configuration, RepeatsPublicationsOnlyWhereZeroMeansUnlimited) {
   const auto requests_of = [](std::string_view composition) {
     ProvisioningRig rig;
     rig.add(1).composition = hex(composition);
@@ -104,13 +104,13 @@ TEST(Configuration, HasPublicationsRepeatedOnlyWhereNoRepeatsMeansForEver) {
       << "Nordic's robots have a health server";
   EXPECT_TRUE(
       has(requests_of("00 59 00 01 00 01 00 64 00 00 00 00 00 01 01 00 00 59 00 06 00"), repeated))
-      << "a robot on BlueZ has none, whatever its company";
+      << "a robot on BlueZ has none";
   EXPECT_TRUE(
       has(requests_of("00 f1 05 01 00 01 00 64 00 00 00 00 00 01 01 02 00 59 00 06 00"), repeated))
-      << "it is not Nordic's";
+      << "this device is not Nordic's";
 }
 
-TEST(Configuration, TellsARobotAllThatItNeeds) {
+TEST(Configuration, SendsAllMessagesThatRobotNeeds) {
   ProvisioningRig rig;
   const std::string app_key = to_hex(Bytes(16, 0x22));
   rig.add(1);
@@ -141,7 +141,7 @@ TEST(Configuration, AsksAgainWhenAnAnswerIsLost) {
   }
 }
 
-TEST(Configuration, LeavesARobotHalfConfiguredAndTakesItUpAgain) {
+TEST(Configuration, RetriesRobotThatWasConfiguredInPart) {
   ProvisioningRig rig;
   rig.add(1).deaf_to = {"803d"};
   rig.start();
@@ -155,7 +155,7 @@ TEST(Configuration, LeavesARobotHalfConfiguredAndTakesItUpAgain) {
   EXPECT_TRUE(rig.all_configured(10s));
 }
 
-/// It would hold one of the few conversations for hours.
+/// Such a robot would occupy one of the few conversations for hours.
 TEST(Configuration, EndsWhenTheRobotAnswersEachRequestLate) {
   ProvisioningRig rig;
   FakeDevice& device = rig.add(1);
@@ -173,17 +173,17 @@ TEST(Configuration, EndsWhenTheRobotAnswersEachRequestLate) {
   EXPECT_TRUE(rig.has_notice("not configured: it did not end in 10 min"));
 }
 
-TEST(Configuration, IsTakenUpAtOnceWhenTheRobotIsHeardAgain) {
+TEST(Configuration, ContinuesAtOnceWhenRobotIsHeardAgain) {
   ProvisioningRig rig;
   rig.add(1).deaf_to = {"8008"};
   rig.start();
-  rig.pass(120s);  // several failures: the next attempt is far
+  rig.pass(120s);  // several failures: the next attempt is late
   rig.board.devices.devices[0].deaf_to.clear();
   rig.hear(0x0100, "04 00 59 00");
   EXPECT_TRUE(rig.all_configured(3s));
 }
 
-TEST(Configuration, IsTakenUpAfterARestart) {
+TEST(Configuration, ContinuesAfterRestart) {
   ProvisioningRig first;
   first.add(1).deaf_to = {"80"};
   first.start();
@@ -191,12 +191,12 @@ TEST(Configuration, IsTakenUpAfterARestart) {
   ProvisioningRig second({}, first.stored.back());
   second.board = first.board;
   second.board.devices.devices[0].deaf_to.clear();
-  ASSERT_FALSE(second.board.devices.device_keys.empty()) << "left there by the first";
+  ASSERT_FALSE(second.board.devices.device_keys.empty()) << "left by the first daemon";
   second.start();
   EXPECT_TRUE(second.all_configured(10s));
 }
 
-TEST(Configuration, NamesWhatARobotRefuses) {
+TEST(Configuration, ReportsRefusedRequest) {
   ProvisioningRig rig;
   rig.add(1).refuses = {{"801b", 0x08}};
   rig.start();
@@ -205,7 +205,7 @@ TEST(Configuration, NamesWhatARobotRefuses) {
       rig.has_notice("the subscription to 0xc002 of model 0x1000 was refused: not a "
                      "subscribe model (0x08)"));
   EXPECT_FALSE(rig.has_notice("is configured"));
-  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 13u) << "the rest is done all the same";
+  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 13u) << "the remaining requests are sent";
 }
 
 TEST(Configuration, ReplacesTheGroupsThatARobotHad) {
@@ -240,7 +240,7 @@ TEST(Configuration, NeverStopsARobotThatRunsNordicsCode) {
   }
 }
 
-TEST(Configuration, LeavesVirtualAddressesWhichItCannotName) {
+TEST(Configuration, KeepsSubscriptionsToVirtualAddresses) {
   ProvisioningRig rig;
   rig.add(1).subscriptions["00010010"] = {0x8985, 0xc002, 0xc00f};
   rig.board.devices.devices[0].keeps_subscriptions = true;
@@ -250,7 +250,7 @@ TEST(Configuration, LeavesVirtualAddressesWhichItCannotName) {
             (std::set<std::uint16_t>{0x8985, 0xc002, 0xc003, 0xc004}));
 }
 
-TEST(Configuration, NamesAListOfSubscriptionsThatIsRefused) {
+TEST(Configuration, ReportsRefusedListOfSubscriptions) {
   ProvisioningRig rig;
   rig.add(1).refuses = {{"8029", 0x08}};
   rig.start();
@@ -267,7 +267,7 @@ Settings without_groups() {
   return settings;
 }
 
-TEST(Configuration, LeavesARobotNoGroupsWhenThereAreNone) {
+TEST(Configuration, SubscribesToNothingWithoutGroups) {
   ProvisioningRig rig(without_groups());
   rig.add(1);
   rig.start();
@@ -275,14 +275,14 @@ TEST(Configuration, LeavesARobotNoGroupsWhenThereAreNone) {
   EXPECT_EQ(rig.board.devices.devices[0].requests.back(), "802b000159000900");
 }
 
-TEST(Configuration, TakesAModelThatKnowsNoGroupsForOneWithoutAny) {
+TEST(Configuration, AcceptsModelsThatCannotSubscribe) {
   ProvisioningRig rig(without_groups());
   rig.add(1).refuses = {{"8029", 0x08}, {"802b", 0x08}};
   rig.start();
   EXPECT_TRUE(rig.all_configured(5s));
 }
 
-TEST(Configuration, NamesARobotThatKeepsItsGroups) {
+TEST(Configuration, ReportsRobotThatKeepsItsGroups) {
   ProvisioningRig rig(without_groups());
   FakeDevice& device = rig.add(1);
   device.subscriptions["00010010"] = {0xc00f};
@@ -312,7 +312,7 @@ TEST(Configuration, WaitsWhileTheBoardIsStillSending) {
   EXPECT_TRUE(rig.all_configured(10s));
 }
 
-TEST(Configuration, EmptiesATableOfKeysThatNobodyKnows) {
+TEST(Configuration, RemovesUnknownDeviceKeysFromBoard) {
   ProvisioningRig rig;
   rig.add(1);
   for (std::uint16_t handle = 8; handle < 18; ++handle)

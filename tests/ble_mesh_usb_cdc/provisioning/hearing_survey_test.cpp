@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which robots hear which: what the survey asks, what it makes of the answers, and that nothing of
-// it stops a robot, lasts, or holds up what is more urgent.
+// The survey of which robots hear which: its requests, its results, and that it neither stops a
+// robot, nor leaves heartbeats on, nor delays more urgent messages.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
@@ -26,7 +26,7 @@ struct SurveyRig : ProvisioningRig {
     order(MeasureHearingOrder{is_question});
     return answer();
   }
-  /// How it ended.
+  /// Returns the result of the survey.
   nlohmann::json result(Duration limit = 600s) {
     const TimePoint end = now + limit;
     while (measure(true)["state"] == "running" && now < end) pass(500ms);
@@ -50,7 +50,7 @@ nlohmann::json row_of(const nlohmann::json& result, const char* source, const ch
   return nullptr;
 }
 
-TEST(HearingSurvey, TellsWhoHearsWhom) {
+TEST(HearingSurvey, ReportsWhichRobotsHearEachOther) {
   SurveyRig rig;
   rig.board.devices.hearing = {{{0x0100, 0x0101}, {5, 1, 2}}, {{0x0102, 0x0100}, {0, 0, 0}}};
   const auto begun = rig.measure();
@@ -67,7 +67,7 @@ TEST(HearingSurvey, TellsWhoHearsWhom) {
             nlohmann::json::parse(R"({"source":"ble-0101","listener":"ble-0100","sent":8,"heard":8,
                                       "heard_at_most":8,"min_hops":1,"max_hops":1})"));
   const auto some = row_of(result, "ble-0100", "ble-0101");
-  EXPECT_EQ(some["heard"], 4) << "robots tell the highest bit only";
+  EXPECT_EQ(some["heard"], 4) << "robots report the highest bit only";
   EXPECT_EQ(some["heard_at_most"], 7);
   EXPECT_EQ(some["max_hops"], 2);
   const auto none = row_of(result, "ble-0102", "ble-0100");
@@ -78,7 +78,7 @@ TEST(HearingSurvey, TellsWhoHearsWhom) {
   EXPECT_TRUE(rig.board.devices.device_keys.empty());
 }
 
-TEST(HearingSurvey, AsksInTheFormOfTheSpecification) {
+TEST(HearingSurvey, SendsMessagesInFormatOfSpecification) {
   SurveyRig rig(2);
   const std::size_t before = rig.device(0).requests.size();
   rig.measure();
@@ -88,13 +88,13 @@ TEST(HearingSurvey, AsksInTheFormOfTheSpecification) {
                                        requests.end());
   EXPECT_EQ(asked, (std::vector<std::string>{
                        "803902c004010400000000",  // 8, a second apart, TTL 4, no features, key 0
-                       "803b010102c009",          // those of the other, for 256 s
+                       "803b010102c009",          // counts the other robot's for 256 s
                        "803a", "803b0000000000",
                        "803900000000000000"
                        "0000"}));
 }
 
-TEST(HearingSurvey, TheHeartbeatsGoAsFarAsTheRobotsMessages) {
+TEST(HearingSurvey, HeartbeatsUseTtlOfRobotsMessages) {
   Settings settings;
   settings.groups.clear();
   SurveyRig rig(2, settings);
@@ -104,11 +104,11 @@ TEST(HearingSurvey, TheHeartbeatsGoAsFarAsTheRobotsMessages) {
   rig.pass(20s);
   rig.measure();
   EXPECT_EQ(rig.result()["rows"].size(), 2u);
-  EXPECT_EQ(rig.said("8039ffff040104"), 1u) << "all nodes, where robots hear no group";
+  EXPECT_EQ(rig.said("8039ffff040104"), 1u) << "to all nodes, as robots are in no group";
   EXPECT_EQ(rig.said("8039ffff040109"), 1u);
 }
 
-TEST(HearingSurvey, ASilentRobotIsListedAndSoonLeftOut) {
+TEST(HearingSurvey, ListsSilentRobotAndSkipsItSoon) {
   SurveyRig rig(4);
   rig.device(1).deaf_to = {"80"};
   rig.measure();
@@ -120,7 +120,7 @@ TEST(HearingSurvey, ASilentRobotIsListedAndSoonLeftOut) {
   EXPECT_LT(rig.now - start, 50s);
 }
 
-TEST(HearingSurvey, ARobotThatMissesOneQuestionIsAskedTheNext) {
+TEST(HearingSurvey, AsksRobotAboutNextSenderAfterMissingAnswer) {
   SurveyRig rig;
   rig.device(2).lost_answers = {"803a", "803a", "803a", "803a"};
   rig.measure();
@@ -130,8 +130,8 @@ TEST(HearingSurvey, ARobotThatMissesOneQuestionIsAskedTheNext) {
   EXPECT_EQ(row_of(result, "ble-0101", "ble-0102")["heard"], 8);
 }
 
-/// Robots that run Nordic's code up to 3.0 stop when they are told twice within a second.
-TEST(HearingSurvey, TellsARobotToPublishAgainWhenItsHeartbeatsWouldBeOver) {
+/// Robots that run Nordic's code up to 3.0 stop at a second request within a second.
+TEST(HearingSurvey, RepeatsPublicationSetWhenItsHeartbeatsWouldBeOver) {
   for (const bool is_request_lost : {false, true}) {
     SurveyRig rig;
     auto& losses = is_request_lost ? rig.device(0).lost_requests : rig.device(0).lost_answers;
@@ -149,7 +149,7 @@ TEST(HearingSurvey, TellsARobotToPublishAgainWhenItsHeartbeatsWouldBeOver) {
   }
 }
 
-TEST(HearingSurvey, TellsNoRobotTwiceWhenAnotherMessageToItIsRefused) {
+TEST(HearingSurvey, DoesNotRepeatPublicationSetWhenAnotherSendIsRefused) {
   SurveyRig rig;
   rig.device(0).lost_answers = {publication_set};
   rig.measure();
@@ -162,7 +162,7 @@ TEST(HearingSurvey, TellsNoRobotTwiceWhenAnotherMessageToItIsRefused) {
   EXPECT_EQ(rig.said(publication_set), 1u);
 }
 
-TEST(HearingSurvey, ARobotThatDoesNotPublishIsGivenUp) {
+TEST(HearingSurvey, GivesUpOnRobotThatDoesNotPublish) {
   SurveyRig rig;
   rig.device(0).deaf_to = {publication_set};
   rig.measure();
@@ -172,7 +172,7 @@ TEST(HearingSurvey, ARobotThatDoesNotPublishIsGivenUp) {
   EXPECT_EQ(result["silent"], nlohmann::json::array({"ble-0100"}));
 }
 
-TEST(HearingSurvey, ARobotThatForgotWhatToCountHasNoRow) {
+TEST(HearingSurvey, OmitsRowOfRobotThatLostItsSubscription) {
   SurveyRig rig(2);
   rig.device(1).lies = {{"803a", "80 3c 00 00 00 00 00 00 00 00 00"}};
   rig.measure();
@@ -193,7 +193,7 @@ TEST(HearingSurvey, BadAnswersHaveNoEffect) {
   }
 }
 
-TEST(HearingSurvey, CommandsPingsAndConfigurationGoOnMeanwhile) {
+TEST(HearingSurvey, LetsCommandsPingsAndConfigurationPass) {
   SurveyRig rig(4);
   rig.measure();
   rig.pass(3s);
@@ -212,10 +212,10 @@ TEST(HearingSurvey, CommandsPingsAndConfigurationGoOnMeanwhile) {
   rig.pass(10s);
   EXPECT_EQ(rig.configured(), 5u) << "a new robot joins";
   EXPECT_EQ(rig.measure(true)["state"], "running");
-  EXPECT_EQ(rig.result()["rows"].size(), 12u) << "the new one comes too late";
+  EXPECT_EQ(rig.result()["rows"].size(), 12u) << "the new robot joined too late";
 }
 
-TEST(HearingSurvey, ARobotThatIsRemovedMeanwhileIsLeftOut) {
+TEST(HearingSurvey, OmitsRobotThatIsRemovedDuringSurvey) {
   SurveyRig rig;
   rig.measure();
   rig.pass(3s);
@@ -227,7 +227,7 @@ TEST(HearingSurvey, ARobotThatIsRemovedMeanwhileIsLeftOut) {
   EXPECT_EQ(row_of(result, "ble-0102", "ble-0100")["heard"], 8);
 }
 
-TEST(HearingSurvey, EndsWithTheLinkAndCanBeginAgain) {
+TEST(HearingSurvey, FailsWhenLinkGoesDownAndCanBeginAgain) {
   SurveyRig rig;
   rig.measure();
   rig.pass(3s);
@@ -242,7 +242,7 @@ TEST(HearingSurvey, EndsWithTheLinkAndCanBeginAgain) {
   EXPECT_TRUE(rig.is_quiet());
 }
 
-TEST(HearingSurvey, ASecondOrderJoinsTheFirst) {
+TEST(HearingSurvey, SecondOrderReportsRunningSurvey) {
   SurveyRig rig(2);
   EXPECT_EQ(rig.measure(true)["state"], "none");
   rig.measure();
@@ -252,7 +252,7 @@ TEST(HearingSurvey, ASecondOrderJoinsTheFirst) {
   EXPECT_EQ(rig.said(publication_set), 2u);
 }
 
-TEST(HearingSurvey, IsRefusedWhereItCannotBe) {
+TEST(HearingSurvey, IsRefusedWhereItCannotRun) {
   const auto refusal = [](const SurveyRig& rig) { return rig.answer().get<std::string>(); };
   SurveyRig alone(1);
   alone.measure();

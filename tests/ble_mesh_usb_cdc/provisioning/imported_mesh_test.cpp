@@ -7,7 +7,7 @@
 namespace slamgw::ble {
 namespace {
 
-/// As Nordic's interactive_pyaci writes it: addresses as numbers, UUIDs without hyphens.
+/// A database of Nordic's interactive_pyaci: addresses as numbers, UUIDs without hyphens.
 const char* const tool_database = R"({
   "$schema": "", "meshName": "BT Mesh", "meshUUID": "01020304050607080102030405060708",
   "ivIndex": 3, "ivUpdate": 0,
@@ -51,7 +51,7 @@ TEST(ImportedMesh, ReadsAnotherGatewaysFile) {
   EXPECT_EQ(decode_imported_mesh(encode_node_database(imported()))->nodes.size(), 2u);
 }
 
-TEST(ImportedMesh, SaysWhatIsWrongWithoutShowingKeys) {
+TEST(ImportedMesh, ReportsErrorsWithoutShowingKeys) {
   for (const std::string_view text :
        {"", "[]", "{}", R"({"netKeys": 1})", R"({"netKeys": [], "appKeys": []})",
         R"({"netKeys": [{"index": 0, "key": "18eed9c2a56add85049ffc3c59ad0e12"}],
@@ -64,7 +64,7 @@ TEST(ImportedMesh, SaysWhatIsWrongWithoutShowingKeys) {
   }
 }
 
-TEST(ImportedMesh, GoesOnAfterTheAddressesOfItsNodes) {
+TEST(ImportedMesh, AssignsAddressesAfterThoseOfItsNodes) {
   NodeDatabase database = imported();
   database.nodes[1].address = 0x0150;
   EXPECT_EQ(merge_imported_mesh({}, database, 1)->next_address, 0x0151);
@@ -85,14 +85,14 @@ TEST(ImportedMesh, IsAddedToTheSameNetworkOnly) {
   EXPECT_FALSE(merge_imported_mesh(own, imported(), 1).has_value());
 }
 
-TEST(ImportedMesh, MayNotShareAddresses) {
+TEST(ImportedMesh, IsRefusedWhenAddressesOverlap) {
   EXPECT_FALSE(merge_imported_mesh({}, imported(), 0x0011).has_value()) << "the gateway's";
   NodeDatabase own = imported();
   own.nodes[0].uuid[0] = 0xee;
   EXPECT_FALSE(merge_imported_mesh(own, imported(), 1).has_value()) << "another node's";
 }
 
-TEST(ImportedMesh, MayNotShareTheAddressWhereANodeJoinsAgain) {
+TEST(ImportedMesh, IsRefusedWhenNodesNewAddressOverlaps) {
   NodeDatabase database = imported();
   database.nodes[0].new_address = 0x0200;
   database.nodes[0].new_elements = 2;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The refresh of the mesh's keys: each step, who is waited for, who is left behind, and that it
-// goes on wherever it was interrupted.
+// The refresh of the mesh's keys: each step, robots that it waits for or leaves behind, and that
+// it continues wherever it was interrupted.
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
@@ -28,7 +28,7 @@ bool has_old_keys(const FakeDevice& device) {
   return device.refresh_phase == 0 && device.net_key == octets(test_keys().net_key);
 }
 
-/// The board and the disk at one moment.
+/// A snapshot of the board and the disk.
 struct Moment {
   FakeBoard board;
   NodeDatabase database;
@@ -40,7 +40,7 @@ struct RefreshRig : ProvisioningRig {
     start();
     if (!all_configured(60s)) ADD_FAILURE() << "not all robots have joined";
   }
-  /// The daemon's next start.
+  /// Starts the next daemon.
   explicit RefreshRig(const Moment& moment) : ProvisioningRig({}, moment.database) {
     board = moment.board;
     start();
@@ -90,8 +90,7 @@ TEST(KeyRefresh, GivesAllRobotsNewKeys) {
   EXPECT_TRUE(rig.has_notice("are refreshed: 4 robots have the new ones"));
 }
 
-/// A stock board has no room for all of its answers to 255 zeros, with which it is brought into
-/// step.
+/// A stock board drops some of its answers to the 255 zeros that synchronise it.
 TEST(KeyRefresh, DoesNotBlameTheSerialLineForAnswersToItsOwnZeros) {
   RefreshRig rig(1);
   rig.spoil = [&](Bytes& written) {
@@ -107,7 +106,7 @@ TEST(KeyRefresh, DoesNotBlameTheSerialLineForAnswersToItsOwnZeros) {
   EXPECT_EQ(rig.count_notices("dropped 3 event(s)"), 1);
 }
 
-TEST(KeyRefresh, SaysNothingBeforeItIsOnDisk) {
+TEST(KeyRefresh, SendsNothingBeforeItIsOnDisk) {
   RefreshRig rig(1);
   rig.answers_stores = false;
   EXPECT_TRUE(rig.refresh().is_null());
@@ -149,7 +148,7 @@ TEST(KeyRefresh, OrderedTwiceBeforeItIsOnDiskBeginsOnce) {
   EXPECT_EQ(rig.on_disk().nodes.size(), 2u);
 }
 
-TEST(KeyRefresh, TakesEachStepWhenTheDiskHasIt) {
+TEST(KeyRefresh, BeginsEachStepWhenItIsOnDisk) {
   RefreshRig rig(1);
   const auto hold = [&](RefreshStep step) {
     rig.answers_stores = true;
@@ -199,14 +198,14 @@ TEST(KeyRefresh, WaitsForASilentRobot) {
   EXPECT_TRUE(rig.has_notice("ble-0102 has not completed the key refresh yet"));
   EXPECT_EQ(rig.counter("key_refresh_step"), 1u);
   EXPECT_EQ(rig.counter("key_refresh_missing"), 1u);
-  EXPECT_EQ(rig.board.count(0x93), 0u) << "the others go on with the old keys";
+  EXPECT_EQ(rig.board.count(0x93), 0u) << "the other robots still use the old keys";
   rig.device(2).deaf_to.clear();
   rig.hear(0x0102, "cb 59 00 01 00 02 00");
   ASSERT_TRUE(rig.reaches("none"));
   EXPECT_TRUE(rig.is_complete());
 }
 
-TEST(KeyRefresh, ARefusalIsNamedAndTriedAgain) {
+TEST(KeyRefresh, ReportsRefusalAndTriesAgain) {
   RefreshRig rig;
   rig.device(1).refuses = {{"01", 0x05}};
   rig.refresh();
@@ -219,7 +218,7 @@ TEST(KeyRefresh, ARefusalIsNamedAndTriedAgain) {
   EXPECT_TRUE(rig.is_complete());
 }
 
-TEST(KeyRefresh, DoesNotBelieveAStatusOfAnotherPhase) {
+TEST(KeyRefresh, IgnoresStatusOfAnotherPhase) {
   RefreshRig rig;
   rig.device(0).lies = {{switch_over, "80 17 00 00 00 01"}, {finish, "80 17 00 00 00 02"}};
   rig.refresh();
@@ -232,7 +231,7 @@ TEST(KeyRefresh, DoesNotBelieveAStatusOfAnotherPhase) {
   EXPECT_TRUE(rig.is_complete());
 }
 
-TEST(KeyRefresh, ARobotWithTheNewKeysHoldsNobodyUp) {
+TEST(KeyRefresh, SilentRobotWithNewKeysDelaysNoOther) {
   RefreshRig rig;
   rig.device(3).deaf_to = {"8016"};
   rig.refresh();
@@ -247,7 +246,7 @@ TEST(KeyRefresh, ARobotWithTheNewKeysHoldsNobodyUp) {
   EXPECT_TRUE(rig.is_complete());
 }
 
-TEST(KeyRefresh, LeavesARobotOutside) {
+TEST(KeyRefresh, LeavesNamedRobotBehind) {
   RefreshRig rig;
   const nlohmann::json begun = rig.refresh({.left_behind = {"ble-0101"}});
   EXPECT_EQ(begun["robots"], mesh_size - 1) << begun;
@@ -276,7 +275,7 @@ TEST(KeyRefresh, LeavesSilentRobotsBehindWhenAsked) {
   EXPECT_TRUE(rig.board.devices.device_keys.empty());
 }
 
-TEST(KeyRefresh, LeavesARobotBehindWhileItIsSpokenWith) {
+TEST(KeyRefresh, LeavesRobotBehindDuringItsConversation) {
   RefreshRig rig(1);
   rig.device().deaf_to = {net_key_update};
   rig.refresh();
@@ -288,7 +287,7 @@ TEST(KeyRefresh, LeavesARobotBehindWhileItIsSpokenWith) {
   EXPECT_EQ(rig.on_disk().keys, new_keys());
 }
 
-TEST(KeyRefresh, LeavesNobodyBehindWhoHasTheNewKeys) {
+TEST(KeyRefresh, DoesNotLeaveBehindRobotWithNewKeys) {
   RefreshRig rig;
   rig.device(2).deaf_to = {net_key_update};
   rig.refresh();
@@ -300,7 +299,7 @@ TEST(KeyRefresh, LeavesNobodyBehindWhoHasTheNewKeys) {
   EXPECT_EQ(rig.on_disk().nodes.size(), mesh_size);
 }
 
-TEST(KeyRefresh, GoesOnAfterAKillAtAnyMoment) {
+TEST(KeyRefresh, ContinuesAfterKillAtAnyMoment) {
   constexpr std::size_t few = 2;
   RefreshRig rig(few);
   std::vector<Moment> moments;
@@ -312,7 +311,7 @@ TEST(KeyRefresh, GoesOnAfterAKillAtAnyMoment) {
     before = seen;
     ASSERT_LT(rig.now.time_since_epoch(), 10min);
   }
-  ASSERT_GT(moments.size(), 4 * few + 4) << "requests, and what the board is given";
+  ASSERT_GT(moments.size(), 4 * few + 4) << "requests to robots and to the board";
   for (std::size_t i = 0; i < moments.size(); ++i) {
     for (const bool loses_power : {false, true}) {
       SCOPED_TRACE(::testing::Message() << i << (loses_power ? ", and the board forgets" : ""));
@@ -361,7 +360,7 @@ TEST(KeyRefresh, IsRefusedInASharedMesh) {
   EXPECT_EQ(rig.keys_drawn + second.keys_drawn, 0);
 }
 
-TEST(KeyRefresh, KeepsTheMeshTogetherMeanwhile) {
+TEST(KeyRefresh, RefusesExportAndImportAndLetsRobotsJoin) {
   RefreshRig rig;
   rig.device(0).deaf_to = {net_key_update};
   rig.refresh();
@@ -398,7 +397,7 @@ TEST(KeyRefresh, ChangesTheKeysOfAMeshWithoutRobots) {
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST(KeyRefresh, AnotherOneCanFollow) {
+TEST(KeyRefresh, CanBeOrderedAgain) {
   RefreshRig rig;
   rig.refresh();
   ASSERT_TRUE(rig.reaches("none"));
@@ -439,7 +438,7 @@ TEST(KeyRefresh, ClearsOnlyABoardOfThisMesh) {
   }
 }
 
-TEST(KeyRefresh, IsRepeatedByAPatientLinkWhenTheBoardKeepsTheFormerKeys) {
+TEST(KeyRefresh, LinkRetriesWhenBoardKeepsFormerKeys) {
   RefreshRig rig(1);
   rig.board.status_of = {{0xac, 0x8d}};
   rig.refresh();
@@ -451,7 +450,7 @@ TEST(KeyRefresh, IsRepeatedByAPatientLinkWhenTheBoardKeepsTheFormerKeys) {
   EXPECT_TRUE(rig.is_complete());
 }
 
-TEST(KeyRefresh, RemoveSaysWhoStillHasTheKeys) {
+TEST(KeyRefresh, RemoveReportsWhetherRobotWasReset) {
   RefreshRig rig(2);
   rig.order(RemoveOrder{"ble-0100", false});
   rig.pass(5s);
@@ -462,7 +461,8 @@ TEST(KeyRefresh, RemoveSaysWhoStillHasTheKeys) {
   EXPECT_EQ(rig.answer()["was_reset"], false) << rig.answer();
 }
 
-// --- What Nordic's code says ---------------------------------------------------------------------
+// --- Recorded answers of Nordic's code
+// ---------------------------------------------------------------------
 
 Key counting_from(std::uint8_t first) {
   Key key{};
@@ -470,7 +470,7 @@ Key counting_from(std::uint8_t first) {
   return key;
 }
 
-TEST(KeyRefreshRecording, ARobotAnswersWhatIsSaid) {
+TEST(KeyRefreshRecording, RobotAnswersEachStep) {
   const auto recorded = test::read_transcript("configuration.txt", "configuration", "3.1.0");
   const auto answer_to = [&](const ble::Exchange& asked, const auto&... params) {
     const Bytes request = config_step("", asked, params...).request;
@@ -496,7 +496,7 @@ TEST(KeyRefreshRecording, ARobotAnswersWhatIsSaid) {
   EXPECT_TRUE(
       answer_to(appkey_update, key_indexes_0, counting_from(0x90)).contains("800300000000"));
   EXPECT_TRUE(answer_to(appkey_update, key_indexes_0, counting_from(0x60)).contains("80030b000000"))
-      << "no refresh was under way";
+      << "no refresh was in progress";
 }
 
 /// A board that has an address, and key index 0 of both kinds.
@@ -510,7 +510,7 @@ Bytes table_answer(std::uint8_t opcode) {
   }
 }
 
-/// Takes a start-up to the end of its keys. What is about keys gets the recorded answers.
+/// Runs a start-up to the end of its keys. Commands about keys get the recorded answers.
 StartUp::State start_up_with(const RadioKeys& keys, std::string_view situation,
                              const std::string& release, std::vector<std::string>& said) {
   const auto recorded = test::read_transcript("situations.txt", situation, release);
@@ -531,7 +531,7 @@ StartUp::State start_up_with(const RadioKeys& keys, std::string_view situation,
   return start.state();
 }
 
-TEST(KeyRefreshRecording, ABoardThatHearsBothKeysIsKnownByTheFormer) {
+TEST(KeyRefreshRecording, BoardWithBothKeysIsRecognizedByFormerKey) {
   for (const std::string& release : test::releases_of("situations.txt")) {
     std::vector<std::string> said;
     const RadioKeys keys{{counting_from(0xa0), counting_from(0x90)},

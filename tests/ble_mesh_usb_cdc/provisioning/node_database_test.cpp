@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is known about the mesh's nodes, its file, and who gets which address.
+// The database of the mesh's nodes, its file, and the assignment of addresses.
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 #include <gtest/gtest.h>
@@ -48,7 +48,7 @@ std::string replaced(std::string text, std::string_view from, std::string_view t
   return at == std::string::npos ? text : text.replace(at, from.size(), to);
 }
 
-TEST(NodeDatabase, SurvivesTheFile) {
+TEST(NodeDatabase, IsReadAsItWasWritten) {
   const NodeDatabase database = full_database();
   const std::string text = encode_node_database(database);
   const auto again = decode_node_database(text);
@@ -69,7 +69,7 @@ TEST(NodeDatabase, SurvivesTheFile) {
   EXPECT_EQ(encode_node_database(*again), text);
 }
 
-TEST(NodeDatabase, KeepsARobotWhoseNameNoBrokerTakes) {
+TEST(NodeDatabase, KeepsNodeWithInvalidNameWithoutIt) {
   const std::string text = replaced(encode_node_database(full_database()), "nr 1",
                                     "nr\xc2\x85"
                                     "1");
@@ -92,7 +92,7 @@ TEST(NodeDatabase, ReadsNodesOfWhichOnlyTheTtlIsKnown) {
   EXPECT_FALSE(old->nodes.at(0).applied);
 }
 
-TEST(NodeDatabase, RefusesEveryDamage) {
+TEST(NodeDatabase, RejectsEveryDamage) {
   const std::string whole = encode_node_database(full_database());
   for (std::size_t size = 0; size + 2 < whole.size(); ++size)
     EXPECT_FALSE(decode_node_database(whole.substr(0, size)).has_value()) << size;
@@ -105,13 +105,13 @@ TEST(NodeDatabase, RefusesEveryDamage) {
       {"\"version\": 2", "\"version\": 3"},
       {"a1a1", "g1a1"},
       {"\"0x0102\"", "\"0x0100\""},  // two nodes at one address
-      {"\"0x0102\"", "\"0x0104\""},  // its elements overlap the next one's
-      {"\"0x0102\"", "\"0x8000\""},  // no unicast address
+      {"\"0x0102\"", "\"0x0104\""},  // its elements overlap the next node's
+      {"\"0x0102\"", "\"0x8000\""},  // not a unicast address
       {"\"elements\": 3", "\"elements\": 0"},
       {"\"provisioned\"", "\"elsewhere\""},
       {"\"reserved\"", "\"configured\""},                      // without a device key
       {"\"gateway\": \"0x0001\"", "\"gateway\": \"0x8001\""},  // virtual
-      {"\"0xc002\"", "\"0x7fff\""},                            // no group
+      {"\"0xc002\"", "\"0x7fff\""},                            // not a group
       {"\"0xfeff\"", "\"0xff00\""},
       {"\"0xfeff\"", "1"},
       {"\"groups\": []", "\"groups\": {}"},
@@ -134,7 +134,7 @@ TEST(NodeDatabase, FindsANodeByAnyOfItsAddresses) {
   EXPECT_EQ(database.find_address(0x0101), nullptr);
 }
 
-TEST(NodeDatabase, RemembersWhoWasRemoved) {
+TEST(NodeDatabase, RemembersRemovedNodesUpToItsBound) {
   NodeDatabase database = full_database();
   database.remove(uuid_of(0x02));
   EXPECT_EQ(database.find(uuid_of(0x02)), nullptr);
@@ -149,7 +149,7 @@ TEST(NodeDatabase, RemembersWhoWasRemoved) {
   EXPECT_EQ(database.removed.size(), NodeDatabase::max_removed);
 }
 
-TEST(AddressPlan, HandsAddressesOutInOrder) {
+TEST(AddressPlan, AssignsAddressesInOrder) {
   NodeDatabase database;
   EXPECT_EQ(choose_address(database, {}), 0x0100);
   database.nodes = {node_at(0x0100, 2)};
@@ -158,7 +158,7 @@ TEST(AddressPlan, HandsAddressesOutInOrder) {
   EXPECT_EQ(choose_address(database, {.elements = 3, .preferred = {}, .taken = {0x0104}}), 0x0105);
 }
 
-TEST(AddressPlan, PrefersWhatTheConfigurationNames) {
+TEST(AddressPlan, PrefersConfiguredAddresses) {
   NodeDatabase database;
   AddressWish wish{.elements = 1, .preferred = {0x0205, 0x0201}, .taken = {0x0205}};
   EXPECT_EQ(choose_address(database, wish), 0x0201);
@@ -181,7 +181,7 @@ TEST(AddressPlan, ReusesAnAddressOnlyAfterAllOthers) {
     database.nodes.push_back(rest);
   }
   database.next_address = 0x8000;
-  EXPECT_EQ(choose_address(database, {}), 0x0102) << "passed over";
+  EXPECT_EQ(choose_address(database, {}), 0x0102) << "the address that was skipped";
   database.nodes.push_back(node_at(0x0102));
   EXPECT_EQ(choose_address(database, {}), 0x0101) << "removed longest ago";
   database.nodes.push_back(node_at(0x0101));
@@ -190,7 +190,7 @@ TEST(AddressPlan, ReusesAnAddressOnlyAfterAllOthers) {
   EXPECT_EQ(decode_node_database(encode_node_database(database))->next_address, 0x8000);
 }
 
-TEST(AddressPlan, KnowsWhereAReplayListMayRemember) {
+TEST(AddressPlan, RecognizesAddressesThatWereUsedBefore) {
   const NodeDatabase database = full_database();
   EXPECT_TRUE(was_used_before(database, 0x0108, 1));
   EXPECT_TRUE(was_used_before(database, 0x0106, 2));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What operators order: scan, provision, nodes, remove, ping, config, import, reset-board.
+// Orders of operators: scan, provision, nodes, remove, ping, config, import, reset-board.
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
@@ -31,7 +31,7 @@ struct JoinedRig : ProvisioningRig {
   FakeDevice& device() { return board.devices.devices[0]; }
 };
 
-TEST(Orders, ScanShowsWhoIsThere) {
+TEST(Orders, ScanListsDevicesInReach) {
   ProvisioningRig rig(by_hand());
   rig.add(1);
   rig.start();
@@ -43,7 +43,7 @@ TEST(Orders, ScanShowsWhoIsThere) {
   EXPECT_EQ(rig.answer()[0]["uuid"], uuid_1);
   EXPECT_EQ(rig.answer()[0]["rssi_dbm"], -56);
   EXPECT_EQ(rig.answer()[0]["state"], "new");
-  EXPECT_FALSE(rig.board.devices.is_scanning) << "nobody else wants it";
+  EXPECT_FALSE(rig.board.devices.is_scanning) << "the scan has ended";
 }
 
 TEST(Orders, ProvisionNamesTheRobot) {
@@ -77,7 +77,7 @@ TEST(Orders, ProvisionTakesTheConfiguredAddressOfAName) {
   EXPECT_EQ(rig.answer()["address"], "0x0700");
   rig.order(ProvisionOrder{"736c616d-0202-0202-0202-020202020202", "other"});
   rig.pass(5s);
-  EXPECT_EQ(rig.answer()["address"], "0x0101") << "0x0100 would call it nr1: " << rig.answer();
+  EXPECT_EQ(rig.answer()["address"], "0x0101") << "0x0100 has the name nr1: " << rig.answer();
   EXPECT_EQ(rig.answer()["robot"], "other");
 }
 
@@ -90,7 +90,7 @@ TEST(Orders, ProvisionRefusesTheNameOfADeviceOnThread) {
   EXPECT_NE(text_of(rig.answer()).find("on Thread"), std::string::npos) << rig.answer();
 }
 
-TEST(Orders, ProvisionSaysWhatIsWrong) {
+TEST(Orders, ProvisionReportsInvalidOrders) {
   JoinedRig rig;
   const auto answer_to = [&](std::string uuid, std::string robot) {
     rig.order(ProvisionOrder{std::move(uuid), std::move(robot)});
@@ -103,18 +103,18 @@ TEST(Orders, ProvisionSaysWhatIsWrong) {
                       "b")
                 .find("invisible"),
             std::string::npos)
-      << "U+202E turns what follows";
+      << "U+202E reverses the text after it";
   EXPECT_NE(answer_to(uuid_1, "r").find("in the mesh already, as ble-0100"), std::string::npos);
   EXPECT_NE(answer_to(std::string(32, 'a'), "ble-0100").find("is another robot"),
             std::string::npos);
-  EXPECT_EQ(answer_to(std::string(32, 'a'), "r"), "null") << "it is searched for";
+  EXPECT_EQ(answer_to(std::string(32, 'a'), "r"), "null") << "the scan for the device is running";
   rig.order(ScanOrder{});
   EXPECT_NE(rig.answers.back().error.find("still under way"), std::string::npos);
   rig.pass(31s);
   EXPECT_NE(rig.answers.back().error.find("was not heard"), std::string::npos);
 }
 
-TEST(Orders, ProvisionTellsAFailureAndAHalfConfiguredRobot) {
+TEST(Orders, ProvisionReportsFailureAndUnconfiguredRobot) {
   ProvisioningRig rig(by_hand());
   rig.add(1).deaf_to = {"80"};
   rig.board.devices.closes_at = 0xc7;
@@ -139,7 +139,7 @@ TEST(Orders, NodesAreListed) {
   EXPECT_EQ(without.answer(), nlohmann::json::array());
 }
 
-TEST(Orders, PingTellsHowLongTheAnswerTookAndItsWay) {
+TEST(Orders, PingReportsCopiesHopsAndSignal) {
   JoinedRig rig;
   const std::size_t stored = rig.stored.size();
   rig.order(PingOrder{"ble-0100"});
@@ -189,7 +189,7 @@ TEST(Orders, PingOfASilentRobotEndsSoon) {
             std::string::npos);
 }
 
-TEST(Orders, ConfigShowsWhatTheNodeHas) {
+TEST(Orders, ConfigShowsSettingsOfNode) {
   JoinedRig rig;
   const auto before = rig.device().requests.size();
   rig.order(NodeConfigOrder{"ble-0100"});
@@ -213,7 +213,7 @@ TEST(Orders, ConfigShowsWhatTheNodeHas) {
     EXPECT_FALSE(rig.device().requests[i].starts_with("03")) << "nothing is changed";
 }
 
-TEST(Orders, ConfigKeepsWhatIsWantedAndGivesItToTheNode) {
+TEST(Orders, ConfigStoresSettingsAndSendsThemToNode) {
   JoinedRig rig;
   NodeConfigOrder order{"ble-0100"};
   order.ttl.emplace(7);
@@ -245,7 +245,7 @@ TEST(Orders, ConfigDuringAConfigurationIsSentAfterIt) {
   NodeConfigOrder order{"ble-0100"};
   order.ttl.emplace(7);
   order.relay.emplace(false);
-  rig.device().deaf_to = {"03"};  // until the order is refused
+  rig.device().deaf_to = {"03"};  // until the attempt fails
   rig.order(order);
   for (int i = 0; i < 60 && rig.answer().is_null(); ++i) rig.pass(1s);
   ASSERT_NE(text_of(rig.answer()).find("tried again"), std::string::npos);
@@ -279,7 +279,7 @@ TEST(Orders, ConfigGivesARobotGroupsOfItsOwn) {
   ASSERT_TRUE(stored.has_value());
   EXPECT_EQ(stored->nodes[0].wishes.groups, (std::vector<std::uint16_t>{0xc0aa}));
   rig.pass(60s);
-  EXPECT_TRUE(hears(0xc0aa)) << "it stays";
+  EXPECT_TRUE(hears(0xc0aa)) << "its own groups are kept";
   order.subscribe.reset();
   order.unsubscribe = 0xc0aa;
   rig.order(order);
@@ -297,7 +297,7 @@ TEST(Orders, ConfigGivesARobotGroupsOfItsOwn) {
   EXPECT_NE(text_of(rig.answer()).find("may have 8 groups"), std::string::npos) << rig.answer();
 }
 
-TEST(Orders, ConfigMakesOneModelPublishElsewhere) {
+TEST(Orders, ConfigChangesDestinationOfOneModel) {
   JoinedRig rig;
   const auto last_destination = [&](const char* model) {
     std::string destination;
@@ -310,7 +310,7 @@ TEST(Orders, ConfigMakesOneModelPublishElsewhere) {
   rig.order(order);
   rig.pass(20s);
   EXPECT_EQ(last_destination("59000600"), "0ac0") << rig.answer();
-  EXPECT_EQ(last_destination("59000400"), "0100") << "the others stay";
+  EXPECT_EQ(last_destination("59000400"), "0100") << "the other models keep theirs";
   EXPECT_EQ(rig.answer()["wanted"]["publishes_to"]["0x0059:0x0006"], "0xc00a");
   EXPECT_NE(rig.answer()["warnings"].dump().find("does not hear 0xc00a"), std::string::npos);
   const auto stored = decode_node_database(encode_node_database(rig.stored.back()));
@@ -334,7 +334,7 @@ TEST(Orders, ConfigMakesOneModelPublishElsewhere) {
   EXPECT_TRUE(rig.stored.back().nodes[0].wishes.publications.empty());
 }
 
-TEST(Orders, ConfigKnowsWhichModelsPublish) {
+TEST(Orders, ConfigRejectsModelsThatDoNotPublish) {
   JoinedRig rig;
   NodeConfigOrder order{"ble-0100"};
   for (const char* const model : {"Generic OnOff", "0x0059:0x0009", "sensor", ""}) {
@@ -348,7 +348,7 @@ TEST(Orders, ConfigKnowsWhichModelsPublish) {
   EXPECT_NE(rig.answer()["warnings"].dump().find("has no model 0x0059:0x0008"), std::string::npos);
 }
 
-TEST(Orders, ConfigSaysWhatTheNodeDoesNotTake) {
+TEST(Orders, ConfigReportsSettingsThatNodeRefuses) {
   JoinedRig rig;
   rig.device().relay = hex("02 00");
   NodeConfigOrder order{"ble-0100"};
@@ -363,7 +363,7 @@ TEST(Orders, ConfigSaysWhatTheNodeDoesNotTake) {
   EXPECT_NE(text_of(rig.answer()).find("no answer to"), std::string::npos) << rig.answer();
 }
 
-TEST(Orders, ConfigLeavesANodeOfAnotherToolAsItIs) {
+TEST(Orders, ConfigRefusesNodeOfAnotherTool) {
   JoinedRig joined;
   NodeDatabase database = joined.stored.back();
   database.nodes[0].applied.reset();
@@ -377,7 +377,7 @@ TEST(Orders, ConfigLeavesANodeOfAnotherToolAsItIs) {
   EXPECT_NE(text_of(rig.answer()).find("by another tool"), std::string::npos) << rig.answer();
 }
 
-TEST(Orders, RemoveResetsTheRobotAndDoesNotTakeItBack) {
+TEST(Orders, RemoveResetsRobotAndDoesNotProvisionItAgain) {
   JoinedRig rig;
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
   rig.order(RemoveOrder{"ble-0100"});
@@ -395,7 +395,7 @@ TEST(Orders, RemoveResetsTheRobotAndDoesNotTakeItBack) {
   EXPECT_EQ(rig.answer()["address"], "0x0101") << rig.answer();
 }
 
-/// The robot is reset when it has answered, so it can't answer again.
+/// A robot resets itself after its answer, so it can't answer again.
 TEST(Orders, RemoveSucceedsThoughTheRobotsAnswerIsLost) {
   for (const bool is_open : {true, false}) {
     JoinedRig joined;
@@ -430,8 +430,8 @@ TEST(Orders, RemoveDoesNotTakeASpoofedBeaconForTheRobotsAnswer) {
   EXPECT_EQ(rig.on_disk().nodes.size(), 1u);
 }
 
-/// A robot in reach obeys, so that its beacons are its own.
-TEST(Orders, RemoveAsksForAWhileBeforeABeaconCounts) {
+/// While the robot is in reach, the beacon may be another device's.
+TEST(Orders, RemoveRepeatsResetBeforeBeaconCounts) {
   JoinedRig rig;
   rig.device().deaf_to = {"8049"};
   rig.run_for(10s);
@@ -457,7 +457,7 @@ TEST(Orders, RemoveEndsWhenTheRemovalIsOnDisk) {
   EXPECT_EQ(rig.answer()["was_reset"], true) << rig.answer();
 }
 
-TEST(Orders, RemoveTellsThatTheDiskDoesNotTakeIt) {
+TEST(Orders, RemoveReportsFullDisk) {
   JoinedRig rig;
   rig.store_problem = "the disk is full";
   rig.order(RemoveOrder{"ble-0100"});
@@ -465,8 +465,8 @@ TEST(Orders, RemoveTellsThatTheDiskDoesNotTakeIt) {
   EXPECT_NE(text_of(rig.answer()).find("the disk is full"), std::string::npos) << rig.answer();
 }
 
-/// Nothing is said to a robot while a change of the mesh waits for the disk.
-TEST(Orders, RemoveThatCannotBeginSaysSoAndDoesNotGoOn) {
+/// The gateway sends nothing to a robot while a change of the mesh waits for the disk.
+TEST(Orders, RemoveThatCannotBeginFailsAndDoesNotContinue) {
   for (const bool is_forced : {false, true}) {
     JoinedRig rig;
     rig.answers_stores = false;
@@ -482,7 +482,7 @@ TEST(Orders, RemoveThatCannotBeginSaysSoAndDoesNotGoOn) {
   }
 }
 
-TEST(Orders, AQuestionThatCannotBeginSaysSo) {
+TEST(Orders, ConfigThatCannotBeginFails) {
   JoinedRig rig;
   rig.answers_stores = false;
   rig.say(hex("05 d3 07 00 00 00"));  // the IV index
@@ -491,7 +491,7 @@ TEST(Orders, AQuestionThatCannotBeginSaysSo) {
   EXPECT_NE(text_of(rig.answer()).find("try again"), std::string::npos) << rig.answer();
 }
 
-/// One was sent, others wait: each ends once, by the removal or by the robot's way into the mesh
+/// One command was sent, others wait: each ends once, by the removal or when the robot joins
 /// again.
 TEST(Orders, EachCommandToARobotThatLeavesHasOneOutcome) {
   for (const bool is_removed : {true, false}) {
@@ -510,7 +510,7 @@ TEST(Orders, EachCommandToARobotThatLeavesHasOneOutcome) {
     const std::size_t sent = rig.sent_to(first_robot).size();
     rig.hear(first_robot, "c8 59 00 00");
     rig.pass(40s);
-    EXPECT_EQ(rig.sent_to(first_robot).size(), sent) << "nothing more is said to it";
+    EXPECT_EQ(rig.sent_to(first_robot).size(), sent) << "no more messages to the robot";
     std::vector<std::uint64_t> ended;
     for (const CommandOutcome& outcome : rig.all<CommandOutcome>())
       ended.push_back(static_cast<std::uint64_t>(outcome.id));
@@ -519,7 +519,7 @@ TEST(Orders, EachCommandToARobotThatLeavesHasOneOutcome) {
   }
 }
 
-/// What is removed may have been stolen: it knows the keys that the others go on with.
+/// A removed robot may have been stolen: it still knows the keys of the mesh.
 TEST(Orders, RemoveChangesNoKey) {
   JoinedRig rig;
   rig.add(2);
@@ -552,7 +552,7 @@ TEST(Orders, RemoveOfASilentRobotNeedsForce) {
   EXPECT_NE(text_of(rig.answer()).find("no robot of this mesh"), std::string::npos);
 }
 
-TEST(Orders, ImportBringsAMeshInAndStartsTheBoardWithItsKeys) {
+TEST(Orders, ImportStoresMeshAndConfiguresBoardWithItsKeys) {
   NodeDatabase foreign = test_database();
   foreign.keys.net_key.fill(0x77);
   Node node;
@@ -579,7 +579,7 @@ TEST(Orders, ImportBringsAMeshInAndStartsTheBoardWithItsKeys) {
   EXPECT_EQ(rig.all<Report>().back().robot, "old");
 }
 
-TEST(Orders, ImportAndExportEndWhenASlowDiskHasTheMesh) {
+TEST(Orders, ImportAndExportWaitForSlowDisk) {
   ProvisioningRig rig({}, std::nullopt);
   rig.answers_stores = false;
   rig.order(ImportOrder{encode_node_database(test_database())});
@@ -600,7 +600,7 @@ TEST(Orders, ImportAndExportEndWhenASlowDiskHasTheMesh) {
   EXPECT_EQ(rig.answer()["address"], "0x0021") << rig.answer();
 }
 
-TEST(Orders, ImportWaitsForTheFirstKeys) {
+TEST(Orders, ImportIsRefusedWhileFirstKeysAreMade) {
   NodeDatabase foreign = test_database();
   foreign.keys.net_key.fill(0x77);
   for (const bool is_disk_full : {false, true}) {
@@ -621,7 +621,7 @@ TEST(Orders, ImportWaitsForTheFirstKeys) {
   }
 }
 
-TEST(Orders, ImportEndsThoughTheBoardAsksForKeysMeanwhile) {
+TEST(Orders, ImportEndsThoughBoardAsksForKeys) {
   for (const bool is_disk_full : {false, true}) {
     ProvisioningRig rig({}, std::nullopt);
     rig.answers_stores = false;
@@ -638,7 +638,7 @@ TEST(Orders, ImportEndsThoughTheBoardAsksForKeysMeanwhile) {
   }
 }
 
-TEST(Orders, ImportRefusesAnotherMeshAndWhatCannotBeStored) {
+TEST(Orders, ImportRefusesAnotherMeshAndReportsFullDisk) {
   JoinedRig rig;
   NodeDatabase foreign = test_database();
   foreign.keys.net_key.fill(0x77);
@@ -655,7 +655,7 @@ TEST(Orders, ImportRefusesAnotherMeshAndWhatCannotBeStored) {
   EXPECT_EQ(rig.answer().size(), 1u);
 }
 
-TEST(Orders, ARefusedImportKeepsWhatTheRadioDidMeanwhile) {
+TEST(Orders, FailedImportKeepsBoardsNewLife) {
   JoinedRig rig;
   rig.board.forgets = true;
   NodeDatabase more = rig.on_disk();
@@ -699,7 +699,7 @@ TEST(Orders, ResetBoardClearsItAndSetsItUpAgain) {
   EXPECT_TRUE(rig.has_notice("sequence numbers start over"));
 }
 
-TEST(Orders, ResetBoardTakesABoardOfAnotherMesh) {
+TEST(Orders, ResetBoardConfiguresBoardOfAnotherMesh) {
   ProvisioningRig rig;
   rig.board.unicast = 1;
   rig.board.subnets = {{std::uint16_t{0}, Bytes(16, 0x77)}};
@@ -714,7 +714,7 @@ TEST(Orders, ResetBoardTakesABoardOfAnotherMesh) {
   EXPECT_NE(text_of(unplugged.answer()).find("link is down"), std::string::npos);
 }
 
-TEST(Orders, EndWhenTheLinkGoesDown) {
+TEST(Orders, FailWithoutLinkAndWhenItGoesDown) {
   ProvisioningRig rig;
   rig.order(ScanOrder{});
   EXPECT_NE(text_of(rig.answer()).find("the BLE link is down"), std::string::npos);
@@ -725,7 +725,7 @@ TEST(Orders, EndWhenTheLinkGoesDown) {
   EXPECT_NE(text_of(rig.answer()).find("unplugged"), std::string::npos);
 }
 
-TEST(Orders, ProvisionIsNotCarriedOutAfterItHasEndedWithTheLink) {
+TEST(Orders, ProvisionThatFailedWithLinkIsNotResumed) {
   ProvisioningRig rig(by_hand());
   rig.add(1);
   rig.start();
@@ -745,7 +745,7 @@ TEST(Orders, ProvisionIsNotCarriedOutAfterItHasEndedWithTheLink) {
   EXPECT_EQ(rig.board.devices.devices[0].address, 0);
 }
 
-TEST(Orders, ConfigTellsThatItIsKeptWhenTheLinkGoesDown) {
+TEST(Orders, ConfigReportsThatItIsKeptWhenLinkGoesDown) {
   JoinedRig rig;
   rig.device().deaf_to = {"80"};
   NodeConfigOrder order{"ble-0100"};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joining for a while, at a site where robots may not join by themselves.
+// Joining for a limited time, at a site where robots may not join by themselves.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
@@ -26,7 +26,7 @@ struct PermitRig : ProvisioningRig {
     order(PermitJoinOrder{time, std::move(robot)});
     return answer();
   }
-  /// The first device joins, but has not joined yet.
+  /// Runs until the first device has begun to join.
   void pass_until_joining() {
     for (int i = 0; i < 1000 && board.count(0x63) == 0; ++i) {
       run_for(1ms);
@@ -46,7 +46,7 @@ struct PermitRig : ProvisioningRig {
   }
 };
 
-TEST(PermitJoin, LetsRobotsInForAWhileAndTellsIt) {
+TEST(PermitJoin, LetsRobotsJoinForLimitedTimeAndListsEvents) {
   PermitRig rig(2);
   rig.pass(20s);
   EXPECT_EQ(rig.configured(), 0u);
@@ -68,7 +68,7 @@ TEST(PermitJoin, LetsRobotsInForAWhileAndTellsIt) {
   EXPECT_EQ(rig.configured(), 2u);
 }
 
-TEST(PermitJoin, WithANameTakesOneRobot) {
+TEST(PermitJoin, WithNameProvisionsOneRobot) {
   PermitRig rig(3);
   rig.permit(5min, "lego-1");
   rig.pass(2min);
@@ -81,7 +81,7 @@ TEST(PermitJoin, WithANameTakesOneRobot) {
             std::string::npos);
 }
 
-TEST(PermitJoin, ANameGoesOnToTheNextWhenTheFirstFails) {
+TEST(PermitJoin, GivesNameToNextRobotWhenFirstFails) {
   PermitRig rig(2);
   rig.board.devices.fails_at = {0xc5, 4};
   rig.permit(5min, "lego-1");
@@ -110,7 +110,7 @@ TEST(PermitJoin, OpenedAgainWhileItsRobotJoinsEndsWithThatRobot) {
   EXPECT_TRUE(permit.admits(other));
 }
 
-TEST(PermitJoin, GivesANameOnceThoughItIsAskedForTwice) {
+TEST(PermitJoin, GivesNameOnceThoughItIsOrderedTwice) {
   PermitRig rig(2);
   rig.permit(5min, "lego-1");
   rig.pass_until_joining();
@@ -120,7 +120,7 @@ TEST(PermitJoin, GivesANameOnceThoughItIsAskedForTwice) {
   EXPECT_EQ(std::ranges::count(rig.on_disk().nodes, "lego-1", &Node::name), 1);
 }
 
-TEST(PermitJoin, GivesNoNameThatAnotherRobotGotSince) {
+TEST(PermitJoin, GivesNameOnceThoughProvisionAsksForItToo) {
   PermitRig rig(2);
   rig.permit(5min, "lego-1");
   rig.pass_until_joining();
@@ -131,7 +131,7 @@ TEST(PermitJoin, GivesNoNameThatAnotherRobotGotSince) {
   EXPECT_EQ(std::ranges::count(rig.on_disk().nodes, "lego-1", &Node::name), 1);
 }
 
-TEST(PermitJoin, EndsWhenAnOperatorSaysSo) {
+TEST(PermitJoin, EndsWhenOperatorClosesIt) {
   PermitRig rig(0);
   rig.permit(5min);
   EXPECT_EQ(rig.permit(0min)["seconds_left"], 0);
@@ -140,7 +140,7 @@ TEST(PermitJoin, EndsWhenAnOperatorSaysSo) {
   EXPECT_EQ(rig.configured(), 0u);
 }
 
-TEST(PermitJoin, LeavesOutWhoWasRemovedAndWhoseUuidIsAnothers) {
+TEST(PermitJoin, ExcludesRemovedRobotsAndOtherUuidPrefixes) {
   Settings settings = closed();
   settings.provisioning.uuid_prefixes = {"ffff"};
   PermitRig others(1, settings);
@@ -157,7 +157,7 @@ TEST(PermitJoin, LeavesOutWhoWasRemovedAndWhoseUuidIsAnothers) {
   EXPECT_EQ(rig.configured(), 0u);
 }
 
-TEST(PermitJoin, IsRefusedWithoutAMeshOrALink) {
+TEST(PermitJoin, IsRefusedWithoutLinkAndWithInvalidName) {
   ProvisioningRig rig(closed());
   rig.order(PermitJoinOrder{5min, {}});
   EXPECT_NE(rig.answer().get<std::string>().find("link is down"), std::string::npos);

@@ -51,7 +51,7 @@ TEST(Ecdh, AgreesWithTheSpecification) {
   EXPECT_EQ(to_hex(shared_secret(*device, provisioner->public_key).value()), common_secret);
 }
 
-TEST(Ecdh, RefusesWhatIsNoPointOfTheCurve) {
+TEST(Ecdh, RejectsPointsOffCurve) {
   const auto own = key_pair_of(array_of<32>(provisioner_private));
   auto peer = array_of<64>(device_public);
   peer[63] ^= 1;
@@ -68,10 +68,10 @@ TEST(Ecdh, DrawsAgainWhenANumberIsOutOfRange) {
   EXPECT_TRUE(pair);
   EXPECT_EQ(draws, 2);
   EXPECT_FALSE(make_key_pair([](std::span<std::uint8_t>) { return false; }));
-  EXPECT_FALSE(key_pair_of({})) << "zero is no private key";
+  EXPECT_FALSE(key_pair_of({})) << "zero is not a private key";
 }
 
-TEST(ProvisioningCommands, AreWhatNordicsHostScriptWrites) {
+TEST(ProvisioningCommands, EqualThoseOfNordicsHostScript) {
   EXPECT_EQ(encode_command(CommandOpcode::scan_start), hex("01 61"));
   EXPECT_EQ(encode_command(CommandOpcode::scan_stop), hex("01 62"));
   EXPECT_EQ(encode_command(CommandOpcode::state_clear), hex("01 ac"));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices are taken in: each way that it can fail, and what of it survives a crash.
+// Provisioning of devices: each failure, and the state that survives a crash.
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
@@ -16,7 +16,7 @@ Settings with_prefixes(std::vector<std::string> prefixes) {
   return settings;
 }
 
-TEST(Provisioning, TakesTenRobotsInAndConfiguresThem) {
+TEST(Provisioning, ProvisionsAndConfiguresTenRobots) {
   ProvisioningRig rig;
   for (std::uint8_t number = 1; number <= 10; ++number) rig.add(number);
   rig.start();
@@ -25,12 +25,12 @@ TEST(Provisioning, TakesTenRobotsInAndConfiguresThem) {
     ASSERT_NE(rig.board.devices.at(address), nullptr) << address;
     EXPECT_EQ(rig.board.devices.at(address)->app_key, Bytes(16, 0x22));
   }
-  EXPECT_TRUE(rig.board.devices.device_keys.empty()) << "they are not left on the board";
+  EXPECT_TRUE(rig.board.devices.device_keys.empty()) << "no device key is left on the board";
   EXPECT_LE(rig.board.devices.most_device_keys, NodeConversations::max_conversations);
-  EXPECT_TRUE(rig.board.devices.is_scanning) << "for those that come later";
+  EXPECT_TRUE(rig.board.devices.is_scanning) << "for devices that appear later";
 }
 
-TEST(Provisioning, TakesRobotsInThatComeLater) {
+TEST(Provisioning, ProvisionsRobotsThatAppearLater) {
   ProvisioningRig rig;
   rig.start();
   rig.pass(30s);
@@ -38,7 +38,7 @@ TEST(Provisioning, TakesRobotsInThatComeLater) {
   EXPECT_TRUE(rig.all_configured(10s));
 }
 
-TEST(Provisioning, LeavesOthersAlone) {
+TEST(Provisioning, IgnoresOtherUuidPrefixesAndDoesNotScanWhenDisabled) {
   ProvisioningRig rig(with_prefixes({"ABCD", "736c616d01"}));
   rig.add(1);
   rig.add(2);
@@ -55,7 +55,7 @@ TEST(Provisioning, LeavesOthersAlone) {
   EXPECT_EQ(idle.board.count(0x61), 0u);
 }
 
-TEST(Provisioning, TakesInOnlyDevicesWithTheStaticOob) {
+TEST(Provisioning, ProvisionsOnlyDevicesWithStaticOob) {
   Settings settings;
   settings.provisioning.static_oob = "000102030405060708090a0b0c0d0e0f";
   ProvisioningRig rig(settings);
@@ -66,12 +66,13 @@ TEST(Provisioning, TakesInOnlyDevicesWithTheStaticOob) {
   rig.pass(30s);
   for (const std::size_t stranger : {0u, 1u})
     EXPECT_EQ(rig.board.devices.devices[stranger].address, 0) << "it would get the mesh's keys";
-  EXPECT_NE(rig.board.devices.devices[2].address, 0) << "strangers do not hold the board's links";
+  EXPECT_NE(rig.board.devices.devices[2].address, 0)
+      << "other devices do not occupy the board's links";
   EXPECT_TRUE(rig.has_notice("says that it has no static OOB"));
   EXPECT_FALSE(rig.has_notice("still busy with earlier provisioning links"));
 }
 
-TEST(Provisioning, NamesAWrongStaticOobWithoutShowingIt) {
+TEST(Provisioning, ReportsWrongStaticOobWithoutShowingIt) {
   Settings settings;
   settings.provisioning.static_oob = "ffffffffffffffffffffffffffffffff";
   ProvisioningRig rig(settings);
@@ -82,7 +83,7 @@ TEST(Provisioning, NamesAWrongStaticOobWithoutShowingIt) {
   EXPECT_FALSE(rig.has_notice("ffffffff"));
 }
 
-TEST(Provisioning, GetsOverEachLostAnswer) {
+TEST(Provisioning, RecoversFromEachLostAnswer) {
   ProvisioningRig whole;
   whole.add(1);
   whole.start();
@@ -93,7 +94,7 @@ TEST(Provisioning, GetsOverEachLostAnswer) {
     rig.add(1);
     rig.board.ignore_command_number = lost;
     rig.start();
-    if (whole.board.commands[lost] == 0x68) {  // what follows it is lost with it: the device key
+    if (whole.board.commands[lost] == 0x68) {  // the device key is lost with this answer
       rig.pass(30s);
       EXPECT_TRUE(rig.has_notice("reset by hand"));
       rig.reset_lost_devices();
@@ -113,7 +114,7 @@ TEST(Provisioning, TriesAgainAfterEachLostEvent) {
   }
 }
 
-TEST(Provisioning, SaysThatARobotWhoseKeyWasLostMustBeResetByHand) {
+TEST(Provisioning, ReportsThatRobotWithLostKeyMustBeResetByHand) {
   ProvisioningRig rig;
   rig.add(1);
   rig.board.devices.lost_events = {0xc5, 0xc2};
@@ -125,10 +126,10 @@ TEST(Provisioning, SaysThatARobotWhoseKeyWasLostMustBeResetByHand) {
   EXPECT_TRUE(rig.all_configured(30s));
 }
 
-TEST(Provisioning, PromisesNoNextAttemptForARobotWhoseKeyWasLost) {
+TEST(Provisioning, AnnouncesNoNextAttemptForRobotWithLostKey) {
   ProvisioningRig rig;
   rig.add(1);
-  rig.board.devices.lost_events = {0xc5};  // the link's end is told
+  rig.board.devices.lost_events = {0xc5};  // the link's end is reported
   rig.start();
   rig.pass(30s);
   EXPECT_TRUE(rig.has_notice("its device key was lost on the serial line; reset it by hand"));
@@ -137,8 +138,8 @@ TEST(Provisioning, PromisesNoNextAttemptForARobotWhoseKeyWasLost) {
   EXPECT_TRUE(rig.all_configured(30s));
 }
 
-/// The device has got its address, but the board goes away before the gateway knows.
-TEST(Provisioning, SaysThatARobotMayHaveJoinedWhenTheLinkBreaksInTheLastStep) {
+/// The device has its address, but the port closes before the gateway knows.
+TEST(Provisioning, ReportsPossibleJoinWhenLinkBreaksInLastStep) {
   ProvisioningRig rig;
   rig.add(1);
   rig.board.devices.lost_events = {0xc5, 0xc2};
@@ -150,10 +151,10 @@ TEST(Provisioning, SaysThatARobotMayHaveJoinedWhenTheLinkBreaksInTheLastStep) {
   EXPECT_TRUE(
       rig.has_notice("the BLE link went down: unplugged; if the device took its address "
                      "nevertheless, it has to be reset by hand"));
-  EXPECT_TRUE(rig.on_disk().nodes.empty()) << "it has the address, so others get it last";
+  EXPECT_TRUE(rig.on_disk().nodes.empty()) << "other devices get the address last";
 }
 
-TEST(Provisioning, SaysNothingOfAResetWhenTheLinkBreaksEarlier) {
+TEST(Provisioning, AsksForNoResetWhenLinkBreaksEarlier) {
   ProvisioningRig rig;
   rig.add(1);
   rig.board.devices.lost_events = {0xc7};  // the device's public key
@@ -165,7 +166,7 @@ TEST(Provisioning, SaysNothingOfAResetWhenTheLinkBreaksEarlier) {
   EXPECT_FALSE(rig.has_notice("reset by hand"));
 }
 
-TEST(Provisioning, SaysHowManyEventsTheBoardHasDroppedWhenAKeyWasLost) {
+TEST(Provisioning, ReportsBoardsDroppedEventsWhenKeyWasLost) {
   ProvisioningRig rig;
   rig.add(1);
   rig.board.devices.lost_events = {0xc5};
@@ -184,23 +185,23 @@ TEST(Provisioning, SaysHowManyEventsTheBoardHasDroppedWhenAKeyWasLost) {
   EXPECT_FALSE(old.has_notice("has dropped"));
 }
 
-/// The lost robot has the address until it is reset, and must not share it.
-TEST(Provisioning, GivesTheAddressOfALostKeyToOthersLast) {
+/// The robot has the address until it is reset, and must not share it.
+TEST(Provisioning, ReusesAddressOfRobotWithLostKeyLast) {
   ProvisioningRig rig;
   rig.add(1);
   rig.board.devices.lost_events = {0xc5};
   rig.start();
   rig.pass(5s);
-  EXPECT_TRUE(rig.on_disk().nodes.empty()) << "it is not reserved any more";
+  EXPECT_TRUE(rig.on_disk().nodes.empty()) << "the address is not reserved any more";
   rig.add(2);
   rig.pass(20s);
   EXPECT_EQ(rig.board.devices.devices[1].address, 0x0101);
-  rig.board.devices.devices[0].address = 0;  // reset by hand: it is welcome
+  rig.board.devices.devices[0].address = 0;  // reset by hand: it may join
   EXPECT_TRUE(rig.all_configured(30s));
   EXPECT_EQ(rig.board.devices.devices[0].address, 0x0102);
 }
 
-TEST(Provisioning, KeepsTheNameOfARobotWhoseKeyWasLost) {
+TEST(Provisioning, KeepsNameOfRobotWithLostKey) {
   ProvisioningRig rig({}, test_database(), RobotNames({{"one", 0x0200, {}}}));
   rig.add(1);
   rig.board.devices.lost_events = {0xc5};
@@ -211,7 +212,7 @@ TEST(Provisioning, KeepsTheNameOfARobotWhoseKeyWasLost) {
   EXPECT_EQ(rig.board.devices.devices[0].address, 0x0200);
 }
 
-TEST(Provisioning, NamesEachFailureAndTakesOthersFirst) {
+TEST(Provisioning, ReportsEachFailureAndTriesOtherDevicesFirst) {
   for (const std::uint8_t event : std::initializer_list<std::uint8_t>{0xc1, 0xc3, 0xc7, 0xc5}) {
     ProvisioningRig rig;
     rig.add(1);
@@ -243,7 +244,7 @@ TEST(Provisioning, WaitsLongerAfterEachFailure) {
   EXPECT_TRUE(rig.has_notice("\"busy\" (0x86) to command 0x63"));
 }
 
-TEST(Provisioning, TakesTheOtherContextWhileOneHangs) {
+TEST(Provisioning, UsesOtherContextWhileOneIsBusy) {
   for (const std::uint8_t context : std::initializer_list<std::uint8_t>{0, 1}) {
     ProvisioningRig rig;
     rig.add(1);
@@ -275,7 +276,7 @@ TEST(Provisioning, TriesAgainWhenTheBoardRefusesToScan) {
   EXPECT_TRUE(rig.board.devices.is_scanning);
 }
 
-TEST(Provisioning, GoesOnAfterTheBoardRestartsAtAnyMoment) {
+TEST(Provisioning, ContinuesAfterBoardRestartsAtAnyMoment) {
   for (int moment = 0; moment < 40; ++moment) {
     ProvisioningRig rig;
     rig.add(1);
@@ -285,7 +286,7 @@ TEST(Provisioning, GoesOnAfterTheBoardRestartsAtAnyMoment) {
     rig.run_for(5ms * moment);
     rig.say(rig.board.restart());
     rig.pass(2s);
-    rig.reset_lost_devices();  // the key was on its way when the board restarted
+    rig.reset_lost_devices();  // the key was lost with the restart
     EXPECT_TRUE(rig.all_configured(120s)) << moment;
   }
 }
@@ -295,7 +296,7 @@ TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   rig.add(1);
   rig.start();
   rig.stored.clear();
-  rig.answers_stores = false;  // the disk takes its time
+  rig.answers_stores = false;  // the disk is slow
   rig.pass(2s);
   ASSERT_EQ(rig.stored.size(), 1u);
   EXPECT_EQ(rig.stored[0].nodes.at(0).address, 0x0100);
@@ -304,7 +305,7 @@ TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   rig.pass(2s);
   EXPECT_EQ(rig.board.count(0x63), 1u);
   ASSERT_EQ(rig.stored.size(), 2u);
-  EXPECT_NE(rig.mesh.unsaved(), nullptr) << "an orderly end writes it";
+  EXPECT_NE(rig.mesh.unsaved(), nullptr) << "a clean shutdown writes it";
   EXPECT_EQ(rig.stored[1].nodes.at(0).state, NodeState::provisioned);
   EXPECT_EQ(to_hex(*rig.stored[1].nodes[0].device_key),
             to_hex(rig.board.devices.devices[0].device_key));
@@ -314,7 +315,7 @@ TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   EXPECT_EQ(rig.board.count(0x9c), 1u);
 }
 
-TEST(Provisioning, TakesNobodyInWhileTheDiskIsFull) {
+TEST(Provisioning, ProvisionsNoRobotWhileDiskIsFull) {
   ProvisioningRig rig;
   rig.add(1);
   rig.start();
@@ -341,7 +342,8 @@ TEST(Provisioning, ACrashAtAnyMomentLosesNoRobotAndNoAddress) {
       first.run_for(5ms);
       if (const Bytes beacons = first.board.devices.beacons(); !beacons.empty()) first.say(beacons);
     }
-    // Killed as soon as this state was on disk; the board and the devices go on as they are.
+    // The daemon is killed as soon as this state is on disk; the board and the devices keep
+    // running.
     const auto on_disk = decode_node_database(encode_node_database(first.stored[crash]));
     ASSERT_TRUE(on_disk.has_value());
     ProvisioningRig second({}, *on_disk);
@@ -354,7 +356,7 @@ TEST(Provisioning, ACrashAtAnyMomentLosesNoRobotAndNoAddress) {
   }
 }
 
-TEST(Provisioning, FollowsTheNumberOfElements) {
+TEST(Provisioning, AssignsAddressToEachElement) {
   ProvisioningRig rig;
   rig.add(1).elements = 3;
   rig.add(2);
@@ -362,15 +364,15 @@ TEST(Provisioning, FollowsTheNumberOfElements) {
   EXPECT_TRUE(rig.all_configured(30s));
   EXPECT_EQ(rig.board.devices.devices[1].address, 0x0103);
   rig.hear(0x0102, "c9 59 00 01 00 02 00");
-  EXPECT_EQ(rig.all<Report>().back().robot, "ble-0100") << "any element is the robot";
+  EXPECT_EQ(rig.all<Report>().back().robot, "ble-0100") << "each element belongs to the robot";
   EXPECT_EQ(rig.all<Report>().back().radio->rssi_dbm, -55);
-  EXPECT_EQ(rig.all<Report>().back().radio->hops, 0) << "it came with the TTL it was told";
+  EXPECT_EQ(rig.all<Report>().back().radio->hops, 0) << "it was sent with the configured TTL";
   rig.receipt(rig.all<Report>().back().receipt.id);
   rig.run_for(1s);
   EXPECT_EQ(rig.sent_to(0x0102), std::vector<std::string>{"cc590000"});
 }
 
-TEST(Provisioning, MovesADeviceWhoseElementsHaveNoRoom) {
+TEST(Provisioning, MovesDeviceWhoseElementsDoNotFit) {
   const RobotNames names({{"a", 0x0200, {}}, {"b", 0x0201, {}}});
   ProvisioningRig rig({}, test_database(), names);
   rig.add(1);
@@ -397,7 +399,7 @@ TEST(Provisioning, NamesRobotsAsTheConfigurationDoes) {
   EXPECT_TRUE(rig.has_notice("two is configured"));
 }
 
-TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsNameAtANewAddress) {
+TEST(Provisioning, ProvisionsResetRobotUnderItsNameAtNewAddress) {
   ProvisioningRig rig;
   rig.add(1);
   rig.start();
@@ -407,17 +409,17 @@ TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsNameAtANewAddress) {
   device.address = 0;
   device.requests.clear();
   rig.pass(2s);
-  EXPECT_EQ(device.address, 0) << "the robot may still be there, and somebody use its UUID";
+  EXPECT_EQ(device.address, 0) << "the robot may still be there, and another device use its UUID";
   rig.pass(20s);
   EXPECT_EQ(device.address, 0x0101) << "the board's replay list would ignore it at 0x0100";
   EXPECT_FALSE(device.requests.empty());
-  EXPECT_EQ(rig.board.count(0x0e), 0u) << "the others go on";
+  EXPECT_EQ(rig.board.count(0x0e), 0u) << "the board is not restarted";
   EXPECT_TRUE(rig.has_notice("ble-0100 is in the mesh, at 0x0101"));
   rig.hear(0x0101, "cb 59 00 01 00 02 00");
   EXPECT_EQ(rig.all<Report>().back().robot, "ble-0100");
   rig.command("ble-0100/cmd", hex("0a 00 ec ff"));
   rig.run_for(100ms);
-  EXPECT_FALSE(rig.sent_to(0x0101).empty()) << "its commands follow it";
+  EXPECT_FALSE(rig.sent_to(0x0101).empty()) << "commands use the new address";
   EXPECT_EQ(rig.on_disk().removed.at(0).address, 0x0100) << "used again after all others";
   rig.order(NodesOrder{});
   EXPECT_EQ(rig.answer().at(0)["robot"], "ble-0100");
@@ -427,7 +429,7 @@ TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsNameAtANewAddress) {
   EXPECT_EQ(rig.on_disk().removed.size(), 2u);
 }
 
-TEST(Provisioning, ANameOfTheConfigurationFollowsARobotThatWasResetByHand) {
+TEST(Provisioning, ConfiguredNameFollowsResetRobot) {
   const RobotNames names({{"lego-1", 0x0100, {}}, {"lego-2", 0x0101, {}}});
   ProvisioningRig rig({}, test_database(), names);
   rig.add(1);
@@ -438,7 +440,7 @@ TEST(Provisioning, ANameOfTheConfigurationFollowsARobotThatWasResetByHand) {
   EXPECT_EQ(rig.board.devices.devices[0].address, 0x0102) << "0x0101 is another robot's name";
   rig.hear(0x0102, "cb 59 00 01 00 02 00");
   EXPECT_EQ(rig.all<Report>().back().robot, "lego-1");
-  // Nobody else gets the name, and after a restart of the daemon it is still the same robot.
+  // No other robot gets the name, and it survives a restart of the daemon.
   ProvisioningRig second({}, rig.on_disk(), names);
   second.board = rig.board;
   second.add(2);
@@ -453,14 +455,14 @@ TEST(Provisioning, ANameOfTheConfigurationFollowsARobotThatWasResetByHand) {
   EXPECT_FALSE(second.sent_to(0x0102).empty());
 }
 
-TEST(Provisioning, ABeaconWithTheUuidOfANodeCostsTheNodeNothing) {
+TEST(Provisioning, BeaconWithUuidOfNodeDoesNotChangeNode) {
   ProvisioningRig rig;
   rig.add(1);
   rig.start();
   ASSERT_TRUE(rig.all_configured(20s));
   const Bytes key = rig.board.devices.devices[0].device_key;
   rig.board.devices.devices[0].address = 0;
-  for (int i = 0; i < 20; ++i) {  // nobody completes the provisioning
+  for (int i = 0; i < 20; ++i) {  // the provisioning never completes
     rig.board.devices.fails_at = {0xc3, 1};
     rig.pass(1s);
   }
@@ -498,7 +500,7 @@ void expect_neighbour_keeps_its_address(std::uint8_t elements, std::uint16_t fir
     EXPECT_TRUE(decode_node_database(encode_node_database(database)).has_value());
 }
 
-TEST(Provisioning, ANodeThatJoinsAgainWithMoreElementsLeavesItsNeighbourAlone) {
+TEST(Provisioning, NodeThatJoinsAgainWithMoreElementsDoesNotMoveItsNeighbour) {
   expect_neighbour_keeps_its_address(2, 0x0100, RobotNames());
   expect_neighbour_keeps_its_address(255, 0x0100, RobotNames());
   const RobotNames names({{"one", 0x0200, {}}, {"two", 0x0201, {}}});
@@ -535,10 +537,10 @@ struct FullReplayListRig : ProvisioningRig {
   }
 };
 
-TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWasUsed) {
+TEST(Provisioning, RestartsBoardOnceForSilentRobotAtReusedAddress) {
   FullReplayListRig rig;
   rig.pass(120s);
-  EXPECT_EQ(rig.board.count(0x0e), 1u) << "once, however long it stays silent";
+  EXPECT_EQ(rig.board.count(0x0e), 1u) << "once, however long the robot stays silent";
   rig.board.devices.devices[0].deaf_to.clear();
   EXPECT_TRUE(rig.all_configured(400s));
   ProvisioningRig roomy;
@@ -548,11 +550,11 @@ TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWas
   EXPECT_EQ(roomy.board.count(0x0e), 0u) << "the board's replay list has room";
 }
 
-/// The link that goes down later is not taken for the restart.
+/// A later loss of the link must not count as the restart.
 void expect_an_order_ends_with_the_link(FullReplayListRig& rig) {
   rig.pass(120s);
   ASSERT_GE(rig.board.count(0x0e), 1u);
-  ASSERT_EQ(rig.all<LinkChange>().size(), 1u) << "it never went down";
+  ASSERT_EQ(rig.all<LinkChange>().size(), 1u) << "the link never went down";
   rig.order(RemoveOrder{"ble-0132"});
   rig.pass(1s);
   ASSERT_TRUE(rig.answer().is_null()) << rig.answer();
@@ -561,13 +563,13 @@ void expect_an_order_ends_with_the_link(FullReplayListRig& rig) {
   EXPECT_EQ(rig.answer(), "the BLE link went down: unplugged");
 }
 
-TEST(Provisioning, AnOrderEndsWithTheLinkOfABoardThatRefusedToRestart) {
+TEST(Provisioning, OrderFailsWithLinkAfterRefusedRestart) {
   FullReplayListRig rig;
   rig.board.status_of[0x0e] = 0x81;
   expect_an_order_ends_with_the_link(rig);
 }
 
-TEST(Provisioning, AnOrderEndsWithTheLinkOfABoardThatRestartedWithoutAWord) {
+TEST(Provisioning, OrderFailsWithLinkAfterRestartWithoutEvent) {
   FullReplayListRig rig;
   rig.board.forgets = false;
   rig.spoil = [](Bytes& transfer) {
@@ -576,7 +578,7 @@ TEST(Provisioning, AnOrderEndsWithTheLinkOfABoardThatRestartedWithoutAWord) {
   expect_an_order_ends_with_the_link(rig);
 }
 
-TEST(Provisioning, AnOrderGoesOnAfterTheRestartOfTheBoard) {
+TEST(Provisioning, OrderContinuesAfterRestartOfBoard) {
   FullReplayListRig rig;
   while (rig.board.count(0x0e) == 0 && rig.now.time_since_epoch() < 120s) {
     if (rig.last_order == 0 || !rig.answer().is_null()) rig.order(ScanOrder{});
@@ -587,10 +589,10 @@ TEST(Provisioning, AnOrderGoesOnAfterTheRestartOfTheBoard) {
   EXPECT_TRUE(rig.answer().is_array()) << rig.answer();
 }
 
-TEST(Provisioning, RestartsTheBoardWhenTheLineIsInStepAgain) {
+TEST(Provisioning, RestartsBoardWhenLineIsSynchronisedAgain) {
   FullReplayListRig rig;
   bool is_spoilt = false;
-  rig.spoil = [&](Bytes& bytes) {  // the line loses step right after the end of the conversation
+  rig.spoil = [&](Bytes& bytes) {  // the board loses synchronisation right after the conversation
     const bool is_end = to_hex(bytes).starts_with("05849d00");
     if (is_end && !std::exchange(is_spoilt, true))
       std::ranges::copy(hex("03 84 00 84"), std::back_inserter(bytes));
@@ -603,7 +605,7 @@ TEST(Provisioning, RestartsTheBoardWhenTheLineIsInStepAgain) {
   EXPECT_TRUE(rig.all_configured(30s));
 }
 
-TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {
+TEST(Provisioning, WarnsWhenBoardMayNotHearAllRobots) {
   NodeDatabase database = test_database();
   for (std::uint16_t i = 0; i < 40; ++i) {
     Node node;
@@ -619,7 +621,7 @@ TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {
   EXPECT_TRUE(rig.has_notice("ble-0100 may not be heard"));
 }
 
-TEST(Provisioning, ADeviceThatGaveItsPlaceToAnotherMayStillJoin) {
+TEST(Provisioning, DeviceThatLostItsReservationCanStillJoin) {
   NodeDatabase database = test_database();
   for (std::uint16_t i = 0; i < NodeDatabase::max_nodes; ++i) {
     Node node;
@@ -654,7 +656,7 @@ TEST(Provisioning, GivesNewRobotsTheIvIndexOfTheMesh) {
   EXPECT_EQ(rig.board.devices.last_iv_index, 7u);
 }
 
-TEST(Provisioning, SaysWhenNoAddressIsLeft) {
+TEST(Provisioning, ReportsWhenNoAddressIsLeft) {
   NodeDatabase database = test_database();
   database.next_address = 0x8000;
   for (std::uint32_t address = 0x0100; address < 0x8000; address += 255) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings are others than at the last start: configured robots are told, unless another tool
+// The settings differ from those of the last start: robots get the new ones, unless another tool
 // configured them.
 #include <gtest/gtest.h>
 
@@ -59,7 +59,7 @@ class Reconfiguration : public ::testing::Test {
   ProvisioningRig first;
 };
 
-TEST_F(Reconfiguration, IsSilentWhenAllIsAsBefore) {
+TEST_F(Reconfiguration, SendsNothingWhenSettingsAreUnchanged) {
   NextRig next(first, {});
   next.start();
   next.pass(60s);
@@ -68,7 +68,7 @@ TEST_F(Reconfiguration, IsSilentWhenAllIsAsBefore) {
   EXPECT_TRUE(next.stored.empty());
 }
 
-TEST_F(Reconfiguration, TakesTheSameGroupsInAnotherOrderForTheSame) {
+TEST_F(Reconfiguration, IgnoresOrderOfGroups) {
   Settings settings;
   std::ranges::reverse(settings.groups);
   NextRig next(first, settings);
@@ -77,7 +77,7 @@ TEST_F(Reconfiguration, TakesTheSameGroupsInAnotherOrderForTheSame) {
   EXPECT_EQ(next.requests(), 0u);
 }
 
-TEST_F(Reconfiguration, TellsOtherGroups) {
+TEST_F(Reconfiguration, SendsChangedGroups) {
   NextRig next(first, other_groups);
   next.start();
   ASSERT_TRUE(next.is_configured_within(5s));
@@ -94,7 +94,7 @@ TEST_F(Reconfiguration, TellsOtherGroups) {
   EXPECT_EQ(third.requests(), 0u);
 }
 
-TEST_F(Reconfiguration, TellsThatThereAreNoGroups) {
+TEST_F(Reconfiguration, RemovesAllGroups) {
   Settings none;
   none.groups.clear();
   NextRig next(first, none);
@@ -104,14 +104,15 @@ TEST_F(Reconfiguration, TellsThatThereAreNoGroups) {
   for (const auto& [model, groups] : next.device().subscriptions) EXPECT_EQ(groups, Groups{});
 }
 
-TEST_F(Reconfiguration, TellsAnotherTtlAndCountsHopsFromIt) {
+TEST_F(Reconfiguration, SendsChangedTtlAndCountsHopsFromIt) {
   NextRig next(first, other_ttl);
-  next.answers_stores = false;  // nothing is told before the disk knows
+  next.answers_stores = false;  // robots get nothing before the disk has it
   next.start();
   next.pass(2s);
   EXPECT_EQ(next.requests(), 0u);
   next.hear(0x0100, "cb 59 00 01 00 02 00");
-  EXPECT_EQ(next.all<Report>().back().radio->hops, std::nullopt) << "it may be told just now";
+  EXPECT_EQ(next.all<Report>().back().radio->hops, std::nullopt)
+      << "the robot may get the new TTL at this moment";
   next.answers_stores = true;
   next.mesh.on_stored({}, next.now);
   ASSERT_TRUE(next.is_configured_within(5s));
@@ -122,7 +123,7 @@ TEST_F(Reconfiguration, TellsAnotherTtlAndCountsHopsFromIt) {
   EXPECT_EQ(next.all<Report>().back().radio->hops, 4);
 }
 
-TEST_F(Reconfiguration, TellsAnotherAddressOfTheGateway) {
+TEST_F(Reconfiguration, SendsChangedAddressOfGateway) {
   Settings settings;
   settings.address = 0x0002;
   NextRig next(first, settings);
@@ -135,7 +136,7 @@ TEST_F(Reconfiguration, TellsAnotherAddressOfTheGateway) {
   EXPECT_EQ(next.on_disk().nodes[0].applied->destination, 0x0002);
 }
 
-TEST_F(Reconfiguration, TellsTheGroupOfTheGateways) {
+TEST_F(Reconfiguration, SendsGroupOfGateways) {
   Settings settings;
   settings.gateway_group = 0xc010;
   NextRig next(first, settings);
@@ -183,8 +184,8 @@ TEST_F(Reconfiguration, SubscribesToTheRelaysGroupAndLeavesIt) {
   EXPECT_FALSE(last.on_disk().nodes[0].applied->relay_group);
 }
 
-/// A robot whose sensor_update client knows no groups goes on as it was.
-TEST_F(Reconfiguration, NamesARobotThatCannotHearTheRelay) {
+/// A robot whose sensor_update client cannot subscribe keeps its configuration.
+TEST_F(Reconfiguration, ReportsRobotThatCannotReceiveRelayedUpdates) {
   Settings relaying;
   relaying.relay = {"robot/+/update"};
   NextRig next(first, relaying);
@@ -200,7 +201,7 @@ TEST_F(Reconfiguration, NamesARobotThatCannotHearTheRelay) {
   EXPECT_EQ(next.all<Report>().size(), 1u);
 }
 
-TEST_F(Reconfiguration, NamesAllThatChanged) {
+TEST_F(Reconfiguration, ReportsAllChanges) {
   Settings settings = other_groups;
   settings.ttl = 8;
   NextRig next(first, settings);
@@ -209,7 +210,7 @@ TEST_F(Reconfiguration, NamesAllThatChanged) {
   EXPECT_TRUE(next.has_notice(": its TTL is 8; its groups are 0xc002, 0xc005"));
 }
 
-TEST_F(Reconfiguration, LetsTrafficPassMeanwhile) {
+TEST_F(Reconfiguration, LetsMessagesAndCommandsPass) {
   NextRig next(first, other_groups);
   next.board.devices.devices[0].deaf_to = {"8029"};
   next.start();
@@ -222,9 +223,9 @@ TEST_F(Reconfiguration, LetsTrafficPassMeanwhile) {
   EXPECT_EQ(next.row()["state"], "configured");
 }
 
-TEST_F(Reconfiguration, LeavesAloneWhomItDidNotConfigure) {
+TEST_F(Reconfiguration, IgnoresNodesThatItDidNotConfigure) {
   NodeDatabase database = first.on_disk();
-  database.nodes[0].applied.reset();  // as an older version wrote it, and imports
+  database.nodes[0].applied.reset();  // as in files of older versions and imports
   Settings settings = other_groups;
   settings.ttl = 8;
   ProvisioningRig next(settings, database);
@@ -238,7 +239,7 @@ TEST_F(Reconfiguration, LeavesAloneWhomItDidNotConfigure) {
   EXPECT_EQ(next.all<Report>().back().radio->hops, 0) << "it still sends with the old TTL";
 }
 
-TEST_F(Reconfiguration, TellsTheRobotsOfAGatewayWhosePlaceItTakes) {
+TEST_F(Reconfiguration, ReconfiguresRobotsOfImportedMesh) {
   ProvisioningRig next(other_ttl, std::nullopt);
   next.board = first.board;
   next.start();
@@ -259,14 +260,14 @@ TEST_F(Reconfiguration, WaitsForARobotThatIsOutOfReach) {
   EXPECT_FALSE(next.has_notice("not configured"));
   EXPECT_EQ(next.row()["state"], "configured");
   EXPECT_EQ(next.row()["problem"], "no answer to the composition data in 20 s");
-  next.pass(120s);  // the next attempt is far
+  next.pass(120s);  // the next attempt is late
   next.device().deaf_to.clear();
   next.hear(0x0100, "04 00 59 00");
   EXPECT_TRUE(next.is_configured_within(3s));
   EXPECT_EQ(next.row()["problem"], "");
 }
 
-TEST_F(Reconfiguration, NamesWhatARobotRefuses) {
+TEST_F(Reconfiguration, ReportsRefusedRequest) {
   NextRig next(first, other_groups);
   next.device().refuses = {{"801b000105c0", 0x05}};
   next.start();
@@ -279,7 +280,7 @@ TEST_F(Reconfiguration, NamesWhatARobotRefuses) {
   EXPECT_TRUE(next.is_configured_within(10s));
 }
 
-TEST_F(Reconfiguration, UndoesAChangeThatBrokeOffWhenTheSettingsAreAsBefore) {
+TEST_F(Reconfiguration, UndoesInterruptedChangeWhenSettingsAreRestored) {
   NextRig next(first, other_groups);
   next.device().deaf_to = {"801b"};
   next.start();
@@ -293,7 +294,7 @@ TEST_F(Reconfiguration, UndoesAChangeThatBrokeOffWhenTheSettingsAreAsBefore) {
   EXPECT_EQ(third.device().subscriptions.at("00010010"), (Groups{0xc002, 0xc003, 0xc004}));
 }
 
-TEST_F(Reconfiguration, EndsAsTheLastSettingsSayWheneverTheDaemonIsKilled) {
+TEST_F(Reconfiguration, AppliesLastSettingsWheneverDaemonIsKilled) {
   for (Duration life{}; life < 1s; life += 20ms) {
     NextRig next(first, other_groups);
     next.mesh.on_start();
@@ -308,7 +309,7 @@ TEST_F(Reconfiguration, EndsAsTheLastSettingsSayWheneverTheDaemonIsKilled) {
   }
 }
 
-TEST_F(Reconfiguration, TakesInARobotThatWasResetByHandMeanwhile) {
+TEST_F(Reconfiguration, ProvisionsRobotThatWasResetByHand) {
   NextRig next(first, other_groups);
   next.device().address = 0;
   next.start();
@@ -320,7 +321,7 @@ TEST_F(Reconfiguration, TakesInARobotThatWasResetByHandMeanwhile) {
   EXPECT_FALSE(next.has_notice("is reconfigured"));
 }
 
-TEST(ReconfigurationOfMany, IsNotHeldUpByRobotsThatAreSwitchedOff) {
+TEST(ReconfigurationOfMany, IsNotDelayedByRobotsThatAreSwitchedOff) {
   ProvisioningRig first;
   for (std::uint8_t number = 1; number <= 20; ++number) first.add(number);
   first.start();

@@ -55,7 +55,7 @@ TEST(SecondGateway, JoinsTheMeshUnderAnAddressOfItsOwn) {
   EXPECT_EQ(second.all<Report>()[0].robot, "ble-0100");
 }
 
-TEST(SecondGateway, NeitherTakesRobotsInNorChangesThem) {
+TEST(SecondGateway, NeitherProvisionsNorReconfiguresRobots) {
   FirstRig first;
   const json exported = first.export_mesh();
   Settings settings = at(0x21);
@@ -80,7 +80,7 @@ TEST(SecondGateway, NeitherTakesRobotsInNorChangesThem) {
   }
 }
 
-TEST(SecondGateway, NoTwoGetTheSameAddress) {
+TEST(SecondGateway, EachExportAssignsItsOwnAddress) {
   FirstRig first;
   const json second = first.export_mesh();
   const json third = first.export_mesh();
@@ -96,12 +96,12 @@ TEST(SecondGateway, NoTwoGetTheSameAddress) {
   EXPECT_NE(error_of(first).find("provisions this mesh itself"), std::string::npos);
 }
 
-TEST(SecondGateway, ItsAddressIsOnDiskBeforeItIsHandedOutAndNoRobotGetsIt) {
+TEST(SecondGateway, ItsAddressIsStoredBeforeExportAndGivenToNoRobot) {
   FirstRig first;
   first.answers_stores = false;
   first.order(ExportOrder{});
   first.run_for(1s);
-  EXPECT_TRUE(first.answer().is_null()) << "not yet";
+  EXPECT_TRUE(first.answer().is_null()) << "the disk has not answered yet";
   first.mesh.on_stored({}, first.now);
   first.run_for(1ms);
   EXPECT_EQ(first.answer()["address"], "0x0021");
@@ -116,7 +116,7 @@ TEST(SecondGateway, ItsAddressIsOnDiskBeforeItIsHandedOutAndNoRobotGetsIt) {
   EXPECT_EQ(named.on_disk().find_address(0x22), nullptr);
 }
 
-TEST(SecondGateway, ARefusedExportKeepsNoAddress) {
+TEST(SecondGateway, FailedExportReservesNoAddress) {
   FirstRig first;
   first.store_problem = "no space";
   first.order(ExportOrder{});
@@ -138,7 +138,7 @@ TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
   first.add(2);
   ASSERT_TRUE(first.all_configured(30s));
   second.hear(0x0101, "cb 59 00 0a 00 ec ff", 0xc003);
-  EXPECT_TRUE(second.all<Report>().empty()) << "its name is not known here";
+  EXPECT_TRUE(second.all<Report>().empty()) << "this gateway does not know the robot yet";
   first.order(ExportOrder{0x21});
   second.order(ImportOrder{first.answer()["mesh"]});
   EXPECT_EQ(second.answer()["nodes"], 2) << error_of(second);
@@ -151,7 +151,7 @@ TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
             std::string::npos);
 }
 
-TEST(SecondGateway, WhatItIsSurvivesARestart) {
+TEST(SecondGateway, ItsRoleSurvivesRestart) {
   NodeDatabase database = test_database();
   database.guest_address = 0x21;
   database.guest_addresses = 32;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// When commands to one robot are repeated: as soon as it should have answered, and never later than
+// Repeats of commands to one robot: as soon as the robot should have answered, and never later than
 // reliable publish would.
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 
@@ -28,7 +28,7 @@ Command position(std::string_view type = "cmd") {
 /// One robot behind a queue, on a virtual clock.
 class Conversation {
  public:
-  /// A robot that answers the first copy of a command after `round_trip`.
+  /// Sends a command that the robot answers at its first copy after `round_trip`.
   void exchange(Duration round_trip) {
     queue.add(position(), now);
     send();
@@ -36,7 +36,7 @@ class Conversation {
     send();
     end(queue.on_status(position_status, now));
   }
-  /// The waits before each of the first `count` repeats of a command that nobody answers.
+  /// Returns the waits before the first `count` repeats of a command without an answer.
   std::vector<milliseconds> waits(std::size_t count, Command command = position()) {
     std::vector<milliseconds> waits;
     queue.add(std::move(command), now);
@@ -47,7 +47,7 @@ class Conversation {
     }
     return waits;
   }
-  /// Time goes on to the queue's next deadline.
+  /// Advances the clock to the queue's next deadline.
   void pass() {
     now = *queue.deadline();
     end(queue.on_deadline(now));
@@ -68,7 +68,7 @@ class Conversation {
 
 TEST(AnswerTime, FollowsTheRoundTripAndItsVariation) {
   AnswerTime time;
-  EXPECT_EQ(time.timeout(repeat_interval), repeat_interval) << "nothing is known";
+  EXPECT_EQ(time.timeout(repeat_interval), repeat_interval) << "nothing is measured";
   time.on_answer(60ms);
   EXPECT_EQ(time.timeout(repeat_interval), 180ms) << "60 ms and four times half of that";
   for (int i = 0; i < 30; ++i) time.on_answer(60ms);
@@ -94,7 +94,7 @@ TEST(AnswerTime, DoublesWhileNothingIsMeasured) {
   EXPECT_EQ(time.timeout(1s), 100ms);
 }
 
-TEST(CommandQueue, RepeatsAsReliablePublishToARobotThatItDoesNotKnow) {
+TEST(CommandQueue, RepeatsLikeReliablePublishToUnknownRobot) {
   EXPECT_EQ(Conversation().waits(5),
             (std::vector<milliseconds>{280ms, 280ms, 560ms, 1120ms, 2240ms}));
 }
@@ -111,14 +111,14 @@ TEST(CommandQueue, NeverRepeatsLaterThanReliablePublish) {
   EXPECT_EQ(robot.waits(3), (std::vector<milliseconds>{280ms, 280ms, 560ms}));
 }
 
-TEST(CommandQueue, DoesNotHurrySegmentedMessages) {
+TEST(CommandQueue, RepeatsSegmentedMessagesNoSooner) {
   Conversation robot;
   for (int i = 0; i < 20; ++i) robot.exchange(40ms);
   Command text{CommandId::none, "text", hex("c5 59 00") + Bytes(20, 'x'), text_status, false};
   EXPECT_EQ(robot.waits(1, text).front(), reliable_interval(4, text.access.size()));
 }
 
-TEST(CommandQueue, AnAnswerToARepeatedCommandTeachesNoRoundTrip) {
+TEST(CommandQueue, AnswerToRepeatedCommandIsNotMeasured) {
   Conversation robot;
   robot.exchange(20ms);
   robot.queue.add(position(), robot.now);
@@ -138,10 +138,10 @@ TEST(CommandQueue, ALateAnswerDoesNotEndTheNextCommand) {
   robot.send();
   robot.pass();  // a second copy: 100 ms
   robot.now += 5ms;
-  robot.end(robot.queue.on_status(position_status, robot.now));  // of the first copy
+  robot.end(robot.queue.on_status(position_status, robot.now));  // for the first copy
   robot.send();
   robot.now += 100ms;
-  robot.end(robot.queue.on_status(position_status, robot.now));  // of the second one
+  robot.end(robot.queue.on_status(position_status, robot.now));  // for the second copy
   ASSERT_EQ(robot.outcomes.size(), 2u);
   EXPECT_EQ(robot.outcomes[1].type, "first");
   robot.pass();
@@ -173,7 +173,7 @@ TEST(CommandQueue, LateAnswersOfOneKindAreExpectedWhileAnotherKindIsRepeated) {
   EXPECT_EQ(robot.sent.size(), 6u);
 }
 
-TEST(CommandQueue, ACommandOfAnotherKindNeedNotWaitForLateAnswers) {
+TEST(CommandQueue, CommandOfAnotherKindDoesNotWaitForLateAnswers) {
   Conversation robot;
   robot.exchange(20ms);
   robot.queue.add(position(), robot.now);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands to robots: what is sent, when it is repeated, and exactly one outcome for each.
+// Commands to robots: messages, repeats, and exactly one outcome for each command.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
@@ -55,7 +55,7 @@ TEST_F(Downlink, RepeatsOnReliablePublishsScheduleUntilTheTimeLimit) {
   EXPECT_EQ(outcomes()[0].why, "the robot did not answer");
 }
 
-TEST_F(Downlink, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
+TEST_F(Downlink, TimeLimitIncludesWaitInGateway) {
   rig.command("nr1/cmd", hex("0a 00 ec ff"), false, 5s);
   rig.command("nr1/hello", to_bytes("waits behind it"), false, 4s);
   rig.run_for(23900ms);
@@ -73,7 +73,7 @@ TEST_F(Downlink, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
   EXPECT_EQ(outcomes()[2].after, 3s);
 }
 
-TEST_F(Downlink, OtherTypesGoThroughMinCom) {
+TEST_F(Downlink, SendsOtherTypesThroughMinCom) {
   rig.command("nr1/hello", to_bytes("hi"));
   EXPECT_EQ(sent(), std::vector<std::string>{"c559006869"});
   rig.hear(first_robot, "d0 59 00 00");  // another model's STATUS
@@ -95,7 +95,7 @@ TEST_F(Downlink, RunIsAnOnOffSetWithANewTidEachTimeAndTheSameForRepeats) {
   EXPECT_EQ(outcomes().size(), 1u);
 }
 
-TEST_F(Downlink, OneCommandAtATimeInOrder) {
+TEST_F(Downlink, SendsOneCommandAtTimeInOrder) {
   rig.command("nr1/a", to_bytes("1"));
   rig.command("nr1/b", to_bytes("2"));
   EXPECT_EQ(sent().size(), 1u);
@@ -117,7 +117,7 @@ TEST_F(Downlink, ANewerPositionReplacesOneThatWasNotSent) {
   EXPECT_EQ(sent(), (std::vector<std::string>{"cd590001000100", "cd590003000300"}));
 }
 
-TEST_F(Downlink, RefusesWhatItCannotSendAndSaysWhy) {
+TEST_F(Downlink, RefusesInvalidPayloadsWithReason) {
   rig.command("nr1/cmd", to_bytes("10,-20"));
   rig.command("nr1/run", to_bytes("jump"));
   rig.command("nr1/blob", Bytes(242, 1));
@@ -156,9 +156,9 @@ TEST_F(Downlink, RefusesWhileTheLinkIsDownAndWhenItGoesDown) {
   EXPECT_EQ(outcomes()[2].result, CommandResult::refused);
 }
 
-/// A message does not say whether the broker keeps it. A subscription makes it come again, and
-/// would start a robot that was stopped since.
-TEST_F(Downlink, NothingComesAgainWithTheLinkUnlessItWasMissed) {
+/// A message does not show whether the broker retains it. A subscription makes the broker send it
+/// again, which would start a robot that was stopped since.
+TEST_F(Downlink, DoesNotSubscribeAgainWithLinkWhenNothingWasMissed) {
   rig.hear(first_robot, "04 00 59 00");
   const std::size_t before = rig.all<SubscribeRequest>().size();
   rig.mesh.on_port_closed("unplugged", rig.now);
@@ -175,7 +175,7 @@ TEST_F(Downlink, IgnoresRobotsOfTheOtherMesh) {
   EXPECT_TRUE(outcomes().empty());
 }
 
-TEST_F(Downlink, TellsWhenTheBoardDoesNotSend) {
+TEST_F(Downlink, ReportsCommandThatBoardDoesNotSend) {
   rig.board.status_of[0xab] = 0x83;
   rig.command("nr1/x", to_bytes("1"));
   rig.run_for(30s);
@@ -183,9 +183,9 @@ TEST_F(Downlink, TellsWhenTheBoardDoesNotSend) {
   EXPECT_NE(outcomes()[0].why.find("segmented"), std::string::npos);
 }
 
-TEST_F(Downlink, WhatHasEndedDoesNotGoOnTheAirAnyMore) {
+TEST_F(Downlink, DoesNotSendCommandAfterItsOutcome) {
   rig.run_for(100ms);
-  rig.board.is_silent = true;  // the link stays up while it is got in step again
+  rig.board.is_silent = true;  // the link stays up while it synchronises
   rig.hear(0x0200, "ca 59 00");
   rig.command("nr1/x", to_bytes("1"));
   rig.run_for(3s);
@@ -260,7 +260,7 @@ TEST_F(Downlink, AnswersToRobotsOvertakeCommands) {
   EXPECT_EQ(rig.board.sent[3].destination, 0x0200);
 }
 
-TEST_F(Downlink, ARobotThatIsGivenUpTakesItsWaitingCommandsAlong) {
+TEST_F(Downlink, GivingUpRobotReturnsItsWaitingCommands) {
   rig.hear(first_robot, "cb 59 00 0a 00 ec ff");
   rig.command("nr1/run", to_bytes("stop"));
   rig.command("nr1/cmd", hex("01 00 02 00"), false, 2s);
@@ -280,14 +280,14 @@ TEST_F(Downlink, ARobotThatIsGivenUpTakesItsWaitingCommandsAlong) {
   EXPECT_EQ(outcomes()[0].id, CommandId{1});
   EXPECT_EQ(outcomes()[0].result, CommandResult::timeout);
   EXPECT_EQ(outcomes()[0].why, "the robot moved to another gateway");
-  EXPECT_TRUE(rig.mesh.open_commands().empty()) << "a restart knows nothing of them";
+  EXPECT_TRUE(rig.mesh.open_commands().empty()) << "a restart does not find them";
   rig.run_for(40s);
   EXPECT_EQ(rig.sent_to(first_robot).size(), 1u);
   EXPECT_EQ(outcomes().size(), 1u);
 }
 
-/// It speaks here as it did before: other gateways do not hear this mesh.
-TEST_F(Downlink, ARobotThatIsGivenUpGoesWithoutAWordAndIsAnnouncedWhenItComesBack) {
+/// The robot sends as before: other gateways do not hear this mesh.
+TEST_F(Downlink, AnnouncesNoGivenUpRobotUntilItIsHeardAgain) {
   rig.hear(first_robot, "c9 59 00 0a 00 ec ff");
   EXPECT_EQ(rig.mesh.presence_of("nr1"), Presence::online);
   const std::uint64_t receipt = rig.all<Report>().at(0).receipt.id;
@@ -306,24 +306,24 @@ TEST_F(Downlink, ARobotThatIsGivenUpGoesWithoutAWordAndIsAnnouncedWhenItComesBac
   EXPECT_EQ(sent().size(), 2u) << "a retained command, once each time it comes";
 }
 
-TEST_F(Downlink, TellsOfRetainedCommandsBeyondTheBound) {
+TEST_F(Downlink, ReportsRetainedCommandsBeyondBound) {
   rig.hear(first_robot, "04 00 59 00");
   const auto retained = [&](std::size_t i) {
     rig.command("nr1/x" + std::to_string(i), to_bytes("1"), true);
   };
   for (std::size_t i = 0; i < ble::Downlink::max_retained; ++i) retained(i);
   EXPECT_EQ(rig.counter("retained_dropped"), 0u);
-  EXPECT_TRUE(outcomes().empty()) << "all have room";
+  EXPECT_TRUE(outcomes().empty()) << "all fit";
   const std::size_t notices = rig.all<Notice>().size();
   retained(100);
   retained(101);
   EXPECT_EQ(rig.counter("retained_dropped"), 2u);
   EXPECT_EQ(rig.all<Notice>().size(), notices + 1) << "once in a burst";
   retained(0);
-  EXPECT_EQ(rig.counter("retained_dropped"), 2u) << "this one it has";
+  EXPECT_EQ(rig.counter("retained_dropped"), 2u) << "this one is known";
 }
 
-TEST_F(Downlink, ARobotThatIsAnsweredForIsReportedAsAbsentAndMayStillHaveASubscription) {
+TEST_F(Downlink, TakingOverSessionOfAbsentRobotSubscribesOnce) {
   rig.hear(first_robot, "04 00 59 00");
   rig.give_up("nr1");
   rig.events.clear();
@@ -336,7 +336,7 @@ TEST_F(Downlink, ARobotThatIsAnsweredForIsReportedAsAbsentAndMayStillHaveASubscr
   EXPECT_TRUE(rig.events.empty());
 }
 
-TEST_F(Downlink, RefusesWhatWaitsAndWhatComesWhenTheGatewayEnds) {
+TEST_F(Downlink, RefusesWaitingAndNewCommandsWhenGatewayStops) {
   rig.command("nr1/cmd", hex("0a 00 ec ff"));
   rig.command("nr1/run", to_bytes("stop"));
   rig.run_for(20ms);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `robots` of the configuration read again: robots take their new names while they talk, and lose
-// nothing by it.
+// A reload of `robots` of the configuration: robots get new names while they are online, and lose
+// no message.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -21,15 +21,15 @@ void rename(MeshRig& rig, std::vector<RobotName> names) {
   rig.run_for(Duration::zero());
 }
 
-/// "name online", in order.
+/// Returns the presence changes in order, such as "name online".
 std::vector<std::string> presence_of(const MeshRig& rig) {
-  std::vector<std::string> told;
+  std::vector<std::string> lines;
   for (const PresenceChange& change : rig.all<PresenceChange>())
-    told.push_back(change.robot + " " + std::string(to_string(change.presence)));
-  return told;
+    lines.push_back(change.robot + " " + std::string(to_string(change.presence)));
+  return lines;
 }
 
-TEST(Names, ARobotThatTalksGoesUnderItsOldAndComesUnderItsNewName) {
+TEST(Names, RenamedRobotGoesOfflineAndComesOnlineUnderItsNewName) {
   MeshRig rig;
   rig.start();
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
@@ -41,16 +41,16 @@ TEST(Names, ARobotThatTalksGoesUnderItsOldAndComesUnderItsNewName) {
   ASSERT_EQ(rig.all<SubscribeRequest>().size(), 1u);
   EXPECT_EQ(rig.all<SubscribeRequest>()[0].robot, "nr2");
   EXPECT_EQ(rig.all<SubscribeRequest>()[0].filter, "ntnu-slam/server/nr2/+");
-  EXPECT_EQ(rig.asked().size(), 1u) << "and is here";
+  EXPECT_EQ(rig.asked().size(), 1u) << "for the robot under its new name";
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
   EXPECT_EQ(rig.all<Report>().back().topic, "ntnu-slam/robot/nr2/update");
   rig.command("nr2/cmd", hex("01 00 02 00"));
   rig.run_for(100ms);
   EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
-  EXPECT_TRUE(rig.is_up() || rig.all<LinkChange>().empty()) << "the board was left alone";
+  EXPECT_TRUE(rig.is_up() || rig.all<LinkChange>().empty()) << "the board is not configured again";
 }
 
-TEST(Names, ABannedRobotGoesAndItsCommandsEnd) {
+TEST(Names, BannedRobotGoesOfflineAndItsCommandsEnd) {
   MeshRig rig;
   rig.start();
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
@@ -68,14 +68,14 @@ TEST(Names, ABannedRobotGoesAndItsCommandsEnd) {
   const std::size_t sent = rig.sent_to(0x0100).size();
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
   rig.run_for(30s);
-  EXPECT_EQ(rig.sent_to(0x0100).size(), sent) << "nothing is said to it";
+  EXPECT_EQ(rig.sent_to(0x0100).size(), sent) << "no message to the robot";
   EXPECT_TRUE(rig.all<Report>().empty());
   rename(rig, {{"nr1", 0x0100, {}}});
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
   EXPECT_EQ(presence_of(rig), (std::vector<std::string>{"nr1 online"}));
 }
 
-TEST(Names, AnAcknowledgementThatIsOwedComesAfterTheChangeToo) {
+TEST(Names, SendsOwedAcknowledgementAfterRename) {
   MeshRig rig;
   rig.start();
   rig.hear(0x0100, acknowledged_update);
@@ -89,7 +89,7 @@ TEST(Names, AnAcknowledgementThatIsOwedComesAfterTheChangeToo) {
   EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
 }
 
-TEST(Names, ACommandUnderTheOldNameEndsWithItsReason) {
+TEST(Names, CommandUnderOldNameEndsWithReason) {
   MeshRig rig;
   rig.start();
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
@@ -102,9 +102,9 @@ TEST(Names, ACommandUnderTheOldNameEndsWithItsReason) {
   EXPECT_EQ(presence_of(rig).back(), "ble-0100 online");
 }
 
-/// A device that has the mesh's keys may send as any address; the name follows from that and from
-/// the configuration, never from what it says.
-TEST(Names, ADeviceWithTheMeshesKeysHasTheNameOfTheAddressThatItUses) {
+/// A device with the mesh's keys can send from any address. Its name follows from that and from the
+/// configuration, never from its payload.
+TEST(Names, SourceAddressAloneDeterminesName) {
   MeshRig rig({}, test_database(), RobotNames({{"nr1", 0x0100, {}}, {"lego", 0x0200, {}}}));
   rig.start();
   const std::map<std::uint16_t, std::string> names{
@@ -118,13 +118,13 @@ TEST(Names, ADeviceWithTheMeshesKeysHasTheNameOfTheAddressThatItUses) {
     EXPECT_EQ(reports[0].topic, "ntnu-slam/robot/" + name + "/update");
   }
   rig.events.clear();
-  for (const std::uint16_t nobodys :
+  for (const std::uint16_t invalid :
        std::initializer_list<std::uint16_t>{0, 0x8001, 0xc003, 0xffff})
-    rig.hear(nobodys, "cb 59 00 01 00 02 00");
+    rig.hear(invalid, "cb 59 00 01 00 02 00");
   EXPECT_TRUE(rig.all<Report>().empty()) << "no device has such an address";
 }
 
-TEST(Names, TwoRobotsMayExchangeTheirs) {
+TEST(Names, TwoRobotsCanExchangeNames) {
   MeshRig rig({}, test_database(), RobotNames({{"a", 0x0100, {}}, {"b", 0x0101, {}}}));
   rig.start();
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
@@ -134,7 +134,7 @@ TEST(Names, TwoRobotsMayExchangeTheirs) {
             (std::vector<std::string>{"a offline", "b offline", "b online", "a online"}));
 }
 
-TEST(Names, WhoWasOnlyNamedAndNeverHeardIsForgottenWithItsName) {
+TEST(Names, ForgetsRobotThatWasNamedAndNeverHeard) {
   MeshRig rig;
   rig.start();
   for (std::uint16_t address = 0x0200; address < 0x0600; ++address)
@@ -143,10 +143,11 @@ TEST(Names, WhoWasOnlyNamedAndNeverHeardIsForgottenWithItsName) {
   EXPECT_EQ(rig.all<SubscribeRequest>().size(), 1u);
   EXPECT_TRUE(rig.all<PresenceChange>().empty());
   rename(rig, {});
-  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u) << "the last one; all before had gone";
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u)
+      << "the last one; the earlier ones are forgotten";
 }
 
-TEST(Names, ANodeIsCalledAsTheConfigurationSaysAndStaysANode) {
+TEST(Names, ConfiguredNameAppliesToNodeAndLeavesMeshUnchanged) {
   ProvisioningRig rig;
   rig.add(1);
   rig.start();
@@ -177,7 +178,7 @@ NodeDatabase database_of(const std::string& first, const std::string& second) {
   return database;
 }
 
-/// The robots that have spoken from 0x0100 and 0x0101.
+/// Returns the names of the robots that send from 0x0100 and 0x0101.
 std::vector<std::string> speakers(MeshRig& rig) {
   std::vector<std::string> ids;
   for (const std::uint16_t address : std::initializer_list<std::uint16_t>{0x0100, 0x0101}) {
@@ -197,7 +198,7 @@ std::size_t warnings_of_taken_names(const MeshRig& rig) {
       }));
 }
 
-TEST(Names, ANodesNameGoesToNoOtherNodeByReloadOrAtTheStart) {
+TEST(Names, NameOfNodeIsGivenToNoOtherNodeByReloadOrAtStart) {
   const std::vector<RobotName> taken{{"lego-1", 0x0101, {}}};
   const std::vector<std::string> apart{"lego-1", "ble-0101"};
   MeshRig rig({}, database_of("lego-1", ""), RobotNames());
@@ -216,7 +217,7 @@ TEST(Names, ANodesNameGoesToNoOtherNodeByReloadOrAtTheStart) {
   EXPECT_EQ(speakers(started), apart);
 }
 
-TEST(Names, ANameThatItsNodeGivesUpInTheSameReloadIsFree) {
+TEST(Names, NameReleasedInSameReloadCanBeUsed) {
   MeshRig rig({}, database_of("lego-1", "lego-2"), RobotNames());
   rig.start();
   rename(rig, {{"lego-1", 0x0101, {}}, {"lego-2", 0x0100, {}}});
@@ -228,7 +229,7 @@ TEST(Names, ANameThatItsNodeGivesUpInTheSameReloadIsFree) {
   EXPECT_EQ(speakers(rig), (std::vector<std::string>{"lego-1", "lego-2"})) << "0x0101 has lego-2";
 }
 
-TEST(Names, ARobotThatAnotherToolTookInGetsNoNodesName) {
+TEST(Names, RobotOfAnotherToolGetsNoNameOfNode) {
   NodeDatabase database = database_of("lego-1", "");
   database.nodes.pop_back();
   MeshRig rig({}, database, RobotNames());

@@ -18,7 +18,7 @@ TEST(OpenCommands, AreReadAsTheyWereWritten) {
 
 TEST(OpenCommands, GrowOlderWhileTheHostIsOff) {
   const Bytes octets = encode_open_commands({{"cmd", start.mono, true}}, start);
-  const Now later{TimePoint{} + 3s, start.wall + 60s};  // another life of the monotonic clock
+  const Now later{TimePoint{} + 3s, start.wall + 60s};  // the monotonic clock has restarted
   const auto read = decode_open_commands(octets, later);
   ASSERT_EQ(read.size(), 1u);
   EXPECT_EQ(outcome_after_restart("nr1", read[0], later.mono).after, 60s);
@@ -26,7 +26,7 @@ TEST(OpenCommands, GrowOlderWhileTheHostIsOff) {
   EXPECT_EQ(decode_open_commands(octets, set_back).at(0).arrived, set_back.mono);
 }
 
-TEST(OpenCommands, EndWhereTheyAreDamaged) {
+TEST(OpenCommands, AreReadUpToFirstDamage) {
   const OpenCommands commands{{"cmd", start.mono, true}, {"x", start.mono, false}};
   const Bytes octets = encode_open_commands(commands, start);
   const std::size_t first = encode_open_commands({commands[0]}, start).size();

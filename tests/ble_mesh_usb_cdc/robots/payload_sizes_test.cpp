@@ -15,7 +15,7 @@ constexpr std::size_t opcode_octets = 3;
 constexpr std::size_t most_reported = 235;  // of an access message, by the board
 constexpr std::size_t most_sent = 244;
 
-/// Each octet differs from its neighbours, so that none can be lost or doubled unseen.
+/// Returns octets that differ from their neighbours, so that a lost or doubled octet shows.
 Bytes octets(std::size_t size) {
   Bytes bytes(size);
   for (std::size_t i = 0; i < size; ++i) bytes[i] = static_cast<std::uint8_t>(i * 7 + i / 256);
@@ -26,7 +26,7 @@ class PayloadSizes : public ::testing::Test {
  protected:
   PayloadSizes() { rig.start(); }
 
-  /// A min_com SET of so many octets in all, of which the board reports what it has room for.
+  /// Sends a min_com SET of this size, of which the board reports as much as it has room for.
   void hear(std::size_t access_octets) {
     Bytes access = hex("c5 59 00") + octets(access_octets - opcode_octets);
     access.resize(std::min(access_octets, most_reported));
@@ -50,7 +50,7 @@ class PayloadSizes : public ::testing::Test {
   MeshRig rig;
 };
 
-TEST_F(PayloadSizes, FromARobotArriveWholeUpToWhatTheBoardReports) {
+TEST_F(PayloadSizes, FromRobotArriveWholeUpToBoardsMaximum) {
   std::size_t heard = 0;
   for (const std::size_t access : {3U, 8U, 10U, 11U, 12U, 20U, 21U, 234U, 235U}) {
     hear(access);
@@ -61,18 +61,18 @@ TEST_F(PayloadSizes, FromARobotArriveWholeUpToWhatTheBoardReports) {
   EXPECT_EQ(rig.counter("rejected"), 0u);
 }
 
-TEST_F(PayloadSizes, FromARobotAreRejectedAndNotAcknowledgedWhenTheBoardCutsThem) {
+TEST_F(PayloadSizes, FromRobotAreRejectedWithoutAcknowledgementWhenTruncated) {
   std::uint64_t rejected = 0;
   for (const std::size_t access : {236U, 244U, 379U, 380U, 381U, 65535U}) {
     hear(access);
     EXPECT_EQ(rig.counter("rejected"), ++rejected) << access;
   }
   EXPECT_TRUE(rig.all<Report>().empty());
-  EXPECT_EQ(statuses(), 0u) << "the robot keeps it";
+  EXPECT_EQ(statuses(), 0u) << "the robot keeps the message";
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST_F(PayloadSizes, ToARobotLeaveWholeUpToWhatTheBoardSends) {
+TEST_F(PayloadSizes, ToRobotAreSentWholeUpToBoardsMaximum) {
   for (const std::size_t access : {3U, 8U, 11U, 12U, 20U, 21U, 243U, 244U}) {
     const Bytes payload = octets(access - opcode_octets);
     rig.command("nr1/blob", payload);
@@ -96,7 +96,7 @@ TEST_F(PayloadSizes, ToARobotAreRefusedAtOnceWhenTheyAreLonger) {
 
 TEST(PayloadSizesOfOldBoards, ToARobotAreShorter) {
   MeshRig rig;
-  rig.board.serial_version = 6;  // 2.0, or 2.1, which says the same
+  rig.board.serial_version = 6;  // 2.0, or 2.1, which reports the same version
   rig.start();
   rig.command("nr1/blob", octets(86));
   EXPECT_EQ(rig.all<CommandOutcome>().back().result, CommandResult::refused);
@@ -105,8 +105,8 @@ TEST(PayloadSizesOfOldBoards, ToARobotAreShorter) {
   EXPECT_EQ(rig.board.sent.back().payload, hex("c5 59 00") + octets(85));
 }
 
-/// Of docs/topics.md.
-TEST(Segments, AreAsManyAsTheTableSays) {
+/// The table of docs/topics.md.
+TEST(Segments, AreAsManyAsInDocumentedTable) {
   const auto of_payload = [](std::size_t size) { return segments_of(size + opcode_octets); };
   EXPECT_EQ(of_payload(8), 1u);
   EXPECT_EQ(of_payload(9), 2u);

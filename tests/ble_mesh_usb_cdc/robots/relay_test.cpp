@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ble_mesh.relay`: what robots of other meshes say reaches the group, and how much of it.
+// `ble_mesh.relay`: updates of robots of other meshes reach the group, up to a rate.
 #include <gtest/gtest.h>
 
 #include <fmt/format.h>
@@ -23,7 +23,7 @@ Settings relaying() {
   return settings;
 }
 
-/// SENSOR_UPDATE_RELAYED, as hex without spaces.
+/// Returns a SENSOR_UPDATE_RELAYED as hex without spaces.
 std::string relayed(std::string_view robot, std::string_view update) {
   const std::uint16_t number = relayed_number_of(robot);
   return fmt::format("d45900{:02x}{:02x}{}", number & 0xff, number >> 8, to_hex(hex(update)));
@@ -48,7 +48,7 @@ class Relaying : public ::testing::Test {
   MeshRig rig;
 };
 
-TEST(RelayedNumber, IsTheCrcThatOthersKnowToo) {
+TEST(RelayedNumber, IsCrc16CcittFalse) {
   EXPECT_EQ(relayed_number_of("123456789"), 0x29b1) << "the check value of CRC-16/CCITT-FALSE";
   EXPECT_EQ(relayed_number_of(""), 0xffff);
   EXPECT_EQ(relayed_number_of("lego-1"), 0x890d);
@@ -56,7 +56,7 @@ TEST(RelayedNumber, IsTheCrcThatOthersKnowToo) {
       << "docs/topics.md says so";
 }
 
-TEST_F(Relaying, AnUpdateGoesToTheGroupAsTheRobotSaidIt) {
+TEST_F(Relaying, SendsUpdateUnchangedToGroup) {
   say("lego-1", near);
   rig.run_for(100ms);
   EXPECT_EQ(heard(), (std::vector<std::string>{"d459000d890a00ecff"}));
@@ -68,7 +68,7 @@ TEST_F(Relaying, AnUpdateGoesToTheGroupAsTheRobotSaidIt) {
   EXPECT_EQ(heard().back(), relayed("lego-1", most)) << "its stray octet too";
 }
 
-TEST_F(Relaying, IsTracedWhileSomebodyWatches) {
+TEST_F(Relaying, IsTracedWhileTracingIsOn) {
   say("lego-1", near);
   rig.run_for(1s);
   EXPECT_TRUE(rig.all<MessageStep>().empty());
@@ -83,7 +83,7 @@ TEST_F(Relaying, IsTracedWhileSomebodyWatches) {
   EXPECT_EQ(steps[0].topic, "ntnu-slam/robot/lego-1/update");
 }
 
-TEST_F(Relaying, RobotsOfThisMeshAreNotEchoed) {
+TEST_F(Relaying, DoesNotRelayRobotsOfThisMesh) {
   say("nr1", near);  // named in the configuration, and not heard yet
   rig.hear(first_robot + 7, "cb 59 00 0a 00 ec ff");
   say("ble-0107", near);
@@ -92,7 +92,7 @@ TEST_F(Relaying, RobotsOfThisMeshAreNotEchoed) {
   EXPECT_EQ(rig.counter("relays_dropped"), 0u);
 }
 
-TEST(RelayingToNodes, ANodeThatIsAwayIsNotEchoedEither) {
+TEST(RelayingToNodes, DoesNotRelayAbsentNode) {
   NodeDatabase database = test_database();
   Node node;
   node.uuid.fill(1);
@@ -107,7 +107,7 @@ TEST(RelayingToNodes, ANodeThatIsAwayIsNotEchoedEither) {
   EXPECT_TRUE(rig.sent_to(relay_group).empty());
 }
 
-TEST(RelayingToNodes, AGuestLeavesItToTheGatewayThatConfiguresTheRobots) {
+TEST(RelayingToNodes, GuestGatewayDoesNotRelay) {
   NodeDatabase database = test_database();
   database.guest_address = 0x0001;
   MeshRig rig(relaying(), database);
@@ -117,7 +117,7 @@ TEST(RelayingToNodes, AGuestLeavesItToTheGatewayThatConfiguresTheRobots) {
   EXPECT_TRUE(rig.sent_to(relay_group).empty());
 }
 
-TEST(RelayingToNodes, ABannedRobotIsNotHeard) {
+TEST(RelayingToNodes, DoesNotRelayBannedRobot) {
   MeshRig rig(relaying(), test_database(), RobotNames({}, Bans({"lego-1"})));
   rig.start();
   rig.mesh.on_robot_message({"ntnu-slam/robot/lego-1/update", hex(near)}, rig.now);
@@ -125,13 +125,13 @@ TEST(RelayingToNodes, ABannedRobotIsNotHeard) {
   EXPECT_TRUE(rig.sent_to(relay_group).empty());
 }
 
-TEST_F(Relaying, WhatTheBrokerKeptIsNotNews) {
+TEST_F(Relaying, IgnoresRetainedUpdates) {
   say("lego-1", hex(near), true);
   rig.run_for(1s);
   EXPECT_TRUE(heard().empty());
 }
 
-TEST_F(Relaying, TenASecondInAllAndTheLastOfEachInTurn) {
+TEST_F(Relaying, RelaysTenUpdatesSecondAndLatestOfEachSenderInTurn) {
   for (int second = 0; second < 2; ++second) {
     for (int i = 0; i < 10; ++i) {
       for (const char* robot : {"a", "b", "c", "d"}) say(robot, near);
@@ -146,7 +146,7 @@ TEST_F(Relaying, TenASecondInAllAndTheLastOfEachInTurn) {
   EXPECT_EQ(rig.counter("relayed") + rig.counter("relays_superseded") + 3, 80u) << "three wait";
 }
 
-TEST_F(Relaying, OnlyTheNewestOfASenderWaits) {
+TEST_F(Relaying, QueuesOnlyNewestUpdateOfSender) {
   say("a", "01 00 01 00");
   say("a", "02 00 02 00");
   say("a", "03 00 03 00");
@@ -156,7 +156,7 @@ TEST_F(Relaying, OnlyTheNewestOfASenderWaits) {
   EXPECT_EQ(rig.counter("relays_superseded"), 1u);
 }
 
-TEST_F(Relaying, SegmentedOnesGoOneAtATimeAndHoldUpNoOther) {
+TEST_F(Relaying, SendsOneSegmentedUpdateAtTimeWithoutDelayingOthers) {
   say("a", with_obstacle);
   say("b", most);
   for (int i = 0; i < 25; ++i) {
@@ -171,7 +171,7 @@ TEST_F(Relaying, SegmentedOnesGoOneAtATimeAndHoldUpNoOther) {
 }
 
 /// A sender whose updates come in one segment and in two in turns keeps its place.
-TEST_F(Relaying, SendersTakeTurnsWithSegmentedOnes) {
+TEST_F(Relaying, SendersTakeTurnsWithSegmentedUpdates) {
   for (int i = 0; i < 300; ++i) {
     for (const char* robot : {"a", "b", "c"}) say(robot, most);
     rig.run_for(100ms);
@@ -181,7 +181,7 @@ TEST_F(Relaying, SendersTakeTurnsWithSegmentedOnes) {
     EXPECT_EQ(std::ranges::count(heard(), relayed(robot, most)), 4) << robot;
 }
 
-TEST_F(Relaying, SoManySendersWaitAndTheRestIsCounted) {
+TEST_F(Relaying, QueuesUpdatesOfUpToMaxSendersAndCountsRest) {
   for (int i = 0; i < 200; ++i) say(fmt::format("robot-{:03}", i), near);
   EXPECT_EQ(rig.counter("relays_dropped"), 200 - Relay::max_senders - 1) << "one is out";
   rig.run_for(20s);
@@ -189,7 +189,7 @@ TEST_F(Relaying, SoManySendersWaitAndTheRestIsCounted) {
   EXPECT_FALSE(rig.mesh.deadline() && *rig.mesh.deadline() <= rig.now);
 }
 
-TEST_F(Relaying, HostileMessagesAreCountedAndGoNowhere) {
+TEST_F(Relaying, DropsAndCountsInvalidMessages) {
   say("a", Bytes{});
   say("a", Bytes(400, 'x'));
   say("a", Bytes(3, 'x'));
@@ -208,13 +208,13 @@ TEST_F(Relaying, HostileMessagesAreCountedAndGoNowhere) {
   EXPECT_EQ(rig.counter("relayed"), 1u);
 }
 
-TEST_F(Relaying, AcknowledgementsAndCommandsGoFirst) {
+TEST_F(Relaying, SendsAcknowledgementsAndCommandsFirst) {
   rig.latency = 20ms;
   for (std::uint16_t i = 0; i < 6; ++i)
     rig.hear(static_cast<std::uint16_t>(first_robot + i), "ca 59 00");  // each wants a STATUS
   rig.command("nr1/cmd", hex("01 00 02 00"));
   say("lego-1", near);
-  EXPECT_EQ(rig.counter("relayed"), 0u) << "something waits for the board";
+  EXPECT_EQ(rig.counter("relayed"), 0u) << "other messages wait for the board";
   rig.run_for(80ms);
   EXPECT_TRUE(heard().empty());
   rig.run_for(2s);
@@ -226,7 +226,7 @@ TEST_F(Relaying, AcknowledgementsAndCommandsGoFirst) {
   EXPECT_GE(relay - destinations.begin(), 7);
 }
 
-TEST_F(Relaying, NothingWaitsForALinkThatIsDown) {
+TEST_F(Relaying, DropsUpdatesWhileLinkIsDown) {
   for (const char* robot : {"a", "b", "c"}) say(robot, near);
   rig.run_for(50ms);
   rig.mesh.on_port_closed("unplugged", rig.now);
@@ -242,8 +242,8 @@ TEST_F(Relaying, NothingWaitsForALinkThatIsDown) {
   EXPECT_EQ(heard().size(), 2u);
 }
 
-/// What a robot says with this opcode is nothing that robots say.
-TEST_F(Relaying, ARobotThatRelaysIsNotUnderstood) {
+/// Robots never send this opcode.
+TEST_F(Relaying, CountsRelayedUpdateFromRobotAsUnknownOpcode) {
   rig.hear(first_robot, "d4 59 00 0d 89 0a 00 ec ff");
   EXPECT_TRUE(rig.all<Report>().empty());
   EXPECT_EQ(rig.counter("unknown_opcodes"), 1u);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which of a robot's acknowledged SETs are new: what a robot was acknowledged is delivered, for
-// robots that keep to reliable publish at any period of their own, on a radio that loses.
+// Distinguishes new SETs from repeats: each acknowledged message is delivered, for robots that use
+// reliable publish with any period of their own, on a lossy radio.
 #include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ using std::chrono::milliseconds;
 
 const Duration set_interval = reliable_interval(4, 7);  // 280 ms
 
-/// A robot's equal copies at these times, each answered at once; how many go up.
+/// Returns how many of a robot's equal copies at these times, each answered at once, are new.
 int count_delivered(std::initializer_list<milliseconds> times,
                     RepeatFilter::Doubt doubt = RepeatFilter::Doubt::take_for_repeat) {
   RepeatFilter filter;
@@ -34,7 +34,7 @@ int count_delivered(std::initializer_list<milliseconds> times,
   return delivered;
 }
 
-TEST(SetRepeats, KnowsTheWholeScheduleOfRepeats) {
+TEST(SetRepeats, RecognizesWholeScheduleOfRepeats) {
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms, 8960ms}), 1);
   EXPECT_EQ(count_delivered({280ms, 560ms, 1120ms, 2240ms}), 1) << "the first copy was lost";
   EXPECT_EQ(count_delivered({0ms, 295ms, 555ms, 1140ms}), 1) << "with jitter";
@@ -43,7 +43,7 @@ TEST(SetRepeats, KnowsTheWholeScheduleOfRepeats) {
   EXPECT_EQ(count_delivered({0ms, 1120ms, 8960ms}), 1) << "two were lost in a row, twice";
 }
 
-TEST(SetRepeats, LetsEqualMessagesAtTheRobotsOwnPeriodThrough) {
+TEST(SetRepeats, AcceptsEqualMessagesAtRobotsOwnPeriod) {
   for (const auto doubt :
        {RepeatFilter::Doubt::take_for_repeat, RepeatFilter::Doubt::take_for_new}) {
     EXPECT_EQ(count_delivered({0ms, 200ms, 400ms, 600ms, 800ms}, doubt), 5);
@@ -55,19 +55,20 @@ TEST(SetRepeats, LetsEqualMessagesAtTheRobotsOwnPeriodThrough) {
   EXPECT_EQ(count_delivered({0ms, 280ms, 400ms, 600ms}), 3) << "one STATUS lost, then new ones";
 }
 
-TEST(SetRepeats, InDoubtAnUpdateIsNew) {
+TEST(SetRepeats, TreatsDoubtfulUpdateAsNew) {
   const auto doubt = RepeatFilter::Doubt::take_for_new;
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms, 1120ms}, doubt), 5);
   EXPECT_EQ(count_delivered({0ms, 559ms, 1118ms, 1677ms}, doubt), 4);
 }
 
-TEST(SetRepeats, ThreeEqualGapsAreTheRobotsOwnPeriod) {
-  EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms}), 4) << "two are made up for";
+TEST(SetRepeats, RecognizesRobotsPeriodAfterThreeEqualGaps) {
+  EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms}), 4)
+      << "two suppressed ones are published later";
   EXPECT_EQ(count_delivered({0ms, 280ms, 560ms, 840ms, 1120ms, 1400ms}), 6);
   EXPECT_EQ(count_delivered({0ms, 559ms, 1118ms, 1677ms, 2236ms}), 5);
 }
 
-TEST(SetRepeats, WhileOpenEveryEqualSetIsARepeat) {
+TEST(SetRepeats, TreatsEveryEqualSetAsRepeatUntilItIsAnswered) {
   RepeatFilter filter;
   const auto set = [&](std::string_view payload, milliseconds at) {
     return filter.on_set(hex(payload), set_interval, RepeatFilter::Doubt::take_for_new,
@@ -94,8 +95,7 @@ TEST(SetRepeats, ARepeatThatCrossedItsStatusIsNotAnswered) {
   }
 }
 
-/// A busy host hands a repeat over late, just after the STATUS has left: neither a new message, nor
-/// one to be answered.
+/// A busy host delivers a repeat late, just after the STATUS was sent.
 TEST(SetRepeats, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
   for (const auto doubt :
        {RepeatFilter::Doubt::take_for_repeat, RepeatFilter::Doubt::take_for_new}) {
@@ -106,7 +106,8 @@ TEST(SetRepeats, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
     EXPECT_EQ(set(0ms), RepeatFilter::Verdict::fresh);
     filter.on_answered(TimePoint{} + 330ms);
     EXPECT_EQ(set(420ms), RepeatFilter::Verdict::repeat_open) << "140 ms late";
-    EXPECT_EQ(set(700ms), RepeatFilter::Verdict::fresh) << "it was a new one: its own first repeat";
+    EXPECT_EQ(set(700ms), RepeatFilter::Verdict::fresh)
+        << "the second was new, and this is its first repeat";
   }
 }
 
@@ -116,7 +117,7 @@ TEST(SetRepeats, TheFirstMessageMayBeEmpty) {
             RepeatFilter::Verdict::fresh);
 }
 
-TEST(SetRepeats, ATransactionNumberTellsItAll) {
+TEST(SetRepeats, TransactionNumberDistinguishesRepeatsFromNewMessages) {
   RepeatFilter filter;
   const auto set = [&](std::uint8_t number, milliseconds at, std::string_view payload = "0a 00") {
     const auto verdict = filter.on_numbered_set(number, hex(payload), TimePoint{} + at);
@@ -131,12 +132,12 @@ TEST(SetRepeats, ATransactionNumberTellsItAll) {
   EXPECT_EQ(set(8, 81s, "0b 00"), RepeatFilter::Verdict::fresh) << "reliable publish has ended";
 }
 
-/// Nordic's reliable publish on a robot that has something to say each period: it sends copies at
-/// 0, iv, 2iv, 4iv ... until a STATUS comes, and what falls due meanwhile it does not say.
+/// Nordic's reliable publish on a robot with a message each period: it sends copies at 0, iv, 2iv,
+/// 4iv ... until a STATUS arrives, and skips messages that are due in that time.
 class RobotWalk {
  public:
   struct Radio {
-    Duration jitter{};  ///< of each message to the gateway: up to so much later
+    Duration jitter{};  ///< maximum delay of each message to the gateway
     std::function<bool()> loses_set = [] { return false; };
     std::function<bool()> loses_status = [] { return false; };
   };
@@ -145,7 +146,7 @@ class RobotWalk {
       : period_(period), radio_(std::move(radio)), random_(seed) {}
 
   void set_period(Duration period) { period_ = period; }
-  /// Says `count` messages; each differs from the last when the robot moves.
+  /// Sends `count` messages; each differs from the last when the robot moves.
   void say(int count, bool is_moving) {
     while (count > 0) {
       next_ += period_;
@@ -165,7 +166,7 @@ class RobotWalk {
   static constexpr Duration receipt_time = 5ms;  // broker
   static constexpr Duration status_time = 10ms;  // on the air
 
-  /// Until the robot has its STATUS. The next due message is later than that.
+  /// Sends copies until the robot has its STATUS. The next message is due after that.
   void exchange(TimePoint first) {
     for (Duration offset{}; offset < RepeatFilter::longest_exchange;
          offset = offset == Duration{} ? set_interval : 2 * offset) {
@@ -207,14 +208,14 @@ class RobotWalk {
   std::optional<TimePoint> acknowledged_at_;
 };
 
-/// Loses one of them, the one with this number.
+/// Loses only the message with this number.
 std::function<bool()> lose_number(int number) {
   return [left = number]() mutable { return left-- == 0; };
 }
 
 constexpr int still_count = 60;
 
-/// From 200 ms to 2 s, and those that are gaps of the schedule or near one.
+/// Runs periods from 200 ms to 2 s, and those equal or close to gaps of the schedule.
 void with_each_period(milliseconds step, const std::function<void(milliseconds)>& test) {
   for (milliseconds period = 200ms; period <= 2000ms; period += step) test(period);
   for (const auto period :
@@ -320,7 +321,7 @@ TEST(AnyPeriod, ARobotThatHearsIsNeverTakenForDeaf) {
     SCOPED_TRACE(period.count());
     RobotWalk walk(period, {});
     walk.say(20, true);
-    EXPECT_EQ(walk.heard, 19) << "all but the last have a successor";
+    EXPECT_EQ(walk.heard, 19) << "each message but the last has a successor";
     walk.say(still_count, false);
     EXPECT_EQ(walk.unheard, 0);
   });
@@ -346,11 +347,11 @@ TEST(SetRepeats, ALossyRadioSeldomMakesARobotLookDeaf) {
   RobotWalk walk(200ms, {3ms, lose, lose});
   walk.say(10000, true);
   EXPECT_LE(walk.unheard, 150) << "of 10000 messages";
-  EXPECT_GE(walk.heard, 6500) << "those that needed no repeat";
+  EXPECT_GE(walk.heard, 6500) << "messages that needed no repeat";
 }
 
-/// Firmware that replaces an update by the next one: each has time for a single repeat.
-TEST(SetRepeats, MessagesThatAreAllRepeatedAreNotHeard) {
+/// The firmware replaces an update by the next one, so each has time for a single repeat.
+TEST(SetRepeats, MessagesThatAreAllRepeatedShowDeafRobot) {
   RepeatFilter filter;
   const auto set = [&](int content, milliseconds at) {
     const Bytes payload{static_cast<std::uint8_t>(content)};
@@ -370,7 +371,7 @@ TEST(SetRepeats, MessagesThatAreAllRepeatedAreNotHeard) {
   EXPECT_FALSE(filter.is_unheard());
 }
 
-TEST(SetRepeats, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
+TEST(SetRepeats, UnansweredMessageShowsNoDeafRobot) {
   RepeatFilter filter;
   const auto set = [&](milliseconds at) {
     filter.on_set(hex("01"), set_interval, RepeatFilter::Doubt::take_for_new, TimePoint{} + at);
@@ -381,7 +382,7 @@ TEST(SetRepeats, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
   EXPECT_FALSE(filter.is_unheard()) << "one STATUS left so far";
 }
 
-TEST(SetRepeats, ANumberTellsRepeatsThatWereAnswered) {
+TEST(SetRepeats, NumberedRepeatsOfAnsweredMessageShowDeafRobot) {
   RepeatFilter filter;
   const auto set = [&](std::uint8_t number, milliseconds at) {
     filter.on_numbered_set(number, hex("0a"), TimePoint{} + at);
@@ -392,12 +393,12 @@ TEST(SetRepeats, ANumberTellsRepeatsThatWereAnswered) {
   set(7, 4800ms);
   EXPECT_TRUE(filter.is_unheard());
   set(8, 9600ms);
-  EXPECT_FALSE(filter.was_heard()) << "it gave the last one up";
+  EXPECT_FALSE(filter.was_heard()) << "the robot gave up the last message";
   set(9, 9900ms);
   EXPECT_TRUE(filter.was_heard());
 }
 
-TEST(SetRepeats, ARobotThatMovesIsNotDoubledByLostStatusMessages) {
+TEST(SetRepeats, LostStatusSeldomDoublesMessagesOfMovingRobot) {
   std::mt19937_64 random(1);
   RobotWalk walk(200ms, {.jitter = 3ms, .loses_status = [&] { return random() % 10 == 0; }});
   walk.say(10000, true);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A mesh that several gateways share: what a gateway does with robots whose sessions others hold.
+// A mesh that several gateways share: how a gateway treats robots whose sessions others hold.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
@@ -57,7 +57,7 @@ class SharedMesh : public ::testing::Test {
 
 TEST_F(SharedMesh, HearsTheGroupOfTheGateways) { EXPECT_TRUE(rig.board.handle_of(group)); }
 
-TEST_F(SharedMesh, ARobotOfAnotherGatewayIsHeardAndNothingElse) {
+TEST_F(SharedMesh, OnlyReportsHearingRobotOfAnotherGateway) {
   for (const std::string_view text :
        {update_set, update_set_numbered, std::string_view("cb 59 00 0a 00 ec ff"),
         std::string_view("ca 59 00")}) {
@@ -67,8 +67,8 @@ TEST_F(SharedMesh, ARobotOfAnotherGatewayIsHeardAndNothingElse) {
   EXPECT_TRUE(reports().empty());
   EXPECT_EQ(statuses(), 0u);
   EXPECT_TRUE(rig.all<PresenceChange>().empty());
-  EXPECT_TRUE(rig.all<SignOfLife>().empty()) << "it would be a reason to take the session";
-  EXPECT_TRUE(rig.asked().empty()) << "and this, too";
+  EXPECT_TRUE(rig.all<SignOfLife>().empty()) << "a sign of life would take over the session";
+  EXPECT_TRUE(rig.asked().empty()) << "so would a subscription";
   EXPECT_EQ(rig.counter("left_to_others"), 4u);
   ASSERT_EQ(rig.heard.size(), 4u);
   EXPECT_EQ(rig.heard[0].robot, "nr1");
@@ -76,7 +76,7 @@ TEST_F(SharedMesh, ARobotOfAnotherGatewayIsHeardAndNothingElse) {
   EXPECT_LT(rig.heard[0].radio->rssi_dbm, 0);
 }
 
-TEST_F(SharedMesh, TheHolderOfTheSessionReportsAndAnswers) {
+TEST_F(SharedMesh, PublishesAndAcknowledgesWithSession) {
   take_over();
   rig.hear(first_robot, update_set, group);
   ASSERT_EQ(reports().size(), 1u);
@@ -84,9 +84,8 @@ TEST_F(SharedMesh, TheHolderOfTheSessionReportsAndAnswers) {
   EXPECT_EQ(statuses(), 1u);
 }
 
-/// Its STATUS could acknowledge the robot's next message, which the other gateway has and this one
-/// may not have heard.
-TEST_F(SharedMesh, WhatIsNotAcknowledgedWhenItGoesIsNotAcknowledgedLater) {
+/// A late STATUS could acknowledge the robot's next message, which only the other gateway has.
+TEST_F(SharedMesh, DoesNotAcknowledgeAfterGivingUpSession) {
   take_over();
   rig.hear(first_robot, update_set, group);
   give_up();
@@ -94,8 +93,8 @@ TEST_F(SharedMesh, WhatIsNotAcknowledgedWhenItGoesIsNotAcknowledgedLater) {
   EXPECT_EQ(statuses(), 0u);
 }
 
-/// Before anything was heard of who has it.
-TEST_F(SharedMesh, NothingIsAcknowledgedWithoutTheSession) {
+/// The gateway has lost the session and does not know the new holder yet.
+TEST_F(SharedMesh, DoesNotAcknowledgeWithoutSession) {
   take_over();
   rig.hear(first_robot, update_set, group);
   is_holder = false;
@@ -104,13 +103,13 @@ TEST_F(SharedMesh, NothingIsAcknowledgedWithoutTheSession) {
   is_holder = true;
   rig.run_for(280ms);
   rig.hear(first_robot, update_set, group);
-  EXPECT_EQ(reports().size(), 2u) << "goes up once more";
+  EXPECT_EQ(reports().size(), 2u) << "the repeat is published";
   rig.receipt(reports().at(1).receipt.id);
   EXPECT_EQ(statuses(), 1u);
 }
 
-/// Another gateway may command the robot: no repeat may overtake that.
-TEST_F(SharedMesh, ACommandIsNotSentWithoutTheSession) {
+/// Another gateway may command the robot: no repeat may overtake its commands.
+TEST_F(SharedMesh, DoesNotSendOrRepeatCommandsWithoutSession) {
   take_over();
   rig.hear(first_robot, "cb 59 00 0a 00 ec ff", group);
   rig.run_for(1s);
@@ -129,7 +128,7 @@ TEST_F(SharedMesh, ACommandIsNotSentWithoutTheSession) {
   for (const CommandOutcome& outcome : outcomes) EXPECT_EQ(outcome.result, CommandResult::timeout);
 }
 
-TEST_F(SharedMesh, ACommandGoesOnWhenTheSessionIsBack) {
+TEST_F(SharedMesh, SendsWaitingCommandWhenSessionReturns) {
   take_over();
   rig.hear(first_robot, "cb 59 00 0a 00 ec ff", group);
   is_holder = false;
@@ -139,7 +138,7 @@ TEST_F(SharedMesh, ACommandGoesOnWhenTheSessionIsBack) {
   EXPECT_EQ(statuses(), 1u);
 }
 
-TEST_F(SharedMesh, ARetainedCommandComesFromTheHolderOnly) {
+TEST_F(SharedMesh, SendsRetainedCommandOnlyWithSession) {
   rig.hear(first_robot, update_set, group);
   rig.command("nr1/run", {1}, true);
   rig.run_for(1s);
@@ -151,13 +150,13 @@ TEST_F(SharedMesh, ARetainedCommandComesFromTheHolderOnly) {
   give_up();
   rig.run_for(20s);
   take_over();
-  EXPECT_EQ(rig.asked().size(), 1u) << "it has had it";
+  EXPECT_EQ(rig.asked().size(), 1u) << "the robot has had it";
   EXPECT_TRUE(rig.all<SubscribeRequest>().back().is_standing);
 }
 
-/// The robot stands still: the same update again is a new message, of which another gateway may
-/// know nothing.
-TEST_F(SharedMesh, WhatWasAnsweredBeforeIsNotTakenForARepeat) {
+/// The robot stands still: an equal update is a new message, which another gateway may not have
+/// heard.
+TEST_F(SharedMesh, EqualUpdateAfterSessionMovedIsNew) {
   for (const std::string_view text : {update_set, update_set_numbered}) {
     take_over();
     const std::size_t before = reports().size();
@@ -170,7 +169,7 @@ TEST_F(SharedMesh, WhatWasAnsweredBeforeIsNotTakenForARepeat) {
     EXPECT_EQ(reports().size(), before + 2);
     is_holder = false;
     rig.run_for(10s);
-    rig.hear(first_robot, text, group);  // another gateway's
+    rig.hear(first_robot, text, group);  // for another gateway
     is_holder = true;
     rig.run_for(280ms);
     rig.hear(first_robot, text, group);
@@ -179,8 +178,8 @@ TEST_F(SharedMesh, WhatWasAnsweredBeforeIsNotTakenForARepeat) {
   }
 }
 
-/// The session's holder has died: the robot need not repeat it once more.
-TEST_F(SharedMesh, WhatNobodyAnswersGoesUpWhenTheRobotIsTakenOver) {
+/// The session's holder has died: the message is published without another repeat.
+TEST_F(SharedMesh, PublishesUnansweredMessageAtTakeover) {
   for (const int copies : {1, 2}) {
     for (int i = 0; i < copies; ++i) {
       rig.run_for(280ms);
@@ -196,7 +195,7 @@ TEST_F(SharedMesh, WhatNobodyAnswersGoesUpWhenTheRobotIsTakenOver) {
   EXPECT_EQ(statuses(), 1u);
 }
 
-TEST_F(SharedMesh, WhatIsNotRepeatedAnyMoreWasAnswered) {
+TEST_F(SharedMesh, PublishesNoMessageAtTakeoverThatIsNoLongerRepeated) {
   rig.hear(first_robot, update_set, group);
   rig.run_for(280ms);
   rig.hear(first_robot, update_set, group);
@@ -205,8 +204,8 @@ TEST_F(SharedMesh, WhatIsNotRepeatedAnyMoreWasAnswered) {
   EXPECT_TRUE(reports().empty());
 }
 
-/// The copies that come later fit the schedule of the first one, which nobody served.
-TEST_F(SharedMesh, WhatWentUpWhenTheRobotWasTakenOverIsKnownWhenItComesAgain) {
+/// Later copies fit the schedule of the first one, which no gateway answered.
+TEST_F(SharedMesh, RecognizesRepeatOfMessagePublishedAtTakeover) {
   const TimePoint first = rig.now;
   for (const int iv : {0, 1, 2}) {
     rig.run_for(first + 280ms * iv - rig.now);
@@ -221,7 +220,7 @@ TEST_F(SharedMesh, WhatWentUpWhenTheRobotWasTakenOverIsKnownWhenItComesAgain) {
 }
 
 /// The broker was away for a moment, and no other gateway has served the robot.
-TEST_F(SharedMesh, WhatWentUpBeforeTheSessionWasLostIsAcknowledgedWhenItIsBack) {
+TEST_F(SharedMesh, AcknowledgesPublishedMessageWhenSessionReturns) {
   take_over();
   rig.hear(first_robot, "c5 59 00 01", group);
   rig.hold_session("nr1");
@@ -232,7 +231,7 @@ TEST_F(SharedMesh, WhatWentUpBeforeTheSessionWasLostIsAcknowledgedWhenItIsBack) 
   EXPECT_EQ(reports().size(), 1u);
 }
 
-TEST_F(SharedMesh, CommandsEndOrGoAlongWhenTheRobotGoes) {
+TEST_F(SharedMesh, GivingUpEndsSentCommandsAndReturnsWaitingOnes) {
   take_over();
   rig.hear(first_robot, "cb 59 00 0a 00 ec ff", group);
   rig.command("nr1/cmd", hex("01 00 02 00"));
@@ -248,7 +247,7 @@ TEST_F(SharedMesh, CommandsEndOrGoAlongWhenTheRobotGoes) {
       << "no repeat overtakes the other gateway's commands";
 }
 
-TEST_F(SharedMesh, WhoTakesARobotOverSaysThatItIsThere) {
+TEST_F(SharedMesh, TakeoverReportsHeardRobotOnline) {
   for (std::size_t round = 1; round <= 2; ++round) {
     rig.hear(first_robot, update_set, group);
     take_over();
@@ -259,15 +258,14 @@ TEST_F(SharedMesh, WhoTakesARobotOverSaysThatItIsThere) {
     give_up();
     EXPECT_EQ(rig.mesh.presence_of("nr1"), Presence::offline);
     rig.run_for(40s);
-    EXPECT_EQ(rig.all<PresenceChange>().size(), round)
-        << "its silence is the other gateway's to tell";
+    EXPECT_EQ(rig.all<PresenceChange>().size(), round) << "the other gateway reports its silence";
   }
 }
 
-/// Nobody has heard it for a while: its last gateway has died.
-TEST_F(SharedMesh, WhoAnswersForASilentRobotSaysThatItIsAbsent) {
+/// No gateway has heard the robot for a while: its last gateway has died.
+TEST_F(SharedMesh, TakeoverReportsSilentRobotOffline) {
   rig.run_for(40s);
-  EXPECT_TRUE(rig.all<PresenceChange>().empty()) << "another gateway may show it";
+  EXPECT_TRUE(rig.all<PresenceChange>().empty()) << "another gateway may hear it";
   take_over();
   rig.run_for(40s);
   ASSERT_EQ(rig.all<PresenceChange>().size(), 1u);
@@ -281,7 +279,7 @@ struct Alone : SharedMesh {
   Alone() : SharedMesh(test_database()) {}
 };
 
-TEST_F(Alone, NobodyIsAskedInAMeshOfOneGateway) {
+TEST_F(Alone, ServesRobotsWithoutAskingForSession) {
   rig.hear(first_robot, update_set, group);
   EXPECT_EQ(reports().size(), 1u);
   EXPECT_TRUE(rig.heard.empty());

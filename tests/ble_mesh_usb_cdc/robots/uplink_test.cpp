@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What robots say: reports, receipts and the STATUS they owe, presence.
+// Messages of robots: reports, receipts, STATUS and presence.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
@@ -48,7 +48,7 @@ TEST_F(Uplink, NamesTypesByModel) {
   EXPECT_EQ(reports[2].topic, "ntnu-slam/robot/nr1/cmd");
 }
 
-TEST_F(Uplink, UnreliableMessagesOweNothingAndAllGoUp) {
+TEST_F(Uplink, PublishesAllUnreliableMessagesWithoutAcknowledgement) {
   for (int i = 0; i < 3; ++i) rig.hear(first_robot, "cb 59 00 0a 00 ec ff");
   const auto reports = rig.all<Report>();
   ASSERT_EQ(reports.size(), 3u);
@@ -57,11 +57,11 @@ TEST_F(Uplink, UnreliableMessagesOweNothingAndAllGoUp) {
   EXPECT_TRUE(statuses().empty());
 }
 
-TEST_F(Uplink, RepeatsGoUpOnceAndAreAnsweredAgain) {
+TEST_F(Uplink, PublishesRepeatsOnceAndAnswersThemAgain) {
   constexpr std::string_view greeting = "c5 59 00 68 69";
   rig.hear(first_robot, greeting);
   rig.run_for(280ms);
-  rig.hear(first_robot, greeting);  // before the receipt: nothing happens
+  rig.hear(first_robot, greeting);  // before the receipt: no answer
   EXPECT_EQ(rig.all<Report>().size(), 1u);
   rig.receipt(1);
   EXPECT_EQ(statuses().size(), 1u);
@@ -71,7 +71,7 @@ TEST_F(Uplink, RepeatsGoUpOnceAndAreAnsweredAgain) {
   EXPECT_EQ(rig.all<Report>().size(), 1u);
 }
 
-TEST_F(Uplink, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
+TEST_F(Uplink, TracesRepeatsAlwaysAndOtherStepsOnRequest) {
   rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
   rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
   rig.receipt(1);
@@ -103,7 +103,7 @@ TEST_F(Uplink, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
   EXPECT_EQ(steps[4].command, steps[3].command);
 }
 
-TEST_F(Uplink, AnUpdateThatMayBeNewGoesUpTwiceRatherThanNever) {
+TEST_F(Uplink, PublishesDoubtfulUpdateTwiceRatherThanNever) {
   rig.hear(first_robot, update_set);
   rig.receipt(1);
   rig.run_for(280ms);
@@ -113,7 +113,7 @@ TEST_F(Uplink, AnUpdateThatMayBeNewGoesUpTwiceRatherThanNever) {
   EXPECT_EQ(statuses().size(), 2u);
 }
 
-TEST_F(Uplink, ARepeatedUpdateOfARobotWhosePeriodIsKnownGoesUpOnce) {
+TEST_F(Uplink, PublishesRepeatedUpdateOnceWhenPeriodIsKnown) {
   for (std::uint64_t i = 1; i <= 20; ++i) {
     rig.hear(first_robot, "c9 59 00 " + to_hex(Bytes{static_cast<std::uint8_t>(i), 0, 0, 0}));
     rig.receipt(i);
@@ -124,7 +124,7 @@ TEST_F(Uplink, ARepeatedUpdateOfARobotWhosePeriodIsKnownGoesUpOnce) {
   EXPECT_EQ(statuses().size(), 21u);
 }
 
-TEST_F(Uplink, MessagesThatWereWronglyTakenForRepeatsGoUpInTheEnd) {
+TEST_F(Uplink, PublishesMessagesWronglyTakenForRepeatsLater) {
   for (std::uint64_t i = 1; i <= 8; ++i) {
     rig.hear(first_robot, "c5 59 00 68 69");
     rig.receipt(rig.all<Report>().back().receipt.id);
@@ -134,7 +134,7 @@ TEST_F(Uplink, MessagesThatWereWronglyTakenForRepeatsGoUpInTheEnd) {
   EXPECT_EQ(rig.all<Report>().size(), 8u);
 }
 
-TEST_F(Uplink, ATransactionNumberTellsNewMessagesFromRepeats) {
+TEST_F(Uplink, TransactionNumberDistinguishesNewMessagesFromRepeats) {
   rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
   rig.receipt(1);
   EXPECT_EQ(statuses().back(), "cc59000007");
@@ -153,7 +153,7 @@ TEST_F(Uplink, ATransactionNumberTellsNewMessagesFromRepeats) {
   EXPECT_EQ(rig.counter("rejected"), 1u);
 }
 
-TEST_F(Uplink, AStandingRobotsEqualSetsAllGoUp) {
+TEST_F(Uplink, PublishesAllEqualSetsOfStandingRobot) {
   for (const auto period : {200ms, 280ms, 294ms, 559ms, 1000ms}) {
     const std::size_t before = rig.all<Report>().size();
     for (int i = 0; i < 60; ++i) {
@@ -166,7 +166,7 @@ TEST_F(Uplink, AStandingRobotsEqualSetsAllGoUp) {
   }
 }
 
-TEST_F(Uplink, ARefusedMessageIsNotAcknowledgedAndGoesUpAgain) {
+TEST_F(Uplink, PublishesRefusedMessageAgainWithoutAcknowledgement) {
   rig.hear(first_robot, update_set);
   rig.receipt(1, ReceiptOutcome::refused);
   EXPECT_TRUE(statuses().empty());
@@ -186,7 +186,7 @@ TEST_F(Uplink, ALateReceiptDoesNotAcknowledgeANewerMessage) {
   EXPECT_EQ(statuses().size(), 1u);
 }
 
-TEST_F(Uplink, ModelsHaveReceiptsOfTheirOwn) {
+TEST_F(Uplink, AcknowledgesEachModelByItsOwnReceipt) {
   rig.hear(first_robot, update_set);
   rig.hear(first_robot, "c5 59 00 68 69");
   rig.receipt(1);
@@ -200,7 +200,7 @@ TEST_F(Uplink, GetIsAnsweredAtOnce) {
   EXPECT_TRUE(rig.all<Report>().empty());
 }
 
-TEST_F(Uplink, RejectsWhatTheBoardCutShort) {
+TEST_F(Uplink, RejectsMessagesThatBoardTruncated) {
   Bytes event = rig.board.message(first_robot, hex(update_set));
   event[19] = 0xf0;  // actual length, low octet
   rig.say(event);
@@ -209,7 +209,7 @@ TEST_F(Uplink, RejectsWhatTheBoardCutShort) {
   EXPECT_TRUE(rig.has_notice("cut it short"));
 }
 
-/// Whether the robot's presence said last that it is deaf.
+/// Returns true if the robot's last presence change marks it as deaf.
 bool is_deaf(const MeshRig& rig, std::string_view robot) {
   bool is_deaf = false;
   for (const PresenceChange& change : rig.all<PresenceChange>())
@@ -217,7 +217,7 @@ bool is_deaf(const MeshRig& rig, std::string_view robot) {
   return is_deaf;
 }
 
-/// A robot's SET and its repeats, each answered, until the robot gives up.
+/// Sends a robot's SET and its repeats, each answered, until the robot gives up.
 void repeat_answered(MeshRig& rig, std::uint16_t robot, std::string_view set) {
   Duration gap = 280ms;
   rig.hear(robot, set);
@@ -233,21 +233,22 @@ void repeat_answered(MeshRig& rig, std::uint16_t robot, std::string_view set) {
   rig.run_for(1s);
 }
 
-TEST_F(Uplink, ARobotThatRepeatsWhatWasAnsweredIsDeaf) {
+TEST_F(Uplink, RobotThatRepeatsAnsweredMessagesIsDeaf) {
   for (const auto set : {"c5 59 00 68 69", "c9 59 00 0a 00 ec ff", "d2 59 00 07 0a 00"}) {
     MeshRig fresh;
     fresh.start();
     repeat_answered(fresh, first_robot, set);
     EXPECT_TRUE(is_deaf(fresh, "nr1")) << set;
-    EXPECT_EQ(fresh.all<PresenceChange>().back().presence, Presence::online) << "the state stays";
+    EXPECT_EQ(fresh.all<PresenceChange>().back().presence, Presence::online)
+        << "the state stays online";
     EXPECT_EQ(fresh.counter("robots_deaf"), 1u);
   }
 }
 
-TEST_F(Uplink, ADeafRobotHearsAgainWhenItGoesOnToItsNextMessage) {
+TEST_F(Uplink, DeafRobotHearsAgainWhenItSendsItsNextMessage) {
   repeat_answered(rig, first_robot, "c5 59 00 68 69");
   rig.run_for(12s);
-  rig.hear(first_robot, "c5 59 00 68 70");  // the last one was given up
+  rig.hear(first_robot, "c5 59 00 68 70");  // the robot gave up the last message
   EXPECT_TRUE(is_deaf(rig, "nr1"));
   rig.receipt(rig.all<Report>().back().receipt.id);
   rig.run_for(1s);
@@ -264,18 +265,18 @@ TEST_F(Uplink, ADeafRobotHearsAgainWhenItAnswersACommand) {
   EXPECT_FALSE(is_deaf(rig, "nr1"));
 }
 
-TEST_F(Uplink, ACommandThatADeafRobotDoesNotAnswerSaysSo) {
+TEST_F(Uplink, CommandThatDeafRobotDoesNotAnswerNamesReason) {
   repeat_answered(rig, first_robot, "c5 59 00 68 69");
   rig.command("nr1/cmd", hex("01 00 02 00"));
   rig.run_for(20s);
-  rig.hear(first_robot, "c7 59 00 01");  // it is still there
+  rig.hear(first_robot, "c7 59 00 01");  // the robot is still online
   rig.run_for(10s);
   ASSERT_EQ(rig.all<CommandOutcome>().size(), 1u);
   EXPECT_EQ(rig.all<CommandOutcome>()[0].why,
             "the robot did not answer; it does not hear the gateway");
 }
 
-TEST_F(Uplink, ADeafRobotThatGoesIsOffline) {
+TEST_F(Uplink, DeafRobotThatFallsSilentGoesOffline) {
   repeat_answered(rig, first_robot, "c5 59 00 68 69");
   rig.run_for(60s);
   EXPECT_EQ(rig.all<PresenceChange>().back().presence, Presence::offline);
@@ -283,12 +284,12 @@ TEST_F(Uplink, ADeafRobotThatGoesIsOffline) {
   EXPECT_EQ(rig.counter("robots_deaf"), 0u);
 }
 
-TEST_F(Uplink, SaysOnceWhenMostRobotsHearNothing) {
+TEST_F(Uplink, ReportsOnceWhenMostRobotsHearNothing) {
   const std::string_view set = "c5 59 00 68 69";
-  rig.run_for(BleMesh::address_suspected_for);  // no other address is tried
-  rig.hear(0x0203, set);                        // it may be about to
+  rig.run_for(BleMesh::address_suspected_for);  // later than this, no other address is tried
+  rig.hear(0x0203, set);                        // a third robot, which is not deaf
   repeat_answered(rig, 0x0201, set);
-  EXPECT_EQ(rig.counter("mostly_deaf"), 0u) << "one can have a fault of its own";
+  EXPECT_EQ(rig.counter("mostly_deaf"), 0u) << "one robot can have a fault of its own";
   repeat_answered(rig, 0x0202, set);
   EXPECT_EQ(rig.counter("mostly_deaf"), 1u);
   EXPECT_EQ(rig.count_notices("2 of 3 robots do not hear the gateway"), 1);
@@ -301,7 +302,7 @@ TEST_F(Uplink, SaysOnceWhenMostRobotsHearNothing) {
   EXPECT_TRUE(rig.has_notice("most robots hear the gateway again"));
 }
 
-TEST_F(Uplink, RejectsSourcesThatAreNoUnicastAddress) {
+TEST_F(Uplink, RejectsSourcesThatAreNotUnicastAddresses) {
   rig.hear(0xc003, update_set);
   rig.hear(0x0000, update_set);
   EXPECT_EQ(rig.counter("rejected"), 2u);
@@ -334,19 +335,19 @@ TEST_F(Uplink, ARobotIsOnlineWhileItIsHeard) {
   EXPECT_EQ(rig.all<PresenceChange>().size(), 3u);
 }
 
-TEST_F(Uplink, AHeartbeatCountsAsLife) {
+TEST_F(Uplink, HeartbeatMakesRobotOnline) {
   rig.say(hex("07 d8 08 02 03 00 00 01"));
   EXPECT_EQ(rig.all<PresenceChange>().size(), 1u);
 }
 
-TEST_F(Uplink, AHeartbeatFromNoRobotsAddressIsIgnored) {
+TEST_F(Uplink, IgnoresHeartbeatsFromInvalidAddresses) {
   for (const char* heartbeat : {"07 d8 08 02 03 00 00 00", "07 d8 08 02 03 00 03 c0"})
     rig.say(hex(heartbeat));
   EXPECT_TRUE(rig.all<PresenceChange>().empty());
 }
 
-/// Octets that are lost on the serial line can make up addresses.
-TEST_F(Uplink, AddressesThatHaveGoneSilentMakeRoom) {
+/// Octets lost on the serial line can produce wrong addresses.
+TEST_F(Uplink, ReplacesSilentAddressesWhenItsTableIsFull) {
   const auto last = static_cast<std::uint16_t>(first_robot + 300);
   for (std::uint16_t address = first_robot; address < last; ++address) {
     rig.hear(address, "cb 59 00 01 00");
@@ -360,7 +361,7 @@ TEST_F(Uplink, AddressesThatHaveGoneSilentMakeRoom) {
   EXPECT_EQ(rig.all<Report>().size(), reports + 1);
   EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u);
   rig.hear(first_robot, "cb 59 00 01 00");
-  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u) << "a robot with a name keeps its place";
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u) << "a robot with a name is never replaced";
 }
 
 TEST_F(Uplink, SubscribesForConfiguredRobotsAtStartAndForAllWhenTheyComeOnline) {
@@ -397,7 +398,7 @@ TEST_F(Uplink, TheNumberOfRobotsIsBounded) {
   EXPECT_TRUE(rig.has_notice("beyond the 256"));
 }
 
-TEST_F(Uplink, AnAddressThatMakesRoomLeavesNothingAtTheBroker) {
+TEST_F(Uplink, EvictsSessionOfReplacedAddress) {
   for (std::uint16_t address = 1; address <= 0x0101; ++address) rig.hear(address, "04 00 59 00");
   rig.run_for(60s);
   EXPECT_TRUE(rig.all<SessionEvicted>().empty());
@@ -418,7 +419,7 @@ class UplinkWithWill : public Uplink {
   UplinkWithWill() : Uplink(with_will()) {}
 };
 
-TEST_F(UplinkWithWill, PublishesItWhenARobotGoesSilent) {
+TEST_F(UplinkWithWill, PublishesWillWhenRobotFallsSilent) {
   rig.hear(first_robot, "04 00 59 00");
   rig.run_for(31s);
   const auto reports = rig.all<Report>();
