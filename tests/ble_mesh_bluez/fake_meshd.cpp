@@ -146,7 +146,7 @@ void FakeMeshd::take(const AddNode& call, MeshdAnswer& answer) {
   const FakeNode* own = node(answer);
   if (own == nullptr) return;
   demand(own->subnet.has_value(), "a device joins a subnet of the database");
-  demand(!joining_, "one device joins at a time");  // the real one never answers then
+  demand(!joining_, "one device joins at a time");  // the real one does not answer then
   is_scanning_ = false;
   if (!fails_to_join.empty()) {
     events.push_back(AddNodeFailed{call.uuid, std::exchange(fails_to_join, "")});
@@ -204,7 +204,7 @@ void FakeMeshd::take(const DevKeySend& call, MeshdAnswer& answer) {
   if (!reply.empty()) events.push_back(DevKeyMessage{robot->address, true, reply});
 }
 
-/// The configuration server of the own node answers before the call is answered.
+/// Answers as the configuration server of the own node, before the call is answered.
 void FakeMeshd::configure_own(FakeNode& own, const Bytes& request) {
   const auto from = [&](std::ptrdiff_t first) {
     return Bytes(request.begin() + first, request.end());

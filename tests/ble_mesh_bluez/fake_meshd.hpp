@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bluetooth-meshd with robots in reach, as values. It follows recordings of 5.66 and 5.82 and is
-// stricter: it refuses what they let pass against their own description. Answers come at once, in
-// the order in which meshd sends them.
+// A bluetooth-meshd with robots in reach, as values. It follows recordings of 5.66 and 5.82, but
+// also refuses calls that violate their description. Answers arrive at once, in the order in which
+// meshd sends them.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +33,7 @@ struct FakeNode {
   int ttl = 127;
   int transmit = 0;
   std::uint32_t sequence_number = 0;
-  bool is_replaying = false;  ///< its number is lower than it remembers of itself
+  bool is_replaying = false;  ///< its sequence number is lower than one it has used
 };
 
 class FakeMeshd {
@@ -42,11 +42,11 @@ class FakeMeshd {
   std::map<std::uint64_t, FakeNode> nodes;  ///< by token
   std::deque<MeshdEvent> events;            ///< for the gateway
   std::deque<Send> sent;                    ///< application messages
-  std::set<std::string> broken_rules;       ///< of the interface, that a call broke
+  std::set<std::string> broken_rules;       ///< rules of the interface that calls have violated
   int imports = 0;
 
   // Faults.
-  bool is_without_controller = false;  ///< the bus name is there, its interfaces are not
+  bool is_without_controller = false;  ///< has its bus name, but no interfaces
   bool does_not_answer = false;
   std::string fails_to_join;  ///< the reason; once
   std::int16_t rssi = -60;
@@ -54,13 +54,13 @@ class FakeMeshd {
   void call(const CallMeshd& wanted);
   void accept_token();
   void give_address(std::optional<std::uint16_t> address);
-  /// A restart: what is on disk stays.
+  /// Restarts; the state on disk stays.
   void restart();
-  /// The application has left the bus.
+  /// Call when the application leaves the bus.
   void detach() { attached_.reset(); }
-  /// A robot's message, unless nobody is attached.
+  /// Delivers a robot's message if an application is attached.
   void say(std::uint16_t source, Bytes payload);
-  /// The beacons of robots in no mesh.
+  /// Sends the beacons of robots in no mesh.
   void beacon();
   const FakeNode* attached() const { return attached_ ? &nodes.at(*attached_) : nullptr; }
 
@@ -89,7 +89,7 @@ class FakeMeshd {
   std::optional<std::uint64_t> unaccepted_;  ///< JoinComplete has no answer yet
   std::uint64_t last_token_ = 0x815320361e31bae0;
   bool is_scanning_ = false;
-  std::set<Bytes> reported_;  ///< by this scan
+  std::set<Bytes> reported_;  ///< devices reported by this scan
   std::optional<Bytes> joining_;
 };
 

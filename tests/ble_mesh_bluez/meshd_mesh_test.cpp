@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh on BlueZ's meshd: what joins, what is said, and what each restart leaves.
+// The mesh on BlueZ's meshd: joins, messages, and the state after each restart.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -24,7 +24,7 @@ struct MeshdRig : EventLog {
     start();
   }
 
-  /// A daemon that has read what is stored.
+  /// Starts a daemon with the stored state.
   void start() {
     const auto next_octets = [this](std::span<std::uint8_t> octets) {
       std::ranges::generate(octets, [this] { return ++random; });
@@ -45,7 +45,7 @@ struct MeshdRig : EventLog {
     feed(MeshdGone{"it is not running"});
     meshd_comes();
   }
-  /// The bus ends the attachment of an application that goes.
+  /// Restarts the daemon; leaving the bus ends its attachment.
   void restart_daemon() {
     meshd.restart();
     start();
@@ -197,7 +197,7 @@ TEST(MeshdMesh, ATokenIsOnDiskBeforeItIsAccepted) {
   rig.meshd_comes();
   rig.run_for(5s);
   EXPECT_FALSE(rig.is_up());
-  EXPECT_EQ(rig.meshd.imports, 0) << "not even the address is";
+  EXPECT_EQ(rig.meshd.imports, 0) << "the address is not on disk either";
   rig.disk_problem.clear();
   rig.run_for(30s);
   EXPECT_TRUE(rig.is_up());
@@ -219,7 +219,7 @@ TEST(MeshdMesh, RestartsKeepNodeAddressAndLife) {
     rig.meshd.say(robot, hex("c9 59 00 0a 00 ec ff"));
     rig.run_for(20ms);
     EXPECT_EQ(rig.all<Report>().size(), 1u);
-    EXPECT_TRUE(rig.meshd.robots.devices[0].requests.empty()) << "it is configured already";
+    EXPECT_TRUE(rig.meshd.robots.devices[0].requests.empty()) << "the robot is configured already";
   };
   rig.restart_meshd();
   once_more("meshd");
@@ -231,7 +231,7 @@ TEST(MeshdMesh, RestartsKeepNodeAddressAndLife) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
-TEST(MeshdMesh, AMeshdWithoutTheNodeGetsAnotherOneAtTheNextAddress) {
+TEST(MeshdMesh, CreatesNodeAtNextAddressWhenMeshdHasLostIt) {
   RobotOnMeshd rig;
   rig.meshd.nodes.clear();
   rig.restart_meshd();
@@ -247,7 +247,7 @@ TEST(MeshdMesh, AMeshdWithoutTheNodeGetsAnotherOneAtTheNextAddress) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
-TEST(MeshdMesh, ANodeThatIsBehindItsOwnNumbersIsReplaced) {
+TEST(MeshdMesh, ReplacesNodeWhoseSequenceNumberWentBack) {
   RobotOnMeshd rig;
   rig.meshd.nodes.begin()->second.is_replaying = true;  // as after a power cut
   rig.restart_meshd();
@@ -259,7 +259,7 @@ TEST(MeshdMesh, ANodeThatIsBehindItsOwnNumbersIsReplaced) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
-TEST(MeshdMesh, AMeshThatASerialBoardHadGoesOn) {
+TEST(MeshdMesh, ContinuesMeshOfSerialBoard) {
   NodeDatabase database;
   database.keys.net_key.fill(7);
   database.keys.app_key.fill(8);
@@ -288,7 +288,7 @@ TEST(MeshdMesh, AMeshThatASerialBoardHadGoesOn) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
-TEST(MeshdMesh, AnotherAddressInTheConfigurationMakesAnotherNode) {
+TEST(MeshdMesh, CreatesAnotherNodeWhenConfiguredAddressChanges) {
   RobotOnMeshd rig;
   rig.settings.address = 0x0020;
   rig.restart_daemon();
@@ -311,7 +311,7 @@ TEST(MeshdMesh, WaitsForAMeshdWithoutAController) {
   EXPECT_TRUE(rig.is_up());
 }
 
-TEST(MeshdMesh, ReportsADeviceForEachScanAndItsSignalOnlyWhereThereIsOne) {
+TEST(MeshdMesh, ReportsDeviceForEachScanAndItsSignalOnlyWhenKnown) {
   MeshdRig rig;
   rig.settings.provisioning.enabled = false;
   rig.start();
@@ -330,7 +330,7 @@ TEST(MeshdMesh, ReportsADeviceForEachScanAndItsSignalOnlyWhereThereIsOne) {
   EXPECT_NE(rig.answers[1].json.find(R"("rssi_dbm":-60)"), std::string::npos);
 }
 
-TEST(MeshdMesh, ADeviceThatFailsToJoinIsTriedAgain) {
+TEST(MeshdMesh, RetriesDeviceThatFailsToJoin) {
   MeshdRig rig;
   rig.meshd.robots.add(1);
   rig.meshd.fails_to_join = "bad-pdu";
@@ -343,14 +343,14 @@ TEST(MeshdMesh, ADeviceThatFailsToJoinIsTriedAgain) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
-TEST(MeshdMesh, ItsOwnMessagesToAGroupAreNotARobots) {
+TEST(MeshdMesh, IgnoresItsOwnMessagesToGroup) {
   RobotOnMeshd rig;
   rig.meshd.events.push_back(AppMessage{rig.node().address, 0, hex("c9 59 00 0a 00 ec ff")});
   rig.run_for(20ms);
   EXPECT_TRUE(rig.all<Report>().empty());
 }
 
-TEST(MeshdMesh, AnOperatorHasTheNodeMadeAnew) {
+TEST(MeshdMesh, ResetBoardReplacesNode) {
   RobotOnMeshd rig;
   const Uuid before = rig.node().uuid;
   rig.order(ResetBoardOrder{});
@@ -378,13 +378,13 @@ TEST(MeshdMesh, WarnsOfAPublicationToAnAddressOfAnEarlierNode) {
   }
 }
 
-TEST(MeshdMesh, NewKeysForAllMakeANodeThatHasThem) {
+TEST(MeshdMesh, KeyRefreshGivesNodeAndRobotsNewKeys) {
   RobotOnMeshd rig;
   const Key before = rig.stored->keys.net_key;
   rig.order(RefreshKeysOrder{});
   rig.run_for(60s);
   EXPECT_TRUE(rig.is_up());
-  EXPECT_FALSE(rig.stored->refresh) << "it has ended";
+  EXPECT_FALSE(rig.stored->refresh) << "the refresh has ended";
   EXPECT_NE(rig.stored->keys.net_key, before);
   EXPECT_EQ(rig.node().net_key, rig.stored->keys.net_key);
   EXPECT_EQ(rig.node().own_app_key, rig.stored->keys.app_key);
@@ -392,20 +392,20 @@ TEST(MeshdMesh, NewKeysForAllMakeANodeThatHasThem) {
   EXPECT_EQ(rig.meshd.broken_rules, std::set<std::string>{});
 }
 
-TEST(MeshdMesh, ComesBackFromAMeshdThatDidNotAnswer) {
+TEST(MeshdMesh, ReconnectsToMeshdThatDidNotAnswer) {
   RobotOnMeshd rig;
   rig.meshd.is_without_controller = true;
   rig.run_for(MeshdRadio::iv_index_interval);
   EXPECT_FALSE(rig.is_up());
   rig.meshd.is_without_controller = false;
   rig.run_for(10s);
-  EXPECT_TRUE(rig.is_up()) << "although meshd still held the node";
+  EXPECT_TRUE(rig.is_up()) << "although meshd still had the node attached";
   EXPECT_EQ(rig.meshd.imports, 1);
   for (const LinkChange& change : rig.all<LinkChange>())
     EXPECT_EQ(change.detail.find("has restarted"), std::string::npos) << "the gateway left the bus";
 }
 
-TEST(MeshdMesh, TellsWhenAnotherMeshdComesWithoutAPause) {
+TEST(MeshdMesh, ReportsLinkDownWhenMeshdRestartsWithoutPause) {
   RobotOnMeshd rig;
   rig.events.clear();
   rig.meshd.restart();
@@ -417,7 +417,7 @@ TEST(MeshdMesh, TellsWhenAnotherMeshdComesWithoutAPause) {
   EXPECT_TRUE(changes[1].is_up);
 }
 
-TEST(MeshdMesh, CommandsWaitNoLongerForAMeshdThatHasGone) {
+TEST(MeshdMesh, EndsCommandsWhenMeshdGoesAway) {
   RobotOnMeshd rig;
   rig.meshd.does_not_answer = true;
   rig.command("cmd", hex("01 00 02 00"));

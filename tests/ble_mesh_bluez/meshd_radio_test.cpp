@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The radio alone: what waits for meshd, in which order it goes, and what a refusal means.
+// The radio alone: its queue for meshd, the order of messages, and the effect of refusals.
 #include "adapters/ble_mesh_bluez/meshd_radio.hpp"
 
 #include <gtest/gtest.h>
@@ -96,7 +96,7 @@ TEST(MeshdRadio, SendsOneMessageAtATimeAndUrgentOnesFirst) {
   rig.settle();
   EXPECT_EQ(rig.sent(), Bytes{9});
   rig.run_for(20ms);
-  EXPECT_EQ(rig.sent(), Bytes{9}) << "it is on the air";
+  EXPECT_EQ(rig.sent(), Bytes{9}) << "the first message is being sent";
   rig.radio.withdraw(destination, Bytes{2});
   rig.run_for(1s);
   EXPECT_EQ(rig.sent(), (Bytes{9, 1, 3}));
@@ -128,7 +128,7 @@ TEST(MeshdRadio, KeepsABoundedNumberOfMessages) {
   }));
 }
 
-TEST(MeshdRadio, SaysWhatMeshdRefusesToSend) {
+TEST(MeshdRadio, ReportsMessagesThatMeshdRefusesToSend) {
   RadioRig rig;
   rig.radio.send(
       {.destination = destination, .payload = hex("8008 00"), .is_under_device_key = true},
@@ -174,7 +174,7 @@ TEST(MeshdRadio, NoticesSoonThatAnIdleMeshdDoesNotAnswer) {
   EXPECT_FALSE(rig.is_up);
 }
 
-TEST(MeshdRadio, EndsAJoinOfWhichMeshdSaysNothing) {
+TEST(MeshdRadio, FailsJoinThatMeshdDoesNotReport) {
   RadioRig rig;
   rig.meshd.does_not_answer = true;
   rig.radio.provision({});
@@ -183,10 +183,10 @@ TEST(MeshdRadio, EndsAJoinOfWhichMeshdSaysNothing) {
   rig.run_for(MeshdRadio::join_time_limit + 100ms);
   ASSERT_EQ(rig.joins.size(), 1u);
   EXPECT_FALSE(rig.joins[0].failure.empty());
-  EXPECT_FALSE(rig.joins[0].may_have_joined) << "it was given no address";
+  EXPECT_FALSE(rig.joins[0].may_have_joined) << "the device got no address";
 }
 
-TEST(MeshdRadio, TellsWhenMeshdEndsADeviceThatItRefused) {
+TEST(MeshdRadio, ReportsEndOfDeviceThatWasRefused) {
   RadioRig rig;
   rig.meshd.robots.add(1);
   ProvisionDevice device;
@@ -203,7 +203,7 @@ TEST(MeshdRadio, TellsWhenMeshdEndsADeviceThatItRefused) {
   EXPECT_EQ(rig.joins[0].failure, "its addresses are taken");
 }
 
-TEST(MeshdRadio, RefusesADeviceThatMeshdTakesWithoutTheStaticOob) {
+TEST(MeshdRadio, RefusesDeviceThatMeshdAcceptsWithoutStaticOob) {
   for (const bool has_oob : {false, true}) {
     RadioRig rig;
     rig.meshd.does_not_answer = true;
@@ -211,7 +211,7 @@ TEST(MeshdRadio, RefusesADeviceThatMeshdTakesWithoutTheStaticOob) {
     device.uuid = {1};
     device.address = destination;
     device.static_oob = Key{7};
-    rig.feed(StaticOobGiven{});  // to an earlier device
+    rig.feed(StaticOobGiven{});  // for an earlier device
     rig.radio.provision(device);
     rig.settle();
     if (has_oob) rig.feed(StaticOobGiven{});
@@ -229,7 +229,7 @@ TEST(MeshdRadio, RefusesADeviceThatMeshdTakesWithoutTheStaticOob) {
   }
 }
 
-TEST(MeshdRadio, AKeyThatComesAfterTheJoinWasGivenUpIsNotTheNextDevices) {
+TEST(MeshdRadio, IgnoresDeviceKeyOfFailedJoin) {
   RadioRig rig;
   rig.meshd.does_not_answer = true;
   ProvisionDevice device;
@@ -252,7 +252,7 @@ TEST(MeshdRadio, AKeyThatComesAfterTheJoinWasGivenUpIsNotTheNextDevices) {
   EXPECT_EQ(rig.joins.size(), 1u);
 }
 
-TEST(MeshdRadio, SaysThatItsNodeWasNotClearedWhenMeshdGoesBeforeItAnswers) {
+TEST(MeshdRadio, ReportsFailedClearWhenMeshdGoesAwayWithoutAnswer) {
   RadioRig rig;
   rig.meshd.does_not_answer = true;
   rig.radio.clear(rig.now);

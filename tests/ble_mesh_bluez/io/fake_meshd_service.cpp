@@ -37,8 +37,7 @@ void append_octets(sd_bus_message* message, const Bytes& octets) {
 
 void demand_no_options(sd_bus_message* message) {
   EXPECT_GT(sd_bus_message_enter_container(message, 'a', "{sv}"), 0);
-  EXPECT_EQ(sd_bus_message_at_end(message, 0), 1)
-      << "meshd refuses an option that it does not know";
+  EXPECT_EQ(sd_bus_message_at_end(message, 0), 1) << "meshd refuses unknown options";
   sd_bus_message_exit_container(message);
 }
 
@@ -142,7 +141,7 @@ int FakeMeshdService::take(sd_bus_message* message, MeshdCall call) {
   return 1;
 }
 
-// --- What the application asks for ---------------------------------------------------------------
+// --- Calls of the application --------------------------------------------------------------------
 
 int FakeMeshdService::look_at_application(sd_bus_message* message, MeshdCall call) {
   owner_ = sd_bus_message_get_sender(message);
@@ -204,7 +203,7 @@ void FakeMeshdService::read_object(sd_bus_message* reply) {
   sd_bus_message_exit_container(reply);
 }
 
-/// Each interface once, with all of its properties in their types.
+/// Checks that each interface occurs once, with all of its properties in their types.
 void FakeMeshdService::read_interface(sd_bus_message* reply, const std::string& path) {
   const char* name = nullptr;
   sd_bus_message_read(reply, "s", &name);
@@ -223,7 +222,7 @@ void FakeMeshdService::read_interface(sd_bus_message* reply, const std::string& 
   const std::string interface = name;
   using Types = std::map<std::string, std::string>;
   const auto keep = [&](std::string& where, const Types& wanted) {
-    EXPECT_EQ(where, "") << interface << " is there twice";
+    EXPECT_EQ(where, "") << interface << " occurs twice";
     EXPECT_EQ(types, wanted) << interface;
     where = path;
   };
@@ -353,7 +352,7 @@ int FakeMeshdService::get_iv_index(sd_bus*, const char*, const char*, const char
   return sd_bus_message_append(reply, "u", node ? node->iv_index : 0);
 }
 
-// --- What the fake says --------------------------------------------------------------------------
+// --- Calls of the fake ---------------------------------------------------------------------------
 
 SdBusMessage FakeMeshdService::call_to(const std::string& path, const char* interface,
                                        const char* member) {
@@ -477,7 +476,7 @@ void FakeMeshdService::answer(const MeshdAnswer& what) {
   EXPECT_GE(sd_bus_send(bus_.get(), made, nullptr), 0);
 }
 
-/// As the real one: an application that answers with an error has not kept the token.
+/// Like the real one: an application that answers with an error has not stored the token.
 int FakeMeshdService::on_token_taken(sd_bus_message* reply, void* self, sd_bus_error*) {
   EXPECT_EQ(sd_bus_message_is_method_error(reply, nullptr), 0);
   service(self).meshd.accept_token();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A FakeMeshd on a bus, as org.bluez.mesh. Looks at the application's objects at Import and Attach,
-// as the real one does, and is strict about their types.
+// A FakeMeshd on a bus, as org.bluez.mesh. Reads the application's objects at Import and Attach, as
+// the real one does, and checks their types.
 #pragma once
 
 #include <systemd/sd-bus.h>
@@ -19,23 +19,23 @@ class FakeMeshdService {
  public:
   explicit FakeMeshdService(std::string address) : address_(std::move(address)) {}
 
-  /// Comes to the bus; leave() takes it away, and what is on its disk stays.
+  /// Joins the bus. leave() leaves it; the state on disk stays.
   void come();
   void leave();
-  /// Takes what came over the bus, and sends what the fake has to say.
+  /// Processes messages from the bus, and sends those of the fake.
   void process();
-  /// As another program on the bus: says a robot's message to the application. The error's name.
+  /// Sends a robot's message to the application as another program; returns the error's name.
   std::string try_to_speak(const std::string& application, const std::string& element,
                            const std::function<void()>& run);
   const std::string& name_of_application() const { return owner_; }
 
   FakeMeshd meshd;
-  std::string application;  ///< paths of its objects, with their interfaces' checks passed
+  std::string application;  ///< its object's path, once its interfaces are checked
   std::string agent;
   std::string element;
-  std::set<std::string> capabilities;  ///< of its agent
-  Bytes prompted;                      ///< the static OOB that it gave
-  /// Each call that either side has made: "gateway org.bluez.mesh.Node1.Send oqqa{sv}ay".
+  std::set<std::string> capabilities;  ///< of the agent
+  Bytes prompted;                      ///< the static OOB that the agent gave
+  /// All calls of both sides: "gateway org.bluez.mesh.Node1.Send oqqa{sv}ay".
   std::set<std::string> calls;
 
  private:
@@ -75,7 +75,7 @@ class FakeMeshdService {
   void say(MeshdEvent& event);
   void answer(const MeshdAnswer& what);
   SdBusMessage call_to(const std::string& path, const char* interface, const char* member);
-  /// `done` null: no answer is wanted.
+  /// Sends without expecting an answer if `done` is null.
   void send(SdBusMessage message, sd_bus_message_handler_t done);
   void note(const char* who, sd_bus_message* call);
   static int on_owner_changed(sd_bus_message* message, void* self, sd_bus_error*);
@@ -86,7 +86,7 @@ class FakeMeshdService {
   std::string owner_;  ///< the application's connection
   std::map<std::uint64_t, Waiting> waiting_;
   std::uint64_t last_number_ = 0;
-  std::uint64_t looking_ = 0;  ///< for which call the objects are looked at
+  std::uint64_t looking_ = 0;  ///< the call for which the objects are read
   std::string app_root_;
 };
 

@@ -20,7 +20,7 @@ namespace {
 
 using test::PrivateBus;
 
-/// What a real meshd and the gateway have called at each other.
+/// Returns the recorded calls between a real meshd and the gateway.
 std::set<std::string> recorded_calls() {
   std::set<std::string> calls;
   std::ifstream file(SLAMGW_VECTORS "/bluez_mesh/calls.txt");
@@ -71,7 +71,7 @@ class MeshdAdapterTest : public ::testing::Test {
   std::unique_ptr<MeshdAdapter> adapter;
 };
 
-TEST_F(MeshdAdapterTest, TakesARobotInAndCarriesAMessageBothWays) {
+TEST_F(MeshdAdapterTest, ProvisionsRobotAndCarriesMessagesBothWays) {
   fake.meshd.robots.add(1);
   fake.come();
   start();
@@ -110,7 +110,7 @@ TEST_F(MeshdAdapterTest, GivesTheStaticOobWhereADeviceAsksForIt) {
   EXPECT_EQ(fake.prompted, fake.meshd.robots.devices[0].static_oob);
 }
 
-TEST_F(MeshdAdapterTest, TakesInNoDeviceWithoutTheStaticOob) {
+TEST_F(MeshdAdapterTest, ProvisionsNoDeviceWithoutStaticOob) {
   settings.provisioning.static_oob = "00112233445566778899aabbccddeeff";
   fake.meshd.robots.add(1);
   fake.come();
@@ -119,7 +119,7 @@ TEST_F(MeshdAdapterTest, TakesInNoDeviceWithoutTheStaticOob) {
   EXPECT_EQ(fake.meshd.robots.devices[0].address, 0);
 }
 
-TEST_F(MeshdAdapterTest, MeshdAndDaemonRestartInTurns) {
+TEST_F(MeshdAdapterTest, ReconnectsAfterMeshdOrDaemonRestarts) {
   fake.come();
   start();
   ASSERT_TRUE(comes_up());
@@ -139,12 +139,12 @@ TEST_F(MeshdAdapterTest, MeshdAndDaemonRestartInTurns) {
   EXPECT_EQ(fake.meshd.attached()->address, settings.address);
 }
 
-TEST_F(MeshdAdapterTest, LetsMeshdForgetAnEarlierAttachment) {
+TEST_F(MeshdAdapterTest, AttachesOnNewConnectionAfterMeshdFailed) {
   fake.come();
   start();
   ASSERT_TRUE(comes_up());
   const std::string before = fake.name_of_application();
-  fake.meshd.is_without_controller = true;  // and so it refuses what keeps the link up
+  fake.meshd.is_without_controller = true;  // so the next call takes the link down
   adapter->manage(ResetBoardOrder{}, [](const OrderAnswer&) {});
   ASSERT_TRUE(eventually([&] {
     return listener.all<LinkChange>().back().detail.find("waits for") != std::string::npos;
@@ -166,7 +166,7 @@ TEST_F(MeshdAdapterTest, WaitsForABus) {
   EXPECT_TRUE(comes_up());
 }
 
-TEST_F(MeshdAdapterTest, SurvivesTheEndOfTheBus) {
+TEST_F(MeshdAdapterTest, ReconnectsAfterBusRestarts) {
   fake.come();
   start();
   ASSERT_TRUE(comes_up());
@@ -178,7 +178,7 @@ TEST_F(MeshdAdapterTest, SurvivesTheEndOfTheBus) {
   EXPECT_TRUE(comes_up());
 }
 
-TEST_F(MeshdAdapterTest, HearsNobodyButMeshd) {
+TEST_F(MeshdAdapterTest, AcceptsCallsOnlyFromMeshd) {
   fake.come();
   start();
   ASSERT_TRUE(comes_up());
@@ -189,7 +189,7 @@ TEST_F(MeshdAdapterTest, HearsNobodyButMeshd) {
   EXPECT_TRUE(listener.all<Report>().empty());
 }
 
-TEST_F(MeshdAdapterTest, StopsAtOnceWhateverMeshdDoes) {
+TEST_F(MeshdAdapterTest, StopsAtOnceWhenMeshdDoesNotAnswer) {
   fake.meshd.does_not_answer = true;
   fake.come();
   start();
