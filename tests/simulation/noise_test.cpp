@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random bytes into every machine of the simulator: nothing crashes, everything stays bounded.
+// Random bytes into every machine of the simulator: no crash, and bounded memory.
 #include <gtest/gtest.h>
 
 #include <algorithm>

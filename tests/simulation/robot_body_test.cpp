@@ -19,7 +19,7 @@ std::vector<Bytes> payloads(std::uint64_t seed, unsigned number, int count) {
   return out;
 }
 
-TEST(RobotBody, SaysTheSameForTheSameSeedAndNumber) {
+TEST(RobotBody, ProducesSamePayloadsForSameSeedAndNumber) {
   EXPECT_EQ(payloads(7, 2, 500), payloads(7, 2, 500));
 }
 
@@ -64,7 +64,7 @@ Place point(const Bytes& update, std::size_t offset) {
           static_cast<double>(get_i16_le(update, offset + 2))};
 }
 
-TEST(RobotBody, LeavesOutWhatIsNotAskedFor) {
+TEST(RobotBody, LimitsObstaclesAndOmitsStrayOctet) {
   BodySettings settings;
   settings.max_obstacles = 1;
   settings.has_stray = false;
@@ -75,7 +75,7 @@ TEST(RobotBody, LeavesOutWhatIsNotAskedFor) {
 }
 
 /// The update of the robots before the thesis: 12 octets after its type.
-TEST(RobotBody, SaysTheFullPayload) {
+TEST(RobotBody, ProducesFullPayload) {
   BodySettings settings;
   settings.payload = BodySettings::Payload::full;
   RobotBody body(1, 1, settings);
@@ -87,7 +87,7 @@ TEST(RobotBody, SaysTheFullPayload) {
   EXPECT_LE(std::abs(get_i16_le(update, 5)), 180);
 }
 
-/// How far obstacles lie from the walls of the room, on average.
+/// Returns the mean distance of obstacles from the walls of the room.
 double room_error_cm(const BodySettings& settings) {
   RobotBody body(3, 1, settings);
   double sum = 0;
@@ -138,7 +138,7 @@ TEST(RobotBody, ThesisTowerStandsWhileTheRobotTurns) {
   EXPECT_GT(drove, 200);
 }
 
-TEST(RobotBody, GoesWhereItIsSent) {
+TEST(RobotBody, DrivesToItsTarget) {
   RobotBody body(1, 1);
   double nearest = 1000;
   body.head_for(40, -30);

@@ -22,7 +22,7 @@ std::string help_of(const char* mesh) {
   return testing::internal::GetCapturedStdout();
 }
 
-TEST(CommandLine, NamesTheWordsThatAnOptionTakes) {
+TEST(CommandLine, HelpNamesValuesOfOptions) {
   for (const char* const mesh : {"thread", "ble"}) {
     const std::string help = help_of(mesh);
     for (const char* const words :
@@ -33,16 +33,16 @@ TEST(CommandLine, NamesTheWordsThatAnOptionTakes) {
   EXPECT_NE(help_of("ble").find("--on-busy cancel|refuse"), std::string::npos);
 }
 
-TEST(CommandLine, AWrongWordIsToldWithTheRightOnes) {
+TEST(CommandLine, ReportsWrongValueWithValidOnes) {
   testing::internal::CaptureStderr();
   const CommandLine line = parse({"thread", "--gateway", "h:1", "--world", "moon"});
-  const std::string told = testing::internal::GetCapturedStderr();
+  const std::string errors = testing::internal::GetCapturedStderr();
   ASSERT_TRUE(std::holds_alternative<int>(line));
   EXPECT_EQ(std::get<int>(line), 2);
-  EXPECT_NE(told.find("--world: 'moon' is not one of ring|room"), told.npos) << told;
+  EXPECT_NE(errors.find("--world: 'moon' is not one of ring|room"), errors.npos) << errors;
 }
 
-TEST(CommandLine, TakesTheWordsOfItsHelp) {
+TEST(CommandLine, AcceptsValuesOfItsHelp) {
   const CommandLine line = parse({"ble", "--tty", "t", "--world", "room", "--robot", "thesis",
                                   "--payload", "probe", "--on-busy", "refuse"});
   ASSERT_TRUE(std::holds_alternative<BleOptions>(line));
@@ -53,7 +53,7 @@ TEST(CommandLine, TakesTheWordsOfItsHelp) {
   EXPECT_EQ(options.on_busy, ble::OnBusy::refuse);
 }
 
-TEST(Impairment, LosesAndDoublesAboutAsManyAsAsked) {
+TEST(Impairment, LosesAndDoublesAtGivenRates) {
   sn::Impairment radio({0.2, 0.1, 0, milliseconds{5}}, Random(1, 1, Random::Use::uplink));
   int lost = 0;
   int doubled = 0;
@@ -67,7 +67,7 @@ TEST(Impairment, LosesAndDoublesAboutAsManyAsAsked) {
   EXPECT_NEAR(doubled, 800, 100);
 }
 
-TEST(Impairment, HoldsSomeBackSoThatOthersOvertake) {
+TEST(Impairment, DelaysDatagramsAtGivenRate) {
   sn::Impairment radio({0, 0, 0.5, milliseconds{0}}, Random(1, 1, Random::Use::uplink));
   int held = 0;
   for (int i = 0; i < 1000; ++i) held += radio.next_fate().at(0) >= milliseconds{5} ? 1 : 0;
@@ -75,7 +75,7 @@ TEST(Impairment, HoldsSomeBackSoThatOthersOvertake) {
 }
 
 /// Four transmissions on each of two hops: 1 - (1 - 0.5^4)^2 is lost.
-TEST(Impairment, RepairsMostLossesOnEachHopWhichTakesTime) {
+TEST(Impairment, RepairsMostLossesOfEachHopWithDelayedRepeats) {
   const sn::Hop hop{0.5, milliseconds{4}};
   sn::Impairment radio({0, 0, 0, milliseconds{0}, {hop, hop}}, Random(1, 1, Random::Use::uplink));
   int lost = 0;
@@ -117,7 +117,7 @@ TEST(CommandLine, HasTheDocumentedDefaults) {
   EXPECT_TRUE(ble.common.body.has_stray);
 }
 
-TEST(CommandLine, TakesTheThesissRobotAndRadio) {
+TEST(CommandLine, AcceptsThesissRobotAndRadio) {
   const auto ble = std::get<BleOptions>(parse(
       {"ble",        "--tty",      "/tmp/board",     "--robot",    "thesis",  "--world",   "room",
        "--mirrored", "--payload",  "full",           "--no-stray", "--stand", "--on-busy", "refuse",
@@ -134,7 +134,7 @@ TEST(CommandLine, TakesTheThesissRobotAndRadio) {
   EXPECT_EQ(ble.common.hop.delay_ms_of(1), 2);
 }
 
-TEST(CommandLine, TakesTheKindsOfThreadClients) {
+TEST(CommandLine, AcceptsKindsOfThreadClients) {
   const auto thread = std::get<ThreadOptions>(
       parse({"thread", "--gateway", "host:1", "--sleep", "30", "--roam", "2.5", "--will-updates",
              "10", "--vanish", "0.5", "--no-clean", "--qos", "-1", "--keep-alive", "5"}));
@@ -155,7 +155,7 @@ TEST(CommandLine, ChoosesTheFirmware) {
   EXPECT_EQ(chosen.firmware->release, "5.0.0");
 }
 
-TEST(CommandLine, RefusesWhatIsNotANumberOfTheRange) {
+TEST(CommandLine, RefusesNumbersOutOfRange) {
   const std::pair<const char*, const char*> wrong[] = {{"--rate", "nan"},
                                                        {"--loss", "nan"},
                                                        {"--retry", "-nan"},
@@ -170,16 +170,16 @@ TEST(CommandLine, RefusesWhatIsNotANumberOfTheRange) {
   for (const auto& [option, value] : wrong) {
     testing::internal::CaptureStderr();
     const CommandLine line = parse({"thread", "--gateway", "h:1", option, value});
-    const std::string told = testing::internal::GetCapturedStderr();
+    const std::string errors = testing::internal::GetCapturedStderr();
     EXPECT_TRUE(std::holds_alternative<int>(line)) << option << " " << value;
-    EXPECT_EQ(told.find(std::string("slam-gateway-sim: ") + option + ": "), 0U) << told;
-    EXPECT_NE(told.find(" is not a number from "), told.npos) << told;
+    EXPECT_EQ(errors.find(std::string("slam-gateway-sim: ") + option + ": "), 0U) << errors;
+    EXPECT_NE(errors.find(" is not a number from "), errors.npos) << errors;
   }
   const auto line = parse({"thread", "--gateway", "h:1", "--seed", "18446744073709551615"});
   EXPECT_EQ(std::get<ThreadOptions>(line).common.seed, std::numeric_limits<std::uint64_t>::max());
 }
 
-TEST(CommandLine, EndsWithTwoForWrongArguments) {
+TEST(CommandLine, ExitsWith2ForWrongArguments) {
   const std::vector<std::vector<const char*>> wrong = {
       {},
       {"ble"},
@@ -209,7 +209,7 @@ TEST(CommandLine, EndsWithTwoForWrongArguments) {
   EXPECT_EQ(std::get<int>(parse({"--help"})), 0);
 }
 
-TEST(Tally, EndsAsOneJsonLine) {
+TEST(Tally, IsPrintedAsOneJsonLine) {
   Tally life;
   life.wakes = 3;
   EXPECT_EQ(

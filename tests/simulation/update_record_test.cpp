@@ -18,7 +18,7 @@ std::string failure_of(const std::string& record, const std::string& trace) {
 }
 
 /// A record on a full disk looked like a whole one, so messages that got lost were not counted.
-TEST(UpdateRecord, NamesTheFileThatTheDiskDidNotTake) {
+TEST(UpdateRecord, NamesFileThatCannotBeWritten) {
   const std::string failure = "/dev/full cannot be written: No space left on device";
   EXPECT_EQ(failure_of("/dev/full", ""), failure);
   EXPECT_EQ(failure_of("", "/dev/full"), failure);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What robots make of a board that forgets its sequence number: their replay lists, the addresses
-// that it sends from, and the acknowledgements of segments.
+// Robots and a board that forgets its sequence number: their replay lists, the addresses that it
+// sends from, and the acknowledgements of segments.
 #include <gtest/gtest.h>
 
 #include "tests/simulation/ble/mesh_host.hpp"
@@ -26,7 +26,7 @@ class ForgetfulBoard : public ::testing::Test {
     device_key_ = host_.provision(robot);
     open_addresses();
   }
-  /// 64 addresses from 0x0001 on; the robot's device key is handle 8, its address handle 0.
+  /// Sets 64 addresses from 0x0001 on; the robot's device key is handle 8, its address handle 0.
   void open_addresses() {
     host_.tell("05 9f 01 00 40 00");
     Bytes add{0x9c, 0x00, 0x01, 0x00, 0x00};
@@ -34,14 +34,14 @@ class ForgetfulBoard : public ::testing::Test {
     host_.command(add);
     host_.tell("03 a4 00 01");
   }
-  /// A power cycle, then the host sets the board up again.
+  /// Power-cycles the board and sets it up again.
   void begin_new_life() {
     host_.network().reboot_board(host_.now());
     host_.run(Board::reboot_time);
     host_.tell("13 92 00 00" + std::string(MeshHost::net_key));
     open_addresses();
   }
-  /// Whether the robot answers (Default TTL Get) when it is asked from this address.
+  /// Returns true if the robot answers a Default TTL Get from this address.
   bool answers(Address source) {
     host_.packets.clear();
     Bytes send{0xab, 8, 0};
@@ -50,7 +50,7 @@ class ForgetfulBoard : public ::testing::Test {
     host_.command(send);
     return host_.await(0xd0, seconds{1}).has_value();
   }
-  /// How many questions from this address stay unanswered before the first that is answered.
+  /// Returns the number of requests from this address without an answer before the first answer.
   int silence(Address source) {
     int asked = 0;
     while (asked < 1000 && !answers(source)) ++asked;
@@ -74,8 +74,8 @@ TEST_F(ForgetfulBoard, IsHeardAtOnceFromAnAddressThatTheRobotDoesNotKnow) {
   EXPECT_EQ(silence(0x0002), 0);
 }
 
-/// The number is one for all its addresses, so a life that lasts long leaves its mark there only.
-TEST_F(ForgetfulBoard, PassesTheOldNumberWithWhateverItSends) {
+/// All addresses of the board share one sequence number.
+TEST_F(ForgetfulBoard, PassesOldNumberWithMessagesFromAnyAddress) {
   for (int i = 0; i < 100; ++i) ASSERT_TRUE(answers(0x0001));
   begin_new_life();
   for (int i = 0; i < 60; ++i) ASSERT_TRUE(answers(0x0002));
@@ -87,9 +87,9 @@ TEST_F(ForgetfulBoard, IsNotHeardInItsFortyFirstLifeUntilTheRobotIsSwitchedOffAn
     ASSERT_EQ(silence(life), 0) << life;
     begin_new_life();
   }
-  EXPECT_EQ(silence(41), 1000) << "the list is full, and nothing makes room";
+  EXPECT_EQ(silence(41), 1000) << "the list is full, and entries are never replaced";
   begin_new_life();
-  EXPECT_EQ(silence(40), 1) << "a known address is still of use, once its number is passed";
+  EXPECT_EQ(silence(40), 1) << "a known address works once its number is passed";
   host_.network().power_cycle_robot(1);
   EXPECT_EQ(silence(41), 0);
 }
@@ -104,11 +104,11 @@ TEST_F(ForgetfulBoard, GetsNoAcknowledgementOfItsSegmentsFromADeafRobot) {
   EXPECT_FALSE(host_.await(0xd2, seconds{60}).has_value());
 }
 
-/// Segments are acknowledged from the address that they were sent to, whatever the host sends from.
+/// The board acknowledges segments from the address that they were sent to.
 TEST_F(ForgetfulBoard, KeepsARobotBusyThatSendsSegmentsToItsOldAddress) {
   host_.ask("00 00 00 00 10 11 12 13 14 15 16 17 18 19 1a 1b 1c 1d 1e 1f");  // AppKey Add
   host_.ask("80 3d 00 01 00 00 59 00 06 00");                                // Model App Bind
-  host_.run(seconds{1});                                   // the first one is still under way
+  host_.run(seconds{1});                                   // the first one is still being sent
   host_.ask("03 00 01 01 00 00 00 04 00 20 59 00 06 00");  // Publication Set
   const auto updates = [&](Duration time) {
     host_.packets.clear();
@@ -131,7 +131,7 @@ TEST_F(ForgetfulBoard, HearsARobotThatWasResetByHandOnlyAfterItsOwnRestart) {
   device_key_ = host_.provision(robot);
   host_.tell("03 9d 08 00");
   open_addresses();
-  EXPECT_FALSE(answers(0x0001)) << "its numbers begin anew, and the board knows higher ones";
+  EXPECT_FALSE(answers(0x0001)) << "its numbers restart, and the board knows higher ones";
   begin_new_life();
   EXPECT_TRUE(answers(0x0002));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A host's own P-256, by another interface of OpenSSL than the simulator's: a mistake in one shows
-// against the other.
+// A host's own P-256, by another interface of OpenSSL than the simulator's, so that a mistake in
+// either one shows.
 #pragma once
 
 #include <openssl/core_names.h>

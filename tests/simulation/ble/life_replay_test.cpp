@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated board and robot go through the recorded life of a gateway, a board and a robot: from
+// A simulated board and robot replay the recorded life of a gateway, a board and a robot: from
 // power on through start-up, provisioning, configuration and commands to the robot's removal.
 #include <gtest/gtest.h>
 
@@ -17,14 +17,14 @@ constexpr std::uint8_t received_packet = 0xd0;
 constexpr std::uint8_t tx_complete = 0xd2;
 constexpr std::size_t message_in_packet = 21;
 
-/// What the robot says by itself: its place in a transcript depends on the clock.
+/// Returns true for messages that the robot sends by itself, whose place depends on the clock.
 bool is_said_by_itself(const std::vector<std::uint8_t>& packet) {
   if (packet[1] != received_packet) return false;
   const std::uint8_t opcode = packet[message_in_packet];
   return opcode == 0xcb || opcode == 0xc9 || opcode == 0xc5 || opcode == 0xc7 || opcode == 0x04;
 }
 
-/// TX Complete comes with the recording's radio at once.
+/// Returns true for TX Complete, which the recording's radio sends at once.
 bool depends_on_clock(const std::vector<std::uint8_t>& packet) {
   return packet[1] == tx_complete || is_said_by_itself(packet);
 }
@@ -33,7 +33,7 @@ bool is_composition(const std::vector<std::uint8_t>& packet) {
   return packet[1] == received_packet && packet[message_in_packet] == 0x02;
 }
 
-/// The recorded robot has another composition: only that it has one counts.
+/// Masks the content of composition data, as the recorded robot has another composition.
 RecordedPacket wanted_of(const RecordedPacket& packet) {
   RecordedPacket wanted = ReplayHost::without_device(packet);
   if (is_composition(packet.octets)) {
@@ -70,9 +70,9 @@ void replay_life(const std::string& name, const BleOptions& options) {
   }
 }
 
-TEST(LifeReplay, GoesAsRecorded) { replay_life("life", MeshHost::unprovisioned()); }
+TEST(LifeReplay, AnswersAsRecorded) { replay_life("life", MeshHost::unprovisioned()); }
 
-TEST(LifeReplay, GoesAsRecordedWithStaticOob) {
+TEST(LifeReplay, AnswersAsRecordedWithStaticOob) {
   BleOptions options = MeshHost::unprovisioned();
   options.static_oob = hex("6e6f726469635f6578616d706c655f31");  // "nordic_example_1"
   replay_life("life_static_oob", options);

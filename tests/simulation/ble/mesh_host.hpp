@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scripted host in front of the whole simulated mesh, on a virtual clock: says commands, keeps
-// the events, and can provision a robot with its own ECDH.
+// A scripted host in front of the whole simulated mesh, on a virtual clock: sends commands,
+// collects events, and can provision a robot with its own ECDH.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,7 @@ class MeshHost {
     return options;
   }
 
-  /// The packets that come back at once, separated by " | ".
+  /// Sends octets; returns the immediate answers, separated by " | ".
   std::string tell(std::string_view command) { return tell(hex(command)); }
   std::string tell(const Bytes& command) {
     const std::size_t before = packets.size();
@@ -47,7 +47,7 @@ class MeshHost {
     }
     return out;
   }
-  /// A command without its length octet.
+  /// Sends a command without its length octet.
   std::string command(Bytes opcode_and_params) {
     opcode_and_params.insert(opcode_and_params.begin(),
                              static_cast<std::uint8_t>(opcode_and_params.size()));
@@ -59,7 +59,7 @@ class MeshHost {
     while (network_.deadline() <= end) step();
     now_ = end;
   }
-  /// The first packet of this event that comes in time, opcode first; what came before is dropped.
+  /// Returns the next packet of this event in time, opcode first; drops earlier packets.
   std::optional<Bytes> await(std::uint8_t event, Duration limit = std::chrono::seconds{70}) {
     const TimePoint end = now_ + limit;
     for (;;) {
@@ -73,13 +73,13 @@ class MeshHost {
     }
   }
 
-  /// Network and application key, address 0x0001.
+  /// Sets network and application key, and address 0x0001.
   void set_up() {
     tell("05 9f 01 00 01 00");
     tell("13 92 00 00" + std::string(net_key));
     tell("15 97 00 00 00 00" + std::string(app_key));
   }
-  /// Capabilities, key pair, scanning; the UUID of the first beacon. Then 0x63 in context 0.
+  /// Starts scanning and provisions the first beacon's device in context 0.
   Bytes start_provisioning(Address address) {
     Bytes keypair = keys.private_key();
     put(keypair, keys.public_key());
@@ -106,13 +106,13 @@ class MeshHost {
     put(out, Bytes{0, 0, 5});
     return out;
   }
-  /// Answers 0xc7 with the right secret.
+  /// Answers event 0xc7 with the right secret.
   std::string answer_ecdh(const Bytes& request) {
     Bytes answer{0x68, request[1]};
     put(answer, keys.shared_secret(ByteView(request).subspan(2, 64)));
     return command(answer);
   }
-  /// The device key.
+  /// Provisions a robot; returns its device key.
   Bytes provision(Address address) {
     start_provisioning(address);
     await(0xc3);
@@ -135,7 +135,7 @@ class MeshHost {
     put_u16_le(publication, address);
     command(publication);
   }
-  /// A message to address handle 0; the answer's payload, or "".
+  /// Sends a message to address handle 0; returns the answer's payload, or "".
   std::string ask(std::string_view payload, std::uint8_t key_handle = 8) {
     packets.clear();
     send(payload, key_handle);
@@ -158,7 +158,7 @@ class MeshHost {
   TimePoint now() const { return now_; }
 
   HostKeyPair keys;
-  std::vector<Bytes> packets;  ///< what the board has said, length octets first
+  std::vector<Bytes> packets;  ///< packets of the board, length octets first
   Handle last_key_handle = 0;
 
  private:

@@ -60,7 +60,7 @@ class NetworkTest : public ::testing::Test {
       fetch();
     }
   }
-  /// What the updates and the first message said, without their opcodes and repeats.
+  /// Returns the payloads of the first message and the updates, without opcodes and repeats.
   std::vector<Bytes> said_by(Address robot) const {
     std::vector<Bytes> out;
     for (const Bytes& payload : heard_.at(robot)) {
@@ -106,7 +106,7 @@ TEST_F(NetworkTest, CarriesEveryUpdateInOrder) {
   }
 }
 
-TEST_F(NetworkTest, CountsWhatTheAirLoses) {
+TEST_F(NetworkTest, CountsUpdatesLostOnAir) {
   BleOptions lossy = options(200);
   lossy.common.loss = 0.1;
   begin(lossy);
@@ -137,7 +137,7 @@ TEST_F(NetworkTest, RepeatsRepairLossesWhenAcknowledged) {
   }
 }
 
-TEST_F(NetworkTest, TakesOneOffTheTtlForEachRelay) {
+TEST_F(NetworkTest, DecrementsTtlForEachRelay) {
   BleOptions far = options(1);
   far.hops = 3;
   begin(far);
@@ -146,7 +146,7 @@ TEST_F(NetworkTest, TakesOneOffTheTtlForEachRelay) {
   EXPECT_EQ(last_ttl_, default_ttl - 2);
 }
 
-TEST_F(NetworkTest, PublishesToTheGatewaysAddressWhenAsked) {
+TEST_F(NetworkTest, PublishesToGatewaysAddressOnRequest) {
   BleOptions unicast = options(5);
   unicast.is_unicast = true;
   begin(unicast);
@@ -185,17 +185,17 @@ TEST_F(NetworkTest, LosesNothingToReplayProtectionWhenMessagesAreOfManyKinds) {
             200);
 }
 
-TEST_F(NetworkTest, RobotsGoOnAfterTheBoardsRestart) {
+TEST_F(NetworkTest, RobotsContinueAfterBoardRestarts) {
   begin(options(50));
   set_up();
   run(seconds{3});
   network_->reboot_board(now_, seconds{2});
   run(seconds{3});
-  set_up();  // it has forgotten everything
+  set_up();  // the board has forgotten everything
   run(seconds{60});
   EXPECT_TRUE(network_->has_sent_everything());
   const std::vector<Bytes> said = said_by(0x0100);
-  EXPECT_GE(said.size(), 50U);  // but for what was in the air
+  EXPECT_GE(said.size(), 50U);  // except for updates in flight
   EXPECT_EQ(said.back(), expected(1, 50).back());
 }
 
@@ -211,7 +211,7 @@ TEST_F(NetworkTest, LosesOnEachHop) {
   EXPECT_NEAR(static_cast<double>(lost), 900 * (1 - 0.9 * 0.9 * 0.9 * 0.9), 60);
 }
 
-TEST_F(NetworkTest, TellsHeartbeatsWhenAsked) {
+TEST_F(NetworkTest, ReportsHeartbeatsOnRequest) {
   BleOptions beating = options(1);
   beating.firmware = &firmware_5_0_0;
   beating.has_heartbeats = true;

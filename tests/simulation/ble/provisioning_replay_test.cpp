@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated board provisions a simulated device as Nordic's board did a device of its release.
+// The simulated board provisions a simulated device as Nordic's board did in each release.
 #include <gtest/gtest.h>
 
 #include "tests/simulation/ble/replay_host.hpp"
@@ -25,14 +25,14 @@ BleOptions options_for(const Transcript& transcript, const std::string& release)
   return options;
 }
 
-/// In these the host sets no key pair; the board has made one.
+/// Returns true for transcripts in which the host sets no key pair, as the board has made one.
 bool has_board_key_pair(const Transcript& transcript) {
   return transcript.name == "provision_wrong_oob" || transcript.name == "provision_bad_choice" ||
          transcript.name == "provision_unasked_oob";
 }
 
-/// The recorded device has the static value at hand although it has not offered it; a simulated one
-/// has none, and fails.
+/// Returns true if the recorded device uses a static OOB that it has not offered; a simulated
+/// device has none, and fails.
 bool ends_otherwise(const Transcript& transcript, const Exchange& exchange) {
   return transcript.name == "provision_unasked_oob" && exchange.answers.size() == 3 &&
          exchange.answers[1].octets[1] == 0xc5;
@@ -68,7 +68,7 @@ void replay_provisioning(const Transcript& transcript, const std::string& releas
   }
 }
 
-TEST(ProvisioningReplay, GoesAsRecorded) {
+TEST(ProvisioningReplay, AnswersAsRecorded) {
   for (const std::string& release : test::releases_of("provisioning.txt")) {
     for (const Transcript& transcript : test::read_transcripts("provisioning.txt", release)) {
       replay_provisioning(transcript, release);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Provisioning through the serial board, with a host that does its own ECDH: the whole way, and
-// each way in which it goes wrong.
+// Provisioning through the serial board, with a host that does its own ECDH: success and each
+// failure.
 #include <gtest/gtest.h>
 
 #include "tests/simulation/ble/mesh_host.hpp"
@@ -41,7 +41,7 @@ TEST(Provisioning, RobotsBeaconEachSecondWhileScanned) {
   EXPECT_TRUE(host.packets.empty());
 }
 
-TEST(Provisioning, GoesTheWholeWay) {
+TEST(Provisioning, CompletesEachStep) {
   MeshHost host(MeshHost::unprovisioned());
   host.set_up();
   host.start_provisioning(0x0123);
@@ -61,10 +61,10 @@ TEST(Provisioning, GoesTheWholeWay) {
   EXPECT_EQ(node.network->address, 0x0123);
   EXPECT_EQ(to_hex(host.await(0xc2).value()), "c2 00 00");
   host.tell("01 61");
-  EXPECT_FALSE(host.await(0xc0, seconds{5}).has_value());  // it beacons no more
+  EXPECT_FALSE(host.await(0xc0, seconds{5}).has_value());  // it sends no more beacons
 }
 
-TEST(Provisioning, RepairsALossyRadio) {
+TEST(Provisioning, CompletesOverLossyRadio) {
   BleOptions options = MeshHost::unprovisioned();
   options.common.loss = 0.4;
   MeshHost host(options);
@@ -84,7 +84,8 @@ TEST(Provisioning, FailsOnAWrongSecret) {
   host.command(wrong);
   EXPECT_EQ(to_hex(host.await(0xc9).value()), "c9 00 04");
   EXPECT_EQ(to_hex(host.await(0xc2).value()), "c2 00 02");
-  EXPECT_EQ(host.provision(0x0100).size(), 16U);  // it beacons again and takes the right one
+  EXPECT_EQ(host.provision(0x0100).size(),
+            16U);  // it sends beacons again and accepts the right key
 }
 
 TEST(Provisioning, FailsOnAPublicKeyOfAnotherPair) {
@@ -137,7 +138,7 @@ TEST_F(StaticOob, IsAskedForAfterTheSecret) {
   EXPECT_EQ(to_hex(host_.await(0xc2).value()), "c2 00 00");
 }
 
-TEST_F(StaticOob, MustBeRight) {
+TEST_F(StaticOob, FailsOnWrongValue) {
   host_.tell("05 66 00 01 00 10");
   host_.answer_ecdh(host_.await(0xc7).value());
   host_.tell("12 67 00 00000000000000000000000000000000");
@@ -145,7 +146,7 @@ TEST_F(StaticOob, MustBeRight) {
   EXPECT_EQ(to_hex(host_.await(0xc2).value()), "c2 00 02");
 }
 
-TEST_F(StaticOob, IsDemanded) {
+TEST_F(StaticOob, IsRequiredByDevice) {
   host_.tell("05 66 00 00 00 00");
   EXPECT_EQ(to_hex(host_.await(0xc9).value()), "c9 00 02");
   EXPECT_EQ(to_hex(host_.await(0xc2).value()), "c2 00 02");
@@ -153,12 +154,12 @@ TEST_F(StaticOob, IsDemanded) {
 
 TEST(Provisioning, GivesEachCommandItsStatus) {
   MeshHost host(MeshHost::unprovisioned());
-  const Bytes nobody(16, 0x77);
-  EXPECT_EQ(host.command(MeshHost::provision_command(2, nobody, 0x0100)), "03 84 63 87");
-  EXPECT_EQ(host.command(MeshHost::provision_command(0, nobody, 0x0100)), "04 84 63 00 00");
-  EXPECT_EQ(host.command(MeshHost::provision_command(0, nobody, 0x0100)), "03 84 63 83");
-  EXPECT_EQ(host.command(MeshHost::provision_command(1, nobody, 0x0101)), "04 84 63 00 01");
-  EXPECT_EQ(host.command(MeshHost::provision_command(1, nobody, 0x0101)), "03 84 63 83");
+  const Bytes unknown(16, 0x77);
+  EXPECT_EQ(host.command(MeshHost::provision_command(2, unknown, 0x0100)), "03 84 63 87");
+  EXPECT_EQ(host.command(MeshHost::provision_command(0, unknown, 0x0100)), "04 84 63 00 00");
+  EXPECT_EQ(host.command(MeshHost::provision_command(0, unknown, 0x0100)), "03 84 63 83");
+  EXPECT_EQ(host.command(MeshHost::provision_command(1, unknown, 0x0101)), "04 84 63 00 01");
+  EXPECT_EQ(host.command(MeshHost::provision_command(1, unknown, 0x0101)), "03 84 63 83");
   EXPECT_EQ(host.tell("05 66 00 00 00 00"), "03 84 66 83");  // out of turn
   EXPECT_EQ(host.tell("02 67 01"), "03 84 67 83");
   EXPECT_EQ(host.tell("03 67 01 00"), "03 84 67 84");
@@ -171,7 +172,7 @@ TEST(Provisioning, GivesEachCommandItsStatus) {
   EXPECT_EQ(host.tell("01 6c"), "");
 }
 
-TEST(Provisioning, ClosesALinkToNobodyAfterAMinute) {
+TEST(Provisioning, ClosesUnansweredLinkAfterMinute) {
   MeshHost host(MeshHost::unprovisioned());
   host.command(MeshHost::provision_command(1, Bytes(16, 0x77), 0x0100));
   host.run(seconds{59});

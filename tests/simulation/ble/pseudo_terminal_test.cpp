@@ -36,13 +36,13 @@ TEST_F(PseudoTerminalTest, CarriesOctetsAsTheyAre) {
   const char octets[] = {0x00, 0x03, 0x0a, 0x0d, 0x11, 0x13, 0x1a, 0x7f};
   ASSERT_EQ(::write(terminal.master(), octets, sizeof octets), 8);
   char read_back[16] = {};
-  ASSERT_EQ(::read(host, read_back, sizeof read_back), 8);  // the pty has them already
+  ASSERT_EQ(::read(host, read_back, sizeof read_back), 8);  // the octets are in the pty already
   EXPECT_EQ(std::string(read_back, 8), std::string(octets, 8));
   EXPECT_EQ(terminal.unread_octets(), 0);
   ::close(host);
 }
 
-TEST_F(PseudoTerminalTest, WorksWhileNoHostIsThere) {
+TEST_F(PseudoTerminalTest, WorksWithoutHost) {
   PseudoTerminal terminal(link_);
   ::close(::open(link_.c_str(), O_RDWR | O_NOCTTY));
   char octet = 0;
@@ -60,13 +60,13 @@ TEST_F(PseudoTerminalTest, ReplacesALinkAndRemovesItsOwn) {
   EXPECT_FALSE(fs::is_symlink(link_));
 }
 
-TEST_F(PseudoTerminalTest, LeavesAFileAlone) {
+TEST_F(PseudoTerminalTest, DoesNotReplaceFile) {
   std::ofstream(link_) << "mine";
   EXPECT_THROW(PseudoTerminal{link_}, std::system_error);
   EXPECT_EQ(fs::file_size(link_), 4U);
 }
 
-TEST_F(PseudoTerminalTest, LetsTheNextHostIn) {
+TEST_F(PseudoTerminalTest, AcceptsNextHost) {
   PseudoTerminal terminal(link_);
   const int host = ::open(link_.c_str(), O_RDWR | O_NOCTTY);
   ASSERT_EQ(ioctl(host, TIOCEXCL), 0);

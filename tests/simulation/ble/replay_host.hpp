@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A host that says what a recorded host said, to a simulated board with one unprovisioned robot.
-// The robot has its own UUID and key pair, so commands that hold the recorded device's UUID, shared
-// secret or device key get this robot's.
+// A host that replays a recorded host to a simulated board with one unprovisioned robot. The robot
+// has its own UUID and key pair, which replace those of the recorded device in commands.
 #pragma once
 
 #include <vector>
@@ -15,11 +14,11 @@ class ReplayHost {
  public:
   explicit ReplayHost(const BleOptions& options) : host_(options) {}
 
-  /// What the board says to the recorded command within `time`, without the beacons after the
-  /// first.
+  /// Returns the board's answers to the recorded command within `time`, without the beacons after
+  /// the first.
   std::vector<Bytes> answers_to(const Bytes& recorded_command, Duration time);
 
-  /// Without the octets that are this robot's own: its UUID, public key and device key.
+  /// Masks this robot's own UUID, public key and device key.
   static test::RecordedPacket without_device(test::RecordedPacket packet);
 
   const MeshHost& mesh() const { return host_; }
@@ -29,12 +28,12 @@ class ReplayHost {
   void learn_from(const Bytes& packet);
 
   MeshHost host_;
-  Bytes uuid_;          ///< once the robot was heard
+  Bytes uuid_;          ///< set once the robot was heard
   Bytes ecdh_request_;  ///< the last event that asked for a shared secret
-  Bytes device_key_;    ///< once the robot is provisioned
+  Bytes device_key_;    ///< set once the robot is provisioned
 };
 
-/// Leaves undefined what comes from `first` on.
+/// Masks `count` octets from `first` on.
 void undefine(test::RecordedPacket& packet, std::size_t first, std::size_t count);
 
 }  // namespace slamgw::sim::ble

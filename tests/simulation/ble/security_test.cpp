@@ -34,7 +34,7 @@ const char* const device_public =
 const char* const expected_ecdh_secret =
     "ab85843a2f6d883f62e5684b38e307335fe6e1945ecd19604105c6f23221eb69";
 
-TEST(Security, DerivesAsTheSamplesSay) {
+TEST(Security, DerivesSampleDataOfS1AndK1) {
   Bytes test;
   put(test, std::string_view("test"));
   EXPECT_EQ(s1(test), key_of("b73cefbd641ef2ea598c2b6efb62f79c"));
@@ -43,7 +43,7 @@ TEST(Security, DerivesAsTheSamplesSay) {
             key_of("f6ed15a8934afbe7d83e8dcb57fcf5d7"));
 }
 
-TEST(Security, AgreesOnASecret) {
+TEST(Security, DerivesSampleSharedSecret) {
   const auto provisioner = array_of<PrivateKey>(provisioner_private);
   const auto device = array_of<PrivateKey>(device_private);
   EXPECT_EQ(public_key_of(provisioner), array_of<PublicKey>(provisioner_public));
@@ -54,7 +54,7 @@ TEST(Security, AgreesOnASecret) {
             array_of<Secret>(expected_ecdh_secret));
 }
 
-TEST(Security, RefusesWhatIsNoKey) {
+TEST(Security, RejectsInvalidKeys) {
   PublicKey off_curve = array_of<PublicKey>(device_public);
   off_curve.back() ^= 1;
   EXPECT_FALSE(shared_secret(array_of<PrivateKey>(device_private), off_curve).has_value());
@@ -64,7 +64,7 @@ TEST(Security, RefusesWhatIsNoKey) {
   EXPECT_EQ(public_key_of(pair.private_key), pair.public_key);
 }
 
-TEST(Security, ProvisionsAsTheSamplesSay) {
+TEST(Security, DerivesSampleDataOfProvisioning) {
   const auto secret = array_of<Secret>(expected_ecdh_secret);
   Bytes inputs = hex("00 0100010000000000000000 0000000000");
   put(inputs, hex(provisioner_public));

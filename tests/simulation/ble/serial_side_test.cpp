@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The built program behind a real pty: signals that power-cycle and restart the board, and what
-// survives.
+// The built program behind a real pty: signals that power-cycle and restart the board, and the
+// state that survives.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -52,7 +52,7 @@ class SerialSideTest : public ::testing::Test {
     const ssize_t size = ::read(port_, buffer, sizeof buffer);
     if (size > 0) put(heard_, ByteView(buffer).first(static_cast<std::size_t>(size)));
   }
-  /// What has been read since the last command, or since the port was opened, comes to contain
+  /// Waits until the octets read since the last command, or since the port was opened, contain
   /// this.
   bool hears(const std::string& octets) {
     return eventually([&] {
@@ -73,7 +73,7 @@ class SerialSideTest : public ::testing::Test {
     EXPECT_TRUE(is_heard) << to_hex(heard_);
     return is_heard;
   }
-  /// Asks for as long as the board does not answer; what it says besides stays in `heard_`.
+  /// Repeats the request until the board answers; other packets stay in `heard_`.
   bool forgets_its_address() {
     const Bytes octets = hex("01 a0");
     if (::write(port_, octets.data(), octets.size()) < 0) return false;
@@ -87,7 +87,7 @@ class SerialSideTest : public ::testing::Test {
     program_->send_signal(SIGUSR1);
     ASSERT_TRUE(eventually([&] { return !fs::is_symlink(link_); }));
     EXPECT_TRUE(has_hung_up());
-    program_->send_signal(SIGUSR1);  // is unplugged already
+    program_->send_signal(SIGUSR1);  // the board is unplugged already
     open_port();
     ASSERT_TRUE(hears("04 81 02 00 fe"));
   }
@@ -105,8 +105,8 @@ class SerialSideTest : public ::testing::Test {
   Bytes heard_;
 };
 
-/// The first time the board says nothing. The second time it cuts what it has said last, whose rest
-/// then seems to be the start event.
+/// After the first restart the board sends no start event. After the second one its last packet is
+/// cut, and the start event looks like its rest.
 TEST_F(SerialSideTest, RestartsTheBoardBehindAnOpenPort) {
   begin();
   open_port();
@@ -162,7 +162,7 @@ TEST_F(SerialSideTest, KeepsItsStateThroughACrash) {
 }
 
 TEST_F(SerialSideTest, ReadsWhileTheHostWrites) {
-  begin({"--baud", "0"});  // else the board drops answers that the line cannot take
+  begin({"--baud", "0"});  // a slower line would make the board drop answers
   open_port();
   const Bytes zeros(255, 0);
   ASSERT_EQ(::write(port_, zeros.data(), zeros.size()), 255);
@@ -170,8 +170,8 @@ TEST_F(SerialSideTest, ReadsWhileTheHostWrites) {
   EXPECT_TRUE(answers("01 14", "07 84 14 00 00 00 00 00"));
 }
 
-/// A robot with ten subscriptions does not survive that all are deleted at once.
-TEST_F(SerialSideTest, EndsWithThreeAfterARobotFailedAnAssertion) {
+/// A robot with ten subscriptions fails an assertion when all are deleted at once.
+TEST_F(SerialSideTest, ExitsWith3AfterRobotFailedAssertion) {
   BleOptions options = ble::MeshHost::unprovisioned();
   options.has_board_storage = true;
   ble::MeshHost host(options);
@@ -193,7 +193,7 @@ TEST_F(SerialSideTest, EndsWithThreeAfterARobotFailedAnAssertion) {
   EXPECT_NE(summary.find(R"("failed_assertions":1)"), std::string::npos) << summary;
 }
 
-TEST_F(SerialSideTest, RefusesAStateFileOfSomethingElse) {
+TEST_F(SerialSideTest, RefusesInvalidStateFile) {
   test::write_file(state_, "{}");
   program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--state", state_,
                                             "--board-storage"});

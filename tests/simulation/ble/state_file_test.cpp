@@ -24,7 +24,7 @@ BleOptions with_storage(unsigned robots = 1) {
   return options;
 }
 
-TEST(StateFile, BringsBoardAndRobotsBack) {
+TEST(StateFile, RestoresBoardAndRobots) {
   BleOptions options = with_storage(2);
   options.common.messages = 5;
   MeshHost first(options);
@@ -75,7 +75,7 @@ TEST(StateFile, NeverGoesBackInSequenceNumbers) {
   EXPECT_EQ(second.network().board().flash().reserved_sequence, used);
 }
 
-TEST(StateFile, RefusesWhatItDidNotWrite) {
+TEST(StateFile, RejectsInvalidStates) {
   Network network(with_storage());
   for (const char* text : {"{", "[]", "{\"board\":{}}", "{\"board\":7,\"nodes\":[]}"}) {
     EXPECT_THROW(restore_state(network, text), std::runtime_error) << text;
@@ -91,7 +91,7 @@ TEST(StateFile, RefusesWhatItDidNotWrite) {
   EXPECT_THROW(restore_state(network, state), std::runtime_error);
 }
 
-TEST(StateFile, IsForItsOwnerOnlyAndReplacedInOneStep) {
+TEST(StateFile, IsReadableByItsOwnerOnlyAndReplacedAtomically) {
   std::string directory = "/tmp/slamgw-sim-XXXXXX";
   ASSERT_NE(mkdtemp(directory.data()), nullptr);
   const std::string path = directory + "/state";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The recorded transcripts can be read, and say what the tests that rest on them need.
+// The recorded transcripts can be read, and contain the content that other tests rely on.
 #include "tests/support/transcript.hpp"
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ bool has(const Transcript& transcript, const std::string& exchange) {
                      [&](const Exchange& e) { return words(e) == exchange; });
 }
 
-TEST(Transcripts, AreThereForTheReleasesThatTheyName) {
+TEST(Transcripts, ExistForEachRelease) {
   const std::vector<std::string> all{"2.2.0", "3.1.0", "5.0.0"};
   for (const char* file : {"start_up.txt", "board.txt", "provisioning.txt"}) {
     EXPECT_EQ(releases_of(file), all) << file;
@@ -52,7 +52,7 @@ TEST(Transcripts, DifferWhereTheReleasesDo) {
           "00 00"));
 }
 
-TEST(Transcripts, RepeatAndMask) {
+TEST(Transcripts, ExpandRepeatsAndMaskOctets) {
   const Transcript start_up = read_transcript("start_up.txt", "start_up", "5.0.0");
   EXPECT_EQ(start_up.exchanges[1].command.size(), 255u);
   EXPECT_EQ(start_up.exchanges[1].answers.size(), 255u);
@@ -67,7 +67,7 @@ TEST(Transcripts, RepeatAndMask) {
   EXPECT_FALSE(answer.matches(sim::hex("03 84 54 00")));
 }
 
-TEST(Transcripts, TellWhatGoesOnAir) {
+TEST(Transcripts, ContainMessagesOnAir) {
   const Transcript board = read_transcript("board.txt", "board", "2.2.0");
   const auto sent = std::find_if(board.exchanges.begin(), board.exchanges.end(),
                                  [](const Exchange& e) { return e.on_air.has_value(); });

@@ -22,7 +22,7 @@ class TwoBoards : public ::testing::Test {
     options.is_acknowledged = true;
     return options;
   }
-  /// Only `answering` acknowledges what it hears.
+  /// Runs two boards; only `answering` acknowledges messages.
   void run(const BleOptions& options, std::size_t answering) {
     network_.emplace(options);
     answering_ = answering;
@@ -103,10 +103,10 @@ TEST_F(TwoBoards, OneFadesOutAndComesBack) {
   EXPECT_EQ(sides_[1].heard, 101);
   EXPECT_GT(sides_[0].heard, 40) << "it loses a third: the mean of a triangle's square";
   EXPECT_LT(sides_[0].heard, 90);
-  EXPECT_LT(rssi_of(0), rssi_of(1) - 5) << "what it hears it hears worse";
+  EXPECT_LT(rssi_of(0), rssi_of(1) - 5) << "its messages have a lower signal level";
 }
 
-TEST_F(TwoBoards, OneGoesOnWhileTheOtherIsUnplugged) {
+TEST_F(TwoBoards, OneWorksWhileOtherIsUnplugged) {
   BleOptions endless = options();
   endless.common.messages = 200;
   network_.emplace(endless);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Thread robot's client on a virtual clock, with verbs of a scripted gateway. Written from the
-// specification's layouts; used by the tests of the client.
+// A Thread robot's client on a virtual clock, with the actions of a scripted gateway. Written from
+// the specification's layouts; used by the tests of the client.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@
 
 namespace slamgw::sim::sn {
 
-/// `receive` and `pass` drive the client; `take` gives what it has sent since.
+/// `receive` and `pass` drive the client; `take` returns its messages since the last call.
 class ClientTest : public ::testing::Test {
  protected:
   void begin(int qos = 1, std::optional<std::uint64_t> messages = 3) {
@@ -27,7 +27,7 @@ class ClientTest : public ::testing::Test {
     fire();
   }
 
-  /// Lets time pass; what the client sends meanwhile is in `sent_`.
+  /// Advances the clock; collects the client's messages in `sent_`.
   void pass(Duration time) {
     const TimePoint end = now_ + time;
     while (client_->deadline() && *client_->deadline() <= end) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Thread robots do on request (sleep, move, change their wills, vanish, publish without a
+// Optional actions of Thread robots (sleep, move, change their wills, vanish, publish without a
 // session), on a virtual clock, against a scripted gateway.
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@ using std::chrono::seconds;
 
 class LifeTest : public ClientTest {
  protected:
-  /// Connected, registered, `adv` and the first update acknowledged; an update each 100 s.
+  /// Connects and registers, and acknowledges `adv` and the first update; an update each 100 s.
   void settle(int qos = 1) {
     settings_.period = seconds{100};
     begin(qos, std::nullopt);
@@ -50,7 +50,7 @@ TEST_F(LifeTest, HearsNothingWhileAsleep) {
   EXPECT_EQ(client_->tally().commands_received, 0U);
 }
 
-TEST_F(LifeTest, WakesTakesWhatIsKeptAndSleepsAgainOnPingresp) {
+TEST_F(LifeTest, WakesReceivesBufferedMessagesAndSleepsAgainOnPingresp) {
   settle_asleep();
   pass(seconds{40});  // 4/5 of the duration
   EXPECT_EQ(take().at(0), pingreq("robot1"));
@@ -87,14 +87,14 @@ TEST_F(LifeTest, ConnectsToPublishWithoutCleanSessionAndWithoutWill) {
   EXPECT_EQ(to_hex(take().back()), "0c 04 00 01 00 3c 72 6f 62 6f 74 31");
   receive("03 05 00");
   const std::vector<Bytes> sent = take();
-  ASSERT_EQ(sent.size(), 1U) << "no registrations: its session goes on";
+  ASSERT_EQ(sent.size(), 1U) << "no registrations: its session continues";
   EXPECT_EQ(ByteView(sent[0])[1], 0x0c);
   acknowledge_all(sent);
   EXPECT_EQ(to_hex(take().at(0)), "04 18 00 32");
   EXPECT_EQ(client_->tally().acknowledged, 2U);
 }
 
-TEST_F(LifeTest, BeginsAnewWhenTheGatewayForgotTheSleeper) {
+TEST_F(LifeTest, SearchesAgainWhenGatewayForgotSleeper) {
   settle_asleep();
   pass(seconds{40});
   take();
@@ -110,7 +110,7 @@ TEST_F(LifeTest, ShortSleepsAreRepeatedSooner) {
   EXPECT_EQ(to_hex(take().at(0)), "04 18 00 02");
 }
 
-TEST_F(LifeTest, SaysGoodbyeFromItsSleep) {
+TEST_F(LifeTest, DisconnectsFromSleep) {
   settle_asleep();
   client_->on_stop(now_);
   collect();
@@ -119,7 +119,7 @@ TEST_F(LifeTest, SaysGoodbyeFromItsSleep) {
   EXPECT_TRUE(client_->is_finished());
 }
 
-TEST_F(LifeTest, TakesUpItsSessionWhenToldDisconnectAtANewAddress) {
+TEST_F(LifeTest, ResumesItsSessionOnDisconnectAtNewAddress) {
   settings_.resumes = true;
   begin(1, 1);
   connect_client();
@@ -129,8 +129,8 @@ TEST_F(LifeTest, TakesUpItsSessionWhenToldDisconnectAtANewAddress) {
   ASSERT_EQ(publishes.size(), 2U);
   client_->on_moved();
   collect();
-  EXPECT_TRUE(take().empty()) << "it tells nobody";
-  receive("02 18");  // what strangers get (section 6.12)
+  EXPECT_TRUE(take().empty()) << "it sends nothing";
+  receive("02 18");  // the answer to unknown clients (section 6.12)
   EXPECT_EQ(to_hex(take().at(0)), "0c 04 00 01 00 3c 72 6f 62 6f 74 31");
   receive("02 18");
   EXPECT_TRUE(take().empty());
@@ -142,7 +142,7 @@ TEST_F(LifeTest, TakesUpItsSessionWhenToldDisconnectAtANewAddress) {
   EXPECT_EQ(client_->tally(), expected);
 }
 
-TEST_F(LifeTest, BeginsAnewWhenItsTopicIdsAreUnknown) {
+TEST_F(LifeTest, SearchesAgainWhenItsTopicIdsAreUnknown) {
   settings_.resumes = true;
   begin(1, 1);
   connect_client();
@@ -190,17 +190,17 @@ TEST_F(LifeTest, HasOneChangeOfItsWillOpenAtATime) {
   pass(seconds{12});
   EXPECT_EQ(take(Type::willtopicupd).size(), 1U);
   pass(seconds{13});
-  EXPECT_EQ(take(Type::willtopicupd).size(), 2U) << "repeats, no second change";
+  EXPECT_EQ(take(Type::willtopicupd).size(), 2U) << "repeats, but no second change";
 }
 
-TEST_F(LifeTest, HasOneRequestOutstandingWhenAskedTo) {
+TEST_F(LifeTest, HasOneRequestOutstandingOnRequest) {
   settings_.outstanding = 1;
   settings_.retry_interval = seconds{1};
   begin(1, 3);
   connect_client();
   EXPECT_EQ(take().size(), 1U);
   pass(seconds{1});
-  EXPECT_EQ(take().size(), 1U) << "the same again";
+  EXPECT_EQ(take().size(), 1U) << "a repeat";
 }
 
 TEST_F(LifeTest, RecordsUpdatesAndTheirAcknowledgements) {
@@ -242,7 +242,7 @@ TEST_F(LifeTest, RecordsCommandsAndTheirRepeats) {
   EXPECT_FALSE(client_->next_event().has_value());
 }
 
-TEST_F(LifeTest, VanishesWithoutAWord) {
+TEST_F(LifeTest, VanishesWithoutDisconnect) {
   settings_.vanishes = true;
   settle();
   take();

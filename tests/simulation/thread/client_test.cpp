@@ -113,7 +113,7 @@ TEST_F(ClientTest, KeepsFourOutstandingAndPausesWhenItsQueueIsFull) {
   EXPECT_EQ(client_->tally(), (Tally{100, 100, 0, 0}));
 }
 
-TEST_F(ClientTest, DropsWhatItsFullQueueCannotHoldWithoutALimit) {
+TEST_F(ClientTest, DropsUpdatesBeyondItsFullQueueWithoutLimit) {
   begin(1, std::nullopt);
   connect_client();
   register_topics();
@@ -151,7 +151,7 @@ TEST_F(ClientTest, CompletesQos2OnPubcompOnly) {
   EXPECT_EQ(client_->tally().sent, 1U);
 }
 
-TEST_F(ClientTest, ForgetsAMessageThatMeetsCongestion) {
+TEST_F(ClientTest, DropsMessageRejectedForCongestion) {
   begin(1, 1);
   connect_client();
   register_topics();
@@ -164,7 +164,7 @@ TEST_F(ClientTest, ForgetsAMessageThatMeetsCongestion) {
   EXPECT_TRUE(take(Type::publish).empty());
 }
 
-TEST_F(ClientTest, AnswersCommandsWithPubackAndKnowsThemByTheirRegack) {
+TEST_F(ClientTest, AnswersCommandsWithPubackAndRecognizesTheirRegack) {
   begin();
   connect_client();
   register_topics();
@@ -173,7 +173,7 @@ TEST_F(ClientTest, AnswersCommandsWithPubackAndKnowsThemByTheirRegack) {
   EXPECT_EQ(to_hex(take().at(0)), "07 0d 00 03 00 11 00");
   receive("08 0c 00 00 04 00 00 31");
   EXPECT_TRUE(take().empty());
-  receive("08 0c 20 00 63 00 12 31");  // an id that no REGACK gave
+  receive("08 0c 20 00 63 00 12 31");  // an id without a REGACK
   EXPECT_EQ(to_hex(take().at(0)), "07 0d 00 63 00 12 00");
   EXPECT_EQ(client_->tally().commands_received, 2U);
   receive("09 0a 00 05 12 34 61 2f 62");
@@ -192,7 +192,7 @@ TEST_F(ClientTest, HearsTheUpdatesOfOthersAndNotItsOwn) {
   receive(publish(1, 9, 71, hex("0a00ecff")));
   EXPECT_EQ(take(Type::puback).size(), 1U);
   receive(publish(1, 2, 72, hex("0a00ecff")));  // its own
-  receive(publish(0, 8, 0, hex("0a00ecff")));   // a topic that it was not told
+  receive(publish(0, 8, 0, hex("0a00ecff")));   // an unknown topic id
   EXPECT_EQ(client_->tally().heard, (std::map<std::string, std::uint64_t>{{"robot7", 1}}));
 }
 
@@ -214,7 +214,7 @@ TEST_F(ClientTest, PingsWithItsIdSixtySecondsAfterConnack) {
   EXPECT_EQ(to_hex(rest[2]), "03 01 01");
 }
 
-TEST_F(ClientTest, IgnoresAnUnaskedDisconnectAndSaysGoodbyeWithOne) {
+TEST_F(ClientTest, IgnoresUnexpectedDisconnectAndEndsWithOne) {
   begin(0, std::nullopt);
   connect_client();
   register_topics();
@@ -229,7 +229,7 @@ TEST_F(ClientTest, IgnoresAnUnaskedDisconnectAndSaysGoodbyeWithOne) {
   EXPECT_TRUE(client_->is_finished());
 }
 
-TEST_F(ClientTest, DoesNotWaitForEverForTheGoodbye) {
+TEST_F(ClientTest, EndsWithoutAnswerToItsDisconnect) {
   begin();
   connect_client();
   client_->on_stop(now_);

@@ -44,7 +44,7 @@ TEST(Packet, UsesTheLongLengthFrom256Octets) {
             "01 01 2c 0c 20 00 05 00 20");
 }
 
-TEST(Packet, ReadsWhatGatewaysSend) {
+TEST(Packet, ReadsMessagesOfGateways) {
   EXPECT_EQ(decode(hex("03 02 01"))->gateway_id, 1);
   EXPECT_EQ(decode(hex("08 02 01 04 0a 00 00 01"))->gateway_id, 1);
   EXPECT_EQ(decode(hex("03 05 01"))->return_code, congestion);
@@ -70,7 +70,7 @@ TEST(Packet, ReadsWhatGatewaysSend) {
   EXPECT_EQ(decode(hex("01 00 05 05 00"))->type, Type::connack);  // long length on a short message
 }
 
-TEST(Packet, RefusesWhatIsNoMessage) {
+TEST(Packet, RejectsInvalidMessages) {
   for (const char* bad : {"",
                           "00",
                           "01",

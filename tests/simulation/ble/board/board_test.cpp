@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The serial board where no transcript tells: torn frames, radio, resets, the transmit buffer.
+// The serial board beyond the transcripts: incomplete frames, radio, resets, the transmit buffer.
 #include "simulation/ble/board/board.hpp"
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ class BoardTest : public ::testing::Test {
     drain();
   }
 
-  /// What the board says to these bytes, packets separated by " | ".
+  /// Returns the board's answer to these bytes, packets separated by " | ".
   std::string exchange(std::string_view bytes) { return exchange(hex(bytes)); }
   std::string exchange(const Bytes& bytes) {
     board_.on_host_bytes(bytes, now_);
@@ -45,14 +45,14 @@ class BoardTest : public ::testing::Test {
     board_.on_deadline(now_);
     return drain();
   }
-  /// Keys, address 0x0001, 0xc002-0xc004 as handles 0-2, robot 0x0100 as handle 3.
+  /// Sets keys, address 0x0001, 0xc002-0xc004 as handles 0-2, robot 0x0100 as handle 3.
   void set_up() {
     for (const char* command : {cmd_subnet_add, cmd_appkey_add, "05 9f 01 00 01 00", "03 a1 02 c0",
                                 "03 a1 03 c0", "03 a1 04 c0", "03 a4 00 01"}) {
       exchange(command);
     }
   }
-  /// The octets from `first` on, each one more than the one before.
+  /// Returns a key of increasing octets from `first` on.
   static Key key_of(std::uint8_t first) {
     Key key{};
     for (std::uint8_t& octet : key) octet = first++;
@@ -69,13 +69,13 @@ class BoardTest : public ::testing::Test {
   Board board_;
 };
 
-/// What a board that is built with storage does otherwise.
+/// The differences of a board that is built with storage.
 class StoringBoardTest : public BoardTest {
  protected:
   StoringBoardTest() : BoardTest(BoardStorage::flash) {}
 };
 
-TEST_F(BoardTest, SaysThatItStarted) {
+TEST_F(BoardTest, ReportsItsStart) {
   Board fresh{firmware_3_1_0, BoardStorage::none, Random(1, 0, Random::Use::provisioning)};
   fresh.on_power_up();
   EXPECT_EQ(to_hex(*fresh.next_host_packet(now_)), "04 81 02 00 fe");
@@ -95,14 +95,14 @@ TEST_F(BoardTest, FramesAsMeasured) {
   EXPECT_EQ(exchange(largest), to_hex(answer));
 }
 
-TEST_F(BoardTest, SwallowsModemManagersProbeAndWhatFollows) {
+TEST_F(BoardTest, ReadsModemManagersProbeAsStartOfPacket) {
   EXPECT_EQ(exchange("41 54 0d"), "");
   EXPECT_EQ(exchange("01 09"), "");
   EXPECT_EQ(exchange(Bytes(61, 0x00)), "03 84 54 84");  // executed as UUID Get of a wrong length
   EXPECT_EQ(exchange("03 02 68 69"), "03 82 68 69");
 }
 
-TEST_F(BoardTest, IsInStepAgainAfter255Zeros) {
+TEST_F(BoardTest, SynchronisesAfter255Zeros) {
   for (const char* torn : {"ff", "ff 02 41", "41 54 0d"}) {
     exchange(torn);
     exchange(Bytes(255, 0x00));
@@ -110,7 +110,7 @@ TEST_F(BoardTest, IsInStepAgainAfter255Zeros) {
   }
 }
 
-TEST_F(BoardTest, SendsAndTellsTheTokenTwice) {
+TEST_F(BoardTest, SendsAndReportsTokenTwice) {
   set_up();
   const char* send = "12 ab 00 00 01 00 03 00 08 00 00 00 cd 59 00 0a 00 ec ff";
   EXPECT_EQ(exchange(send), "07 84 ab 00 01 00 00 00");
@@ -138,7 +138,7 @@ TEST_F(BoardTest, HearsVirtualAddresses) {
   EXPECT_EQ(drain(), "17 d1 00 01 20 00 00 00 00 00 08 01 00 01 f9 0b 6e c1 c4 03 00 82 04 01");
 }
 
-TEST_F(BoardTest, IsNoProxy) {
+TEST_F(BoardTest, IgnoresGroupOfAllProxies) {
   set_up();
   exchange("03 a1 fc ff");
   receive(0x0100, 0xfffc, "82 04 01");
@@ -177,10 +177,10 @@ TEST_F(BoardTest, SendsOneSegmentedMessageToADestinationAtATime) {
   board_.on_transfer_ended(first, true);
   EXPECT_EQ(drain(), "05 d2 01 00 00 00");
   EXPECT_EQ(exchange(segmented), "07 84 ab 00 03 00 00 00");
-  board_.on_transfer_ended(first, true);  // long over
+  board_.on_transfer_ended(first, true);  // ended long ago
   EXPECT_EQ(exchange(segmented), "03 84 ab 83");
   board_.on_transfer_ended(*board_.next_transmission()->transfer, false);
-  EXPECT_EQ(drain(), "");  // a failure shows by what does not come
+  EXPECT_EQ(drain(), "");  // a failed transfer causes no event
   EXPECT_EQ(exchange(segmented), "07 84 ab 00 05 00 00 00");
 }
 
@@ -209,7 +209,7 @@ TEST_F(BoardTest, HearsNothingWithoutKeyOrWhileDisabled) {
   EXPECT_FALSE(board_.hears(sensor_update_group));
 }
 
-TEST_F(BoardTest, DropsSilentlyWhenNobodyReadsAndCountsIt) {
+TEST_F(BoardTest, DropsAndCountsEventsThatHostDoesNotRead) {
   set_up();
   for (int i = 0; i < 20; ++i) receive(0x0100, sensor_update_group, "cb 59 00 0a 00 ec ff 00");
   std::size_t octets = 0;
@@ -225,7 +225,7 @@ TEST_F(BoardTest, DropsSilentlyWhenNobodyReadsAndCountsIt) {
   EXPECT_EQ(exchange("01 14"), "07 84 14 00 00 00 00 00");
 }
 
-/// The sequence number of a short message to the robot 0x0100.
+/// Sends a short message to the robot 0x0100; returns its sequence number.
 std::uint32_t BoardTest::sequence_of_next_message() {
   exchange("0e ab 00 00 01 00 03 00 08 00 00 00 cc 59 00");
   const auto transmission = board_.next_transmission();
@@ -247,8 +247,8 @@ TEST_F(BoardTest, ForgetsEverythingOnReset) {
   EXPECT_EQ(sequence_of_next_message(), 0U);
 }
 
-/// Firmware 5.0.0 lets its host keep the numbers of a board without storage.
-TEST(HostKeptNumbers, GoOnWhereTheHostHasSaid) {
+/// With firmware 5.0.0 the host can set the sequence number of a board without storage.
+TEST(HostKeptNumbers, ContinueFromNumberThatHostSets) {
   const TimePoint now{seconds{1000}};
   Board board{firmware_5_0_0, BoardStorage::none, Random(1, 0, Random::Use::provisioning)};
   board.on_power_up();
@@ -270,7 +270,7 @@ TEST(HostKeptNumbers, GoOnWhereTheHostHasSaid) {
   EXPECT_EQ(exchange("01 af"), "0e 84 af 00 00 00 00 00 00 00 00 00 60 00 00|");
 }
 
-TEST_F(BoardTest, RestartsUnheardWhenItsStartEventIsLost) {
+TEST_F(BoardTest, RestartsWithoutEventWhenItsStartEventIsLost) {
   set_up();
   board_.reboot(now_, Board::reboot_time, StartEvent::lost);
   EXPECT_EQ(pass(Board::reboot_time), "");
@@ -299,7 +299,7 @@ class SlowLineTest : public BoardTest {
  protected:
   SlowLineTest() : BoardTest(BoardStorage::none, Duration{seconds{10}} / 115200) {}
 
-  /// Lets time pass until nothing is under way; what the board has said.
+  /// Runs until the line is idle; returns the board's packets.
   std::string settle() {
     std::string out;
     while (board_.deadline()) {
@@ -311,7 +311,7 @@ class SlowLineTest : public BoardTest {
   }
 };
 
-TEST_F(SlowLineTest, TakesItsTimeEitherWay) {
+TEST_F(SlowLineTest, DelaysOctetsInBothDirections) {
   settle();
   const TimePoint begin = now_;
   EXPECT_EQ(exchange("01 09"), "");
@@ -319,7 +319,7 @@ TEST_F(SlowLineTest, TakesItsTimeEitherWay) {
   EXPECT_EQ(std::chrono::round<microseconds>(now_ - begin), microseconds{694});  // 8 octets
 }
 
-TEST_F(SlowLineTest, DropsWhatItCannotSayInTimeAndCountsIt) {
+TEST_F(SlowLineTest, DropsAndCountsEventsThatLineCannotCarry) {
   exchange(cmd_subnet_add);
   exchange(cmd_appkey_add);
   exchange("05 9f 01 00 01 00 03 a1 03 c0");
@@ -355,7 +355,7 @@ TEST_F(StoringBoardTest, ForgetsItsMemoryButNotItsTablesOnReset) {
   EXPECT_TRUE(board_.hears(sensor_update_group));
 }
 
-TEST_F(StoringBoardTest, GoesOnWithTheNextBlockOfSequenceNumbers) {
+TEST_F(StoringBoardTest, ContinuesWithNextBlockOfSequenceNumbers) {
   set_up();
   for (std::uint32_t i = 0; i < 3; ++i) EXPECT_EQ(sequence_of_next_message(), i);
   exchange("01 0e");
@@ -377,7 +377,7 @@ TEST_F(BoardTest, CanStartConfigured) {
   board_.configure(Key{1}, Key{2});
   EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 01 00 01 00");
   EXPECT_EQ(exchange("01 a8"), "09 84 a8 00 00 00 01 00 02 00");
-  EXPECT_EQ(exchange(cmd_subnet_add), "03 84 92 8e");  // another key than its own
+  EXPECT_EQ(exchange(cmd_subnet_add), "03 84 92 8e");  // not its own key
 }
 
 }  // namespace

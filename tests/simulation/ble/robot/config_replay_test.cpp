@@ -17,7 +17,7 @@ constexpr std::size_t message_in_packet_send = 12;
 constexpr std::uint8_t received_unicast = 0xd0;
 constexpr std::size_t message_in_event = 21;
 
-/// What a message to or from the robot is in a transcript; some octets may be undefined.
+/// A message to or from the robot in a transcript; some octets may be undefined.
 struct Message {
   Bytes octets;
   std::vector<bool> is_defined;
@@ -38,7 +38,7 @@ struct Message {
   }
 };
 
-/// The robot's answer among what the board has said.
+/// Returns the robot's answer among the board's packets.
 std::optional<Message> answer_in(const Exchange& exchange) {
   for (const RecordedPacket& packet : exchange.answers) {
     if (packet.octets[1] != received_unicast) continue;
@@ -48,7 +48,7 @@ std::optional<Message> answer_in(const Exchange& exchange) {
   return std::nullopt;
 }
 
-/// The recorded robot has another maker's number, version and models.
+/// Masks the content of composition data, as the recorded robot has another composition.
 void undefine_composition(Message& answer) {
   constexpr std::size_t product = 4;
   constexpr std::size_t version = 6;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The robot's configuration server where no transcript tells: bounds, what depends on what, and
-// what Nordic's robots do not survive.
+// The robot's configuration server beyond the transcripts: bounds, dependencies, and requests that
+// stop Nordic's robots.
 #include "simulation/ble/robot/config_server.hpp"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ class ConfigServerTest : public ::testing::Test {
     return result.answer ? to_hex(*result.answer) : "";
   }
   void add_key() { ask("00 00 00 00 101112131415161718191a1b1c1d1e1f"); }
-  /// Subscribes the position command server to so many groups, and returns the last status.
+  /// Subscribes the position command server to `count` groups; returns the last status.
   std::string subscribe(int groups) {
     std::string answer;
     for (int i = 0; i < groups; ++i) {
@@ -42,7 +42,7 @@ class ConfigServerTest : public ::testing::Test {
   std::string failed_assertion_;
 };
 
-TEST_F(ConfigServerTest, TellsItsComposition) {
+TEST_F(ConfigServerTest, ReportsItsComposition) {
   const char* const page_0 =
       "02 00 59 00 01 00 01 00 28 00 01 00 00 00 03 06 00 00 02 00 00 10 "
       "59 00 00 00 59 00 04 00 59 00 05 00 59 00 06 00 59 00 08 00 59 00 09 00";
@@ -59,7 +59,7 @@ TEST_F(ConfigServerTest, StoresEightApplicationKeys) {
   EXPECT_EQ(ask("00 00 90 00 101112131415161718191a1b1c1d1e1f"), "80 03 05 00 90 00");
 }
 
-TEST_F(ConfigServerTest, PublishesAsItIsTold) {
+TEST_F(ConfigServerTest, StoresPublicationOfModel) {
   add_key();
   EXPECT_EQ(ask("03 00 01 01 00 00 10 ff 4a 05 02 00"),
             "80 19 00 00 01 01 00 00 10 ff 4a 05 02 00");
@@ -68,7 +68,7 @@ TEST_F(ConfigServerTest, PublishesAsItIsTold) {
   EXPECT_EQ(publish_period(health.period), std::chrono::seconds{10});
 }
 
-TEST_F(ConfigServerTest, SaysNonsenseAboutThePeriodOfWhatHasNone) {
+TEST_F(ConfigServerTest, AnswersUndefinedPeriodForModelWithoutOne) {
   add_key();
   EXPECT_NE(ask("03 00 01 01 00 00 00 04 00 00 59 00 06 00").substr(30, 2), "00");
   EXPECT_EQ(model(sensor_update_client).publication.period, 0);
@@ -91,7 +91,7 @@ TEST_F(ConfigServerTest, OverwritesSubscriptions) {
   EXPECT_EQ(groups, std::vector<Address>{0xc010});
 }
 
-TEST_F(ConfigServerTest, DeletesAKeyWithWhatUsesIt) {
+TEST_F(ConfigServerTest, DeletesKeyWithItsBindingsAndPublications) {
   add_key();
   ask("80 3d 00 01 00 00 59 00 06 00");
   ask("03 00 01 01 00 00 00 04 00 00 59 00 06 00");
@@ -117,7 +117,7 @@ TEST_F(ConfigServerTest, ResetsTheNodeAfterItsAnswer) {
   EXPECT_FALSE(was_reset_);
 }
 
-TEST_F(ConfigServerTest, IgnoresTheUnknownAndTheTorn) {
+TEST_F(ConfigServerTest, IgnoresUnknownAndTruncatedMessages) {
   for (const char* message : {"", "80", "81 99 00", "7f", "c0 59", "03", "80 1b 00 01 04",
                               "03 00 01 01 00 00 00 04 00 00 59", "80 1d 00 01 02 c0 59 00 09 00",
                               "80 3d 00 01 00 00 59 00 06", "00 00 00 00 10"}) {
@@ -126,7 +126,7 @@ TEST_F(ConfigServerTest, IgnoresTheUnknownAndTheTorn) {
   EXPECT_EQ(failed_assertion_, "");
 }
 
-TEST_F(ConfigServerTest, DoesNotSurviveThatManySubscriptionsAreClearedAtOnce) {
+TEST_F(ConfigServerTest, FailsAssertionWhenManySubscriptionsAreClearedAtOnce) {
   ASSERT_EQ(configuration_.models.size(), 9U);
   for (const char* clear : {"80 1d 00 01 59 00 09 00", "80 1e 00 01 10 c0 59 00 09 00",
                             "80 22 00 01 505152535455565758595a5b5c5d5e5f 59 00 09 00"}) {
@@ -140,12 +140,12 @@ TEST_F(ConfigServerTest, DoesNotSurviveThatManySubscriptionsAreClearedAtOnce) {
       EXPECT_EQ(ask(clear, *firmware), "") << clear;
       EXPECT_NE(failed_assertion_, "") << clear;
     }
-    ask("80 1c 00 01 00 c1 59 00 09 00");  // one by one is good
+    ask("80 1c 00 01 00 c1 59 00 09 00");  // single deletions cause no failure
     EXPECT_EQ(failed_assertion_, "");
   }
 }
 
-TEST_F(ConfigServerTest, DoesNotSurviveAForbiddenPublicationTtlUpToRelease420) {
+TEST_F(ConfigServerTest, FailsAssertionOnProhibitedTtlUpToRelease420) {
   add_key();
   for (const char* set :
        {"03 00 01 01 00 00 00 80 00 00 59 00 06 00", "03 00 01 01 00 00 00 fe 00 00 59 00 06 00"}) {

@@ -19,7 +19,7 @@ class HeartbeatsTest : public ::testing::Test {
     data.address = 0x0100;
     configuration_.join(data, Key{});
   }
-  /// Nothing answered: "".
+  /// Returns the answer to a message, or "".
   std::string ask(std::string_view message) {
     const auto answer = heartbeats_.on_message(hex(message), configuration_, now_);
     return answer && *answer ? to_hex(**answer) : "";
@@ -57,7 +57,7 @@ TEST_F(HeartbeatsTest, PublishesTheFirstAtOnceAndThenOneEachPeriod) {
   EXPECT_EQ(published(seconds{3}), 3U);
   EXPECT_EQ(ask("80 38"), "06 00 02 c0 03 01 05 00 00 00 00") << "4 are left";
   EXPECT_EQ(published(milliseconds{1000}), 1U);
-  EXPECT_EQ(ask("80 38"), "06 00 02 c0 03 01 05 00 00 00 00") << "3 are told as 4";
+  EXPECT_EQ(ask("80 38"), "06 00 02 c0 03 01 05 00 00 00 00") << "3 are reported as 4";
   EXPECT_EQ(published(seconds{100}), 3U);
   EXPECT_FALSE(heartbeats_.deadline());
   EXPECT_EQ(ask("80 38"), "06 00 02 c0 00 01 05 00 00 00 00");
@@ -71,7 +71,7 @@ TEST_F(HeartbeatsTest, PublishesNoMoreWhenItIsSwitchedOff) {
   EXPECT_EQ(ask("80 38"), "06 00 00 00 00 00 00 00 00 00 00");
 }
 
-TEST_F(HeartbeatsTest, RefusesWhatCannotBePublished) {
+TEST_F(HeartbeatsTest, RefusesInvalidPublications) {
   EXPECT_EQ(ask("80 39 02 c0 04 01 05 00 00 01 00"), "06 04 02 c0 04 01 05 00 00 01 00");
   for (const char* request : {"02 c0 11 01 05 00 00 00 00", "02 c0 04 12 05 00 00 00 00",
                               "02 c0 04 01 80 00 00 00 00", "02 80 04 01 05 00 00 00 00"})
@@ -81,14 +81,14 @@ TEST_F(HeartbeatsTest, RefusesWhatCannotBePublished) {
   EXPECT_EQ(published(seconds{9}), 0U);
 }
 
-TEST_F(HeartbeatsTest, CountsThoseOfOneSourceToOneDestination) {
+TEST_F(HeartbeatsTest, CountsHeartbeatsOfOneSourceToOneDestination) {
   EXPECT_EQ(ask("80 3a"), "80 3c 00 00 00 00 00 00 00 00 00");
   EXPECT_EQ(ask("80 3b 01 01 02 c0 04"), "80 3c 00 01 01 02 c0 04 00 7f 00");
   hear(1, 3);
   hear(6, 2);
   hear(5, 1, 0x0102);
   hear(5, 1, 0x0101, 0xc003);
-  EXPECT_EQ(ask("80 3a"), "80 3c 00 01 01 02 c0 04 03 02 03") << "7 are told as 4";
+  EXPECT_EQ(ask("80 3a"), "80 3c 00 01 01 02 c0 04 03 02 03") << "7 are reported as 4";
   hear(1, 2);
   EXPECT_EQ(ask("80 3a"), "80 3c 00 01 01 02 c0 04 04 02 03");
   now_ += seconds{8};
@@ -120,7 +120,7 @@ TEST_F(OldHeartbeatsTest, HearsTheGroupsOfItsModelsAlone) {
   EXPECT_TRUE(heartbeats_.hears(0xc002, configuration_));
 }
 
-TEST_F(OldHeartbeatsTest, TheFirstWaitsForATransmission) {
+TEST_F(OldHeartbeatsTest, FirstHeartbeatWaitsForTransmission) {
   ask(publish_8);
   EXPECT_FALSE(heartbeats_.next());
   heartbeats_.on_transmitted();
@@ -130,7 +130,7 @@ TEST_F(OldHeartbeatsTest, TheFirstWaitsForATransmission) {
   EXPECT_EQ(published(seconds{20}), 7U);
 }
 
-TEST_F(OldHeartbeatsTest, StopsWhenItIsToldTwiceBeforeATransmission) {
+TEST_F(OldHeartbeatsTest, FailsAssertionOnTwoRequestsBeforeTransmission) {
   ask(publish_8);
   heartbeats_.on_transmitted();
   EXPECT_NE(ask(publish_8), "");

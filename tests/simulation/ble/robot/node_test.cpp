@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot in the mesh as its configuration makes it: who can configure it, what it publishes and
-// takes, replay protection, and its way back out.
+// A robot in the mesh: access to its configuration, publications, commands, replay protection, and
+// its removal.
 #include "simulation/ble/robot/node.hpp"
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ class NodeTest : public ::testing::Test {
   }
   explicit NodeTest(const BleOptions& with = options()) : host_(with) { host_.adopt(0x0100); }
 
-  /// The opcode octets of what arrives from the robot.
+  /// Returns the opcode octets of the messages that arrive from the robot.
   std::vector<std::uint8_t> said(Duration time = seconds{20}) {
     host_.packets.clear();
     host_.run(time);
@@ -97,12 +97,12 @@ TEST_F(NodeTest, PublishesItsHealthAtTheConfiguredPeriod) {
   EXPECT_EQ(said(seconds{20}), std::vector<std::uint8_t>(5, 0x04));
 }
 
-TEST_F(NodeTest, SpeaksWithTheOldKeyUntilTheNewOneIsInForce) {
+TEST_F(NodeTest, SendsUnderOldKeyUntilNewOneIsInForce) {
   configure_updates();
   const Key old_key = host_.network().nodes()[0].configuration().net_keys[0].key;
   host_.ask("80 45 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
   EXPECT_EQ(said(), std::vector<std::uint8_t>(5, 0xcb));
-  EXPECT_EQ(host_.ask("80 16 00 00 02"), "");  // it answers under the new key
+  EXPECT_EQ(host_.ask("80 16 00 00 02"), "");  // the answer is under the new key
   host_.tell("13 93 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
   EXPECT_EQ(host_.ask("80 16 00 00 02"), "80 17 00 00 00 02");  // the board hears both
   EXPECT_EQ(host_.ask("80 08 00").substr(0, 2), "02");
@@ -111,7 +111,7 @@ TEST_F(NodeTest, SpeaksWithTheOldKeyUntilTheNewOneIsInForce) {
   EXPECT_NE(host_.network().nodes()[0].configuration().net_keys[0].key, old_key);
 }
 
-TEST_F(NodeTest, IsGoneAfterAFailedAssertion) {
+TEST_F(NodeTest, StopsAfterFailedAssertion) {
   configure_updates();
   for (const char* group : {"00", "01", "02", "03", "04", "05", "06", "07", "08", "09"}) {
     host_.ask("80 1b 00 01 " + std::string(group) + "c1 59 00 09 00");
@@ -211,7 +211,7 @@ TEST_F(LossyNodeTest, GetsSegmentedMessagesByRepeats) {
   int completed = 0;
   for (int i = 0; i < 20; ++i) {
     EXPECT_EQ(host_.send(add_key).substr(0, 8), "07 84 ab");
-    EXPECT_EQ(host_.send(add_key), "03 84 ab 83");  // the first is under way
+    EXPECT_EQ(host_.send(add_key), "03 84 ab 83");  // the first is still being sent
     host_.packets.clear();
     host_.run(seconds{4});
     completed += std::any_of(host_.packets.begin(), host_.packets.end(),
@@ -221,7 +221,7 @@ TEST_F(LossyNodeTest, GetsSegmentedMessagesByRepeats) {
   ASSERT_EQ(host_.network().nodes()[0].configuration().app_keys.size(), 1U);
 }
 
-TEST_F(NodeTest, TakesAsLongAsOnAirWhenAsked) {
+TEST_F(NodeTest, TakesAirTimeOfSegmentsOnRequest) {
   BleOptions timed = options();
   timed.has_segment_timing = true;
   MeshHost host(timed);
@@ -237,7 +237,7 @@ TEST_F(NodeTest, TakesAsLongAsOnAirWhenAsked) {
   EXPECT_EQ(host.now() - second, milliseconds{2500});
 }
 
-TEST_F(NodeTest, NeverCompletesASegmentedMessageToNobody) {
+TEST_F(NodeTest, NeverCompletesSegmentedMessageToUnknownAddress) {
   host_.tell("03 a4 77 07");  // address handle 1: no robot has this address
   EXPECT_EQ(host_.tell("17 ab 00 00 01 00 01 00 04 00 00 00 c5 59 00 01 02 03 04 05 06 07 08 09")
                 .substr(0, 8),

@@ -42,7 +42,7 @@ class RobotTest : public ::testing::Test {
       sent_.push_back({now_ - begin_, outgoing->message});
     }
   }
-  /// A message from the gateway; the robot's answer, or "".
+  /// Delivers a message from the gateway; returns the robot's answer, or "".
   std::string ask(std::string_view payload, Address destination = first_robot) {
     sent_.clear();
     robot_->on_message({0x0001, destination, 4, hex(payload)}, now_);
@@ -75,7 +75,7 @@ TEST_F(RobotTest, IntroducesItselfThenPublishesToItsGroups) {
   EXPECT_TRUE(robot_->has_sent_everything());
 }
 
-/// The STATUS of a repeat that comes after the next message acknowledges nothing (the daemon's
+/// The STATUS of a repeat acknowledges nothing after the next message was sent (the daemon's
 /// README on BLE, "What robots' firmware should do").
 TEST_F(RobotTest, ANumberedMessageTakesOnlyItsOwnStatus) {
   RobotSettings settings;
@@ -134,7 +134,7 @@ TEST_F(RobotTest, CompletesOnTheRightStatusSentToItsOwnAddress) {
   settings.messages = 1;
   begin(settings);
   pass(milliseconds{1});
-  ask("cc 59 00 00");  // not the status it waits for
+  ask("cc 59 00 00");  // another status than the expected one
   pass(milliseconds{299});
   EXPECT_EQ(to_hex(ByteView(sent_.at(0).message.payload).first(1)), "c5");
   ask("c8 59 00 00", min_com_group);
@@ -146,7 +146,7 @@ TEST_F(RobotTest, CompletesOnTheRightStatusSentToItsOwnAddress) {
   EXPECT_TRUE(robot_->has_sent_everything());
 }
 
-TEST_F(RobotTest, LosesUpdatesBehindAReliableOneUnlessTheyAreCounted) {
+TEST_F(RobotTest, LosesUpdatesBehindReliableOneUnlessTheirNumberIsSet) {
   RobotSettings settings;
   settings.is_acknowledged = true;
   begin(settings);
@@ -162,7 +162,7 @@ TEST_F(RobotTest, RecordsUpdatesAndTheirAcknowledgements) {
   settings.is_acknowledged = settings.is_recorded = true;
   begin(settings);
   pass(milliseconds{1});
-  ask("c8 59 00 00");  // of the introduction, which is no update
+  ask("c8 59 00 00");  // for the introduction, which is not an update
   pass(milliseconds{1200});
   ask("cc 59 00 00");
   RobotBody body(1, 1);
@@ -177,7 +177,7 @@ TEST_F(RobotTest, RecordsUpdatesAndTheirAcknowledgements) {
   EXPECT_TRUE(later.back().is_acknowledged());
   EXPECT_EQ(later.back().number, 1U);
   for (const UpdateEvent& event : later) {
-    EXPECT_NE(event.kind, UpdateEvent::Kind::sent) << "what it lost meanwhile was not sent";
+    EXPECT_NE(event.kind, UpdateEvent::Kind::sent) << "updates that are lost are not sent";
   }
 }
 
@@ -226,7 +226,7 @@ TEST_F(RobotTest, SegmentedMessagesToAGroupComeEach2600Milliseconds) {
   EXPECT_EQ(sent_[3].at - sent_[2].at, milliseconds{2600});
 }
 
-TEST_F(RobotTest, SaysProbesOnTheModelOfFigure71) {
+TEST_F(RobotTest, SendsProbesOnModelOfFigure71) {
   RobotSettings settings;
   settings.messages = 2;
   now_ = begin_;
@@ -299,7 +299,7 @@ TEST_F(RobotTest, PublishesItsHealthEachTenSeconds) {
   EXPECT_EQ(health, 3);
 }
 
-TEST_F(RobotTest, IsBlockedBySegmentedGroupMessagesWhenAsked) {
+TEST_F(RobotTest, WaitsForSegmentedGroupMessagesOnRequest) {
   RobotSettings settings;
   settings.has_segment_timing = true;
   settings.messages = 3;
@@ -320,7 +320,7 @@ TEST(Access, CountsSegmentsAndTimes) {
   EXPECT_EQ(reliable_interval(4, 12), milliseconds{320});
 }
 
-TEST_F(RobotTest, CountsWhatItHearsOfOtherMeshesAndAnswersNothing) {
+TEST_F(RobotTest, CountsUpdatesOfOtherMeshesWithoutAnswering) {
   RobotSettings settings;
   settings.is_recorded = true;
   begin(settings);
