@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A third mesh, "zigbee", made as ARCHITECTURE.md says ("How to add a mesh"): a value in mesh.hpp,
-// a machine, a shell. Nothing else of the daemon is changed, and traffic passes both ways.
+// a machine, a shell. The rest of the daemon is unchanged, and messages pass both ways.
 #include <gtest/gtest.h>
 #include <mqtt/async_client.h>
 
@@ -25,7 +25,7 @@ using namespace std::chrono_literals;
 static_assert(all_meshes.size() == 3);
 static_assert(to_string(Mesh::zigbee) == "zigbee");
 
-/// By radio to a robot.
+/// A message to a robot by radio.
 struct Transmit {
   std::string robot;
   std::string text;
@@ -110,7 +110,7 @@ class ZigbeeShell final : public MeshShell<ZigbeeMachine> {
   MachineDriver<ZigbeeMachine> driver_;
 };
 
-/// What App does with the core, and a broker that takes everything.
+/// The core wired as in App, and a broker that accepts everything.
 class ThirdMesh : public testing::Test, private MeshListener {
  protected:
   void SetUp() override {
@@ -187,12 +187,12 @@ TEST_F(ThirdMesh, CarriesCommandsDownAndTheirOutcomesBack) {
   EXPECT_EQ(mesh.sent.back(), "z1 go");
   mesh.driver()->on_acknowledgement("z1", read_clocks());
   EXPECT_EQ(last_at("p/gateway/g/commands/z1")["outcome"], "delivered");
-  server_sends("nobody");
+  server_sends("unknown");
   EXPECT_EQ(mesh.sent.back(), "z1 go");
-  EXPECT_EQ(last_at("p/gateway/g/commands/nobody")["outcome"], "refused");
+  EXPECT_EQ(last_at("p/gateway/g/commands/unknown")["outcome"], "refused");
 }
 
-TEST(ThirdMeshParts, HaveAPlaceForIt) {
+TEST(ThirdMeshParts, HandleNewMesh) {
   ServiceState state;
   state.mesh_is_up[Mesh::zigbee] = true;
   EXPECT_EQ(service_status(state, 0), "broker down, zigbee up, 0 robots online, 0 msg/s");
@@ -211,7 +211,7 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
     const BrokerMessage before{"t", {}, Qos::at_least_once, false, Provenance{mesh, WallTime{7s}}};
     const BrokerMessage after = decode_message(encode_message({{}, before})).value().message;
     ASSERT_TRUE(after.provenance);
-    EXPECT_EQ(after.provenance->mesh, mesh) << "after a stay on the disk";
+    EXPECT_EQ(after.provenance->mesh, mesh) << "after it was stored";
   }
   Bytes record =
       encode_message({{}, {"t", {}, Qos::at_least_once, false, Provenance{Mesh::ble, {}}}});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is published of a Thread border router, and when.
+// The published state of a Thread border router, and its times.
 #include "adapters/thread_border_router/border_router_watch.hpp"
 
 #include <gtest/gtest.h>
@@ -53,7 +53,7 @@ class BorderRouterWatchTest : public ::testing::Test {
   std::string published;
 };
 
-TEST_F(BorderRouterWatchTest, PublishesWhatTheBorderRouterKnows) {
+TEST_F(BorderRouterWatchTest, PublishesStateOfBorderRouter) {
   watch.on_broker_link(true);
   watch.on_came(now.mono);
   pass(seconds(0));
@@ -70,7 +70,7 @@ TEST_F(BorderRouterWatchTest, PublishesWhatTheBorderRouterKnows) {
   EXPECT_EQ(watch.role(), "leader");
 }
 
-TEST_F(BorderRouterWatchTest, SaysNullWhereNothingIsKnown) {
+TEST_F(BorderRouterWatchTest, PublishesNullForUnknownValues) {
   watch.on_broker_link(true);
   watch.on_came(now.mono);
   NodeFacts facts;
@@ -112,9 +112,9 @@ TEST_F(BorderRouterWatchTest, PublishesChangesAndEverythingAtEachConnection) {
   EXPECT_EQ(done(), Lines{"publish"});
 }
 
-TEST_F(BorderRouterWatchTest, TakesItBackWhenThereIsNoBorderRouter) {
+TEST_F(BorderRouterWatchTest, ClearsStateWhenThereIsNoBorderRouter) {
   watch.on_broker_link(true);
-  EXPECT_EQ(done(), Lines{}) << "it is not known yet";
+  EXPECT_EQ(done(), Lines{}) << "the state is not known yet";
   watch.on_gone();
   EXPECT_EQ(done(), Lines{"take back"}) << "an earlier run may have left it";
   watch.on_gone();
@@ -137,7 +137,7 @@ TEST_F(BorderRouterWatchTest, ReadsRegularlyAndSoonerAfterAChange) {
   EXPECT_EQ(watch.deadline(), now.mono + seconds(10));
   const TimePoint reported = now.mono;
   for (int i = 0; i < 100; ++i) watch.on_changed(now.mono += std::chrono::milliseconds(1));
-  EXPECT_LE(watch.deadline(), reported + seconds(2)) << "more changes put it off no further";
+  EXPECT_LE(watch.deadline(), reported + seconds(2)) << "more changes do not delay it further";
   pass(seconds(1));
   EXPECT_EQ(done(), Lines{"read"});
 }
@@ -152,7 +152,7 @@ TEST_F(BorderRouterWatchTest, WarnsOfAProblemOnce) {
   EXPECT_EQ(done(), Lines{});
 }
 
-TEST_F(BorderRouterWatchTest, FitsIntoWhatAPageTakes) {
+TEST_F(BorderRouterWatchTest, StaysBelow64KibWithMostNeighbours) {
   watch.on_broker_link(true);
   watch.on_came(now.mono);
   NodeFacts facts = leader();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // otbr-agent on a bus, as ot-br-posix 2026.08 answers there: its properties one by one, with the
-// types of its source (src/dbus/server/introspect.xml), and errors for what a state does not have.
+// types of its source (src/dbus/server/introspect.xml), and errors for properties without a value.
 #pragma once
 
 #include <cstdint>
@@ -29,9 +29,9 @@ class FakeOtbrAgent {
 
   void come();
   void leave() { bus_.reset(); }
-  /// Answers what came over the bus.
+  /// Answers calls from the bus.
   void process();
-  /// As otbr-agent reports it.
+  /// Reports a new role, as otbr-agent does.
   void change_role(const std::string& to);
 
   std::string role = "leader";

@@ -50,7 +50,7 @@ class BorderRouterTest : public ::testing::Test {
                       [this](Notice& notice) { said.push_back(notice.text); }, bus->address()};
 };
 
-TEST_F(BorderRouterTest, ReadsWhatOtbrAgentTellsAndNoKey) {
+TEST_F(BorderRouterTest, ReadsStateOfOtbrAgentAndNoKey) {
   agent.neighbours = {{0x1122334455667788, 0x4401, 2, -71, false, true},
                       {0x99aabbccddeeff00, 0x8000, 3, 127, true, false}};
   document = "{}";
@@ -73,7 +73,7 @@ TEST_F(BorderRouterTest, ReadsWhatOtbrAgentTellsAndNoKey) {
                                    "NeighborTable", "NetworkName", "Rloc16"}));
 }
 
-TEST_F(BorderRouterTest, LeavesOutATableOfAnotherType) {
+TEST_F(BorderRouterTest, IgnoresTableOfAnotherType) {
   agent.table_type = test::FakeOtbrAgent::older_table;
   agent.neighbours = {{0x1122334455667788, 0x4401, 2, -71, true, true}};
   document = "{}";
@@ -85,7 +85,7 @@ TEST_F(BorderRouterTest, LeavesOutATableOfAnotherType) {
       << said.back();
 }
 
-TEST_F(BorderRouterTest, HearsOfARoleAndKnowsNoLeaderWithoutANetwork) {
+TEST_F(BorderRouterTest, FollowsRoleAndReportsNoLeaderWithoutNetwork) {
   document = "{}";
   agent.come();
   ASSERT_TRUE(has_role("leader")) << document;
@@ -96,7 +96,7 @@ TEST_F(BorderRouterTest, HearsOfARoleAndKnowsNoLeaderWithoutANetwork) {
   EXPECT_EQ(said.size(), 1u) << said.back();
 }
 
-TEST_F(BorderRouterTest, TakesItBackWhenOtbrAgentOrTheBusGoes) {
+TEST_F(BorderRouterTest, ClearsStateWhenOtbrAgentOrBusGoesAway) {
   ASSERT_TRUE(eventually([&] { return document.empty(); })) << "no otbr-agent yet";
   EXPECT_TRUE(said.empty());
   agent.come();
