@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # A throw-away Debian that runs one command. Sourced by tests/system/run, which sets $work, $suite and $arch, together with
-# container.sh or machine.sh: these say what it is made of (extra_packages, tree_options) and how it boots (make_guest,
+# container.sh or machine.sh: these define its content (extra_packages, tree_options) and how it boots (make_guest,
 # boot).
 # shellcheck shell=bash disable=SC2154
 
@@ -9,8 +9,8 @@ die() { printf './dev system-test: %s\n' "$*" >&2; exit 1; }
 
 guest_packages=systemd,systemd-sysv,dbus,kmod,procps,iproute2,python3,openssl,mosquitto,mosquitto-clients
 
-# make_guest_tree NAME: the tree that every guest is a copy of, with what our packages depend on ready to be installed
-# offline.
+# make_guest_tree NAME: the tree that every guest is a copy of, with our packages' dependencies ready for an offline
+# installation.
 make_guest_tree() {
   tree=$work/$1-$suite
   # shellcheck disable=SC2016 # "$1" is mmdebstrap's
@@ -27,7 +27,7 @@ make_guest_tree() {
   mkdir "$tree/root/debs"
   cp "$work"/debs/*.deb "$work"/debs/more/*.deb "$tree/root/debs/"
   fetch_dependencies || { chroot "$tree/root" apt-get -qq update && fetch_dependencies; } ||
-    die "what the packages depend on can't be fetched"
+    die "the packages' dependencies can't be fetched"
   rm -rf "$tree/root/debs"
 }
 
@@ -58,7 +58,7 @@ run_in_guest() {
   if [ -s "$guest/job/status" ]; then
     status=$(cat "$guest/job/status")
   else
-    echo "the guest came to no end; its console is in $guest/console" >&2
+    echo "the guest did not finish; its console is in $guest/console" >&2
   fi
   return "$status"
 }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # The guest of guest.sh as a virtual machine (QEMU): Debian's own kernel, with modules, udev, USB and 802.15.4. Emulated
-# where the processor can't help: then its clock counts its instructions (4 ns each, 250 millions in a second) while it
-# works, so that nothing in it takes longer or times out because this machine is slow or busy. It is booted once; memory
+# without KVM: then its clock counts its instructions (4 ns each, 250 millions in a second) while it works, so that
+# nothing in it times out because this machine is slow or busy. It is booted once; memory
 # and devices are kept, and each run begins there, with a disk of its own on top.
 # shellcheck shell=bash disable=SC2034,SC2054,SC2154
 
@@ -11,7 +11,7 @@ if [ "$machine_steps" = bluez_steps ]; then
   machine=machine-bluez-$arch
   extra_packages+=,bluez,bluez-meshd,bluez-test-tools,python3-dbus,python3-gi
 fi
-# What its initial file system loads: the disk, and the directory that it shares with us.
+# Modules of its initial file system: the disk, and the directory that it shares with the host.
 # shellcheck disable=SC2016 # "$1" is mmdebstrap's
 tree_options=(
   --essential-hook='mkdir -p "$1"/usr/share/initramfs-tools/conf.d "$1"/usr/share/initramfs-tools/modules.d'
@@ -38,7 +38,7 @@ prepare_guests() {
   echo "$begins_as" >"$tree/begins-as"
 }
 
-# Sets qemu, the command, and job_port, where a device can be plugged in.
+# Sets qemu, the command, and job_port, the port for a plugged-in device.
 choose_machine() {
   local processor console kernel=("$tree"/root/boot/vmlinuz-*) initrd=("$tree"/root/boot/initrd.img-*)
   case $arch in
@@ -52,7 +52,7 @@ choose_machine() {
       ;;
     *) die "there is no machine of $arch" ;;
   esac
-  # /dev/kvm alone proves nothing: in some virtual machines it is there and slower than emulation.
+  # /dev/kvm alone is not enough: in some virtual machines it exists, but is slower than emulation.
   if [ "$arch" = "$(dpkg --print-architecture)" ] && [ -w /dev/kvm ] && grep -qwE 'vmx|svm' /proc/cpuinfo; then
     qemu+=(-accel kvm -cpu host -smp 2)
   else
@@ -86,8 +86,8 @@ keep_booted_machine() {
 
 make_guest() { qemu-img create -q -f qcow2 -F raw -b "$tree/disk" "$1/disk"; } # directory
 
-# start_machine MACHINE DIRECTORY [option...]: in the background. Like a real disk's cache, QEMU keeps to itself where it
-# has put what was written, until the guest has it flushed.
+# start_machine MACHINE DIRECTORY [option...]: starts it in the background. Like a real disk's cache, QEMU keeps writes in
+# memory until the guest flushes them.
 start_machine() {
   local machine=$1 directory=$2
   shift 2
@@ -96,8 +96,8 @@ start_machine() {
     -fsdev "local,id=job,path=$directory/job,security_model=none" "$@") </dev/null &
 }
 
-# boot MACHINE DIRECTORY: until it is switched off, or the time limit is reached. A guest that makes the file
-# /job/power-cut loses its power, and is booted from what is on its disk.
+# boot MACHINE DIRECTORY: runs until it is switched off, or the time limit is reached. A guest that creates the file
+# /job/power-cut loses its power, and is booted from its disk.
 boot() {
   start_machine "$@" -incoming "exec:cat '$tree/state'"
   # shellcheck disable=SC2086 # a word or none

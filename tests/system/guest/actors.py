@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who is around the gateway in the system test: the broker, somebody who listens there, simulated robots, an odd one."""
+"""The surroundings of the gateway in the system test: the broker, a listener, simulated robots, a faulty client."""
 import collections
 import json
 import pathlib
@@ -21,7 +21,7 @@ EXAMPLES = pathlib.Path("/usr/share/doc/slam-gateway/examples")
 
 
 def set_up_broker():
-    """As the shipped example says: its text, the access control list in its comments, users with passwords."""
+    """Sets up the shipped example: its text, the access control list in its comments, users with passwords."""
     example = (EXAMPLES / "mosquitto.example.conf").read_text(encoding="utf-8")
     acl = re.findall(r"^#   (user .*|topic .*)$", example, re.MULTILINE)
     named = [line.split()[1] for line in acl if line.startswith("user ")]
@@ -40,14 +40,14 @@ def as_server():
 
 
 def retained(topic):
-    """The state that the gateway has left at the broker for later comers."""
+    """Returns the state in a retained message of the gateway."""
     text = run("mosquitto_sub", *as_server(), "-t", f"ntnu-slam/gateway/{GATEWAY}/{topic}", "-C", "1", "-W", "20")
     return json.loads(text)["state"]
 
 
 class Listener:
-    """Somebody upstream: every message under a filter, kept for it by the broker while that is away. The next one with the
-    same notebook goes on with it."""
+    """A subscriber with a persistent session that records every message under a filter. The next one with the same
+    notebook continues its session."""
 
     def __init__(self, topics="ntnu-slam/robot/#", notebook=None):
         self.file = open(notebook, "a+", encoding="utf-8") if notebook else tempfile.NamedTemporaryFile("w+")
@@ -60,15 +60,15 @@ class Listener:
         return pathlib.Path(self.file.name).read_text(encoding="utf-8", errors="replace")
 
     def lines(self):
-        """Topic and payload, in hexadecimal, of each message."""
+        """Returns topic and payload, in hexadecimal, of each message."""
         return [line.removeprefix("HEARD ") for line in self._text().splitlines() if line.startswith("HEARD ")]
 
     def heard(self):
-        """How many messages of each topic."""
+        """Returns the number of messages of each topic."""
         return collections.Counter(line.split()[0] for line in self.lines())
 
     def wait_for(self, counts):
-        """Until at least so many of each topic have come."""
+        """Waits until at least this many messages of each topic have arrived."""
         def missing():
             heard = self.heard()
             return {topic: count - heard[topic] for topic, count in counts.items() if heard[topic] < count}
@@ -98,7 +98,7 @@ class Robots:
         self.process = subprocess.Popen(command, stdout=self.output, stderr=self.errors)
 
     def result(self):
-        """What it says at its end, which comes by itself."""
+        """Waits for its end; returns its summary."""
         status = self.process.wait(2 * PATIENCE_S)
         text = pathlib.Path(self.output.name).read_text(encoding="utf-8")
         demand(status == 0 and text, f"slam-gateway-sim: status {status}: "
@@ -111,13 +111,13 @@ class Robots:
 
 
 def demand_nothing_lost(result):
-    """A robot that is interrupted may have one message under way."""
+    """Allows one message in flight for each robot that was interrupted."""
     under_way = result["sent"] - result["acknowledged"]
-    demand(result["sent"] > 0 and result["lost"] == 0 and under_way <= len(result["robots"]), f"the robots say: {result}")
+    demand(result["sent"] > 0 and result["lost"] == 0 and under_way <= len(result["robots"]), f"the robots report: {result}")
 
 
 def publish_nonsense(client_id, payload):
-    """An MQTT-SN device whose `update` is none: CONNECT, REGISTER, PUBLISH at QoS 1, each answered."""
+    """Publishes an invalid `update` as an MQTT-SN client: CONNECT, REGISTER, PUBLISH at QoS 1, each answered."""
     topic = f"ntnu-slam/robot/{client_id}/update".encode()
 
     def exchange(kind, body, answer):

@@ -54,13 +54,13 @@ def each_broker_client_carries_both_meshes():
 STEPS = [
     hardware_steps.waits_for_a_board,
     install_and_remove.is_confined,
-    hardware_steps.takes_a_board_that_is_plugged_in,
+    hardware_steps.connects_to_a_board_that_is_plugged_in,
     hardware_steps.carries_robots_behind_radios,
     each_broker_client_carries_both_meshes,
-    trouble.kill_goes_unnoticed,
+    trouble.kill_loses_no_message_or_session,
     install_and_remove.upgrade_keeps_what_is_undelivered,
     install_and_remove.remove_keeps_the_state,
-    install_and_remove.purge_takes_everything,
+    install_and_remove.purge_removes_everything,
 ]
 
 if __name__ == "__main__":

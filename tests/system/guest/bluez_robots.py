@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Robots on BLE Mesh for ./dev system-test --vm bluez: each a bluetooth-meshd of its own, on a bus and a controller of its own.
-They join, publish updates with the sensor_update client, each until it is acknowledged, and obey pos_cmd. What became of each
-is in FILE, as JSON, and they go on from there. Payloads that stand, by UUID, in the file of that name with the suffix
-play are sent in place of their own."""
+They join, publish updates with the sensor_update client, each until it is acknowledged, and obey pos_cmd. FILE holds the
+state of each as JSON, and they continue from it. Payloads by UUID in the file of that name with the suffix play are sent
+in place of their own."""
 import json
 import os
 import pathlib
@@ -99,7 +99,7 @@ class Robot:
         self.uuid = bytes.fromhex("736c616d000040008000") + bytes([number] * 6)
         unused = {"uuid": self.uuid.hex(), "joined": 0, "sent": 0, "played": 0, "acknowledged": 0, "obeyed": []}
         self.facts = next((facts for facts in earlier if facts["uuid"] == self.uuid.hex()), unused)
-        self.facts["sent"] = self.facts["acknowledged"]  # the one that was under way is said again
+        self.facts["sent"] = self.facts["acknowledged"]  # the one in flight is sent again
         self.node = None
         self.may_publish = False
         self.play = path.with_suffix(".play")
@@ -138,7 +138,7 @@ class Robot:
         return False
 
     def next_update(self):
-        """None when all of a given list are acknowledged."""
+        """Returns None when all updates of a given list are acknowledged."""
         if not self.play.exists():
             self.facts["sent"] += 1
             return struct.pack("<hh", self.facts["sent"], 0)

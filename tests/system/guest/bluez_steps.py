@@ -14,8 +14,8 @@ import time
 
 from actors import PASSWORDS, Listener, Robots, demand_nothing_lost, set_up_broker
 from first_hour import commands, make_operator, type_in
-from machine import (BOARD, CONFIG, STATE, demand, install, now, restart, run, says, status, wait_for, wait_for_status, write_config,
-                     write_credentials)
+from machine import (BOARD, CONFIG, STATE, demand, install, logged, now, restart, run, status, wait_for,
+                     wait_for_status, write_config, write_credentials)
 from stepping import PowerCut, run_steps
 
 ROBOTS = 10
@@ -30,21 +30,21 @@ ExecStart=/usr/bin/btvirt -L -l{ROBOTS + 1}
 [Install]
 WantedBy=multi-user.target
 """
-FACTS = pathlib.Path("/job/robots/facts.json")  # the host's: what robots know, and their keys, no power cut takes
-BEFORE = pathlib.Path("/job/before.json")  # a power cut, and what the listener has written down
-LATE = pathlib.Path("/job/late.json")  # what robots know before the other one
-WRITTEN_AFTER_S = 45  # by the kernel, at the latest
+FACTS = pathlib.Path("/job/robots/facts.json")  # on the host: a power cut does not affect the state and keys of robots
+BEFORE = pathlib.Path("/job/before.json")  # the state before a power cut
+LATE = pathlib.Path("/job/late.json")  # the state before the other power cut
+WRITTEN_AFTER_S = 45  # the kernel has written a file by then at the latest
 NOTEBOOK = pathlib.Path("/job/notebook")
 PLAY = FACTS.with_suffix(".play")
 SETS = 500
-ALIKE = 3  # robots that say the same on each mesh
+ALIKE = 3  # robots that send the same on each mesh
 UPDATES = 20  # of each
 
 world = {}
 
 
 def doctor():
-    """What it says of BLE: health, detail and remedy by step."""
+    """Returns its findings about BLE: health, detail and remedy by step."""
     rows = json.loads(run("slam-gatewayctl", "--json", "doctor", status=None))
     return {row["step"]: row for row in rows if row["step"].startswith("ble")}
 
@@ -54,7 +54,7 @@ def controllers():
 
 
 def install_service():
-    """What all steps need: controllers, the package, a broker."""
+    """Installs the needs of all steps: controllers, the package, a broker."""
     unit = pathlib.Path("/etc/systemd/system/controllers.service")
     if unit.exists():
         return
@@ -71,7 +71,7 @@ def install_service():
 
 
 def meshd():
-    """What docs/first-hour.md has the owner of a Pi without a board type; the link is up."""
+    """Types the commands of docs/first-hour.md for a Pi without a board; waits for the link."""
     install_service()
     if run("systemctl", "is-enabled", "bluetooth-mesh", status=None) != "enabled":
         for line in commands("### Without a board"):
@@ -95,7 +95,7 @@ def switch_robots_on():
 
 
 def robots():
-    """In the mesh, configured, and acknowledged."""
+    """Waits until all robots are in the mesh, configured, and acknowledged."""
     meshd()
     switch_robots_on()
     wait_for("robots in the mesh", lambda: [node["state"] for node in nodes()] == ["configured"] * ROBOTS)
@@ -119,18 +119,18 @@ def life():
     return json.loads((STATE / "mesh.json").read_text(encoding="utf-8"))["life"]
 
 
-def says_what_meshd_lacks():
+def doctor_names_what_meshd_lacks():
     """doctor names what keeps bluetooth-meshd from its controller, one after the other, until the link is up"""
     install_service()
     wait_for("bluetooth.service, which udev starts", lambda: run("systemctl", "is-active", "bluetooth", status=None) == "active")
-    demand("bluetooth.service holds" in doctor()["ble: controller"]["detail"], f"doctor says {doctor()}")
+    demand("bluetooth.service holds" in doctor()["ble: controller"]["detail"], f"doctor reports {doctor()}")
     run("systemctl", "mask", "--now", "bluetooth")
-    demand("does not start meshd with" in doctor()["ble: controller"]["detail"], f"doctor says {doctor()}")
+    demand("does not start meshd with" in doctor()["ble: controller"]["detail"], f"doctor reports {doctor()}")
     meshd()
-    demand(all(row["health"] == "ok" for row in doctor().values()), f"doctor says {doctor()}")
+    demand(all(row["health"] == "ok" for row in doctor().values()), f"doctor reports {doctor()}")
 
 
-def takes_in_ten_robots():
+def provisions_ten_robots():
     """ten robots join by themselves, are configured, and their updates reach the broker and are acknowledged"""
     robots()
     robots_are_heard()
@@ -141,15 +141,15 @@ def robot_names():
 
 
 def acknowledged_since(before):
-    """The updates that robots were acknowledged since these facts, as a Listener has them."""
+    """Returns the updates acknowledged since these facts, in the format of Listener.lines()."""
     names = robot_names()
     return {f"ntnu-slam/robot/{names[late['uuid']]}/update {struct.pack('<hh', number, 0).hex()}"
             for early, late in zip(before, facts())
-            for number in range(early["acknowledged"] + 2, late["acknowledged"] + 1)}  # the first was perhaps under way
+            for number in range(early["acknowledged"] + 2, late["acknowledged"] + 1)}  # the first may have been in flight
 
 
 def acknowledges_500_updates():
-    """500 updates: each is acknowledged in the end, and what is acknowledged is at the broker"""
+    """500 updates: each is acknowledged in the end, and each acknowledged one is at the broker"""
     robots()
     listener = Listener()
     before = facts()
@@ -161,7 +161,7 @@ def acknowledges_500_updates():
 
 
 def commands_reach_each_robot():
-    """a command to each robot is delivered, and the robot has it once"""
+    """a command to each robot is delivered, and the robot receives it once"""
     robots()
     for number, node in enumerate(nodes()):
         answer = json.loads(run("slam-gatewayctl", "--json", "send", node["robot"], "cmd", f"{number},7"))
@@ -170,7 +170,7 @@ def commands_reach_each_robot():
     wait_for("commands at the robots", lambda: sorted(robot["obeyed"] for robot in facts()) == wanted)
 
 
-def goes_on_after_restarts():
+def keeps_its_node_after_restarts():
     """meshd killed, the daemon killed, both killed: same node, same address, and robots hear the gateway each time"""
     robots()
     before = life()
@@ -178,7 +178,7 @@ def goes_on_after_restarts():
         since = now()
         for victim in victims:
             run("systemctl", "kill", "-s", "KILL", victim)
-        wait_for("the link", lambda: says("ble link up", *since))
+        wait_for("the link", lambda: logged("ble link up", *since))
         robots_are_heard()
         node = nodes()[0]["robot"]
         answer = json.loads(run("slam-gatewayctl", "--json", "send", node, "cmd", "1,1"))
@@ -188,7 +188,7 @@ def goes_on_after_restarts():
 
 
 def each_obeys_once(word, before):
-    """A command to each robot, which is delivered: nothing else has come since these facts."""
+    """Sends a command to each robot, and checks that it is the only one since these facts."""
     wanted = [robot["obeyed"] + [f"{number:02x}00{word:02x}00"] for number, robot in enumerate(before)]
     names = robot_names()
     for number, robot in enumerate(facts()):
@@ -199,12 +199,12 @@ def each_obeys_once(word, before):
 
 
 def meshds_file():
-    """Its node with the sequence number, which it writes as a new file each time."""
+    """Returns the stat of its node's file, which it replaces at each write."""
     return next(pathlib.Path("/var/lib/bluetooth/mesh").glob("*/node.json")).stat()
 
 
-def outlives_a_power_cut():
-    """the power is cut while robots talk and the broker is away: all comes back by itself, and no acknowledged update is lost"""
+def survives_a_power_cut():
+    """the power is cut while robots send and the broker is away: all recovers by itself, and no acknowledged update is lost"""
     if not BEFORE.exists():
         robots()
         each_obeys_once(8, facts())
@@ -215,7 +215,7 @@ def outlives_a_power_cut():
         early = facts()
         wait_for("updates that only the disk has",
                  lambda: all(late["acknowledged"] > robot["acknowledged"] + 2 for late, robot in zip(facts(), early)))
-        # docs/bluez.md, "Backups": what meshd has just written is lost, and then the gateway has another node.
+        # docs/bluez.md, "Backups": if meshd's last write is lost, the gateway gets another node.
         wait_for("meshd's sequence number on the disk", lambda: time.time() - meshds_file().st_mtime > WRITTEN_AFTER_S)
         BEFORE.write_text(json.dumps(before), encoding="utf-8")
         raise PowerCut
@@ -223,11 +223,11 @@ def outlives_a_power_cut():
     wait_for_status("broker up, ble up")
     listener = Listener(notebook=NOTEBOOK)
     stored = acknowledged_since(before["facts"])
-    wait_for("what was acknowledged before the cut", lambda: stored <= set(listener.lines()))
+    wait_for("updates acknowledged before the cut", lambda: stored <= set(listener.lines()))
     switch_robots_on()
     robots_are_heard()
     wanted = acknowledged_since(before["facts"])
-    wait_for("what was acknowledged after it", lambda: wanted <= set(listener.lines()))
+    wait_for("updates acknowledged after it", lambda: wanted <= set(listener.lines()))
     listener.end()
     each_obeys_once(9, before["facts"])
     after = life()
@@ -236,8 +236,8 @@ def outlives_a_power_cut():
     return f"{len(stored)} updates before the cut, {len(wanted) - len(stored)} after it"
 
 
-def outlives_a_cut_that_takes_meshd_back():
-    """the power is cut while only the kernel has meshd's last sequence number: the gateway and its robots find together again"""
+def survives_a_power_cut_that_loses_meshds_number():
+    """the power is cut while only the kernel has meshd's last sequence number: robots hear the gateway again"""
     if not LATE.exists():
         robots()
         run("systemctl", "restart", "bluetooth-mesh")
@@ -258,7 +258,7 @@ def outlives_a_cut_that_takes_meshd_back():
 
 
 def updates_of(names, listener):
-    """What the robots of these names have said, sorted, once that is all: number of the robot, payload."""
+    """Waits for all updates of these robots; returns them sorted: number of the robot, payload."""
     def lines():
         found = [line.split() for line in listener.lines()]
         return sorted((names.index(topic.split("/")[-2]), payload) for topic, payload in found
@@ -279,16 +279,16 @@ def hear_simulated(mesh, listener, *options):
 
 
 def with_radio(radio, robots_of_it):
-    (CONFIG.parent / "gateway.d/ble.json").unlink(missing_ok=True)  # it was typed
+    (CONFIG.parent / "gateway.d/ble.json").unlink(missing_ok=True)  # typed by an earlier step
     write_config(ble_mesh={"enabled": True, "radio": radio, "controller": GATEWAYS_CONTROLLER, "device": BOARD},
                  robots=robots_of_it)
     restart()
 
 
-def says_the_same_on_three_ways():
-    """the same robots say the same on Thread, over a board, and over BlueZ"""
+def robots_send_the_same_on_three_radios():
+    """the same robots send the same updates on Thread, over a board, and over BlueZ"""
     robots()
-    PLAY.write_text("{}", encoding="ascii")  # they fall silent
+    PLAY.write_text("{}", encoding="ascii")  # robots stop sending
     members = sorted(nodes(), key=lambda node: node["uuid"])[:ALIKE]
     thread = hear_simulated("thread", Listener())
     demand(len(set(thread)) > ALIKE * UPDATES / 2, "the robots stand still")
@@ -312,14 +312,14 @@ def says_the_same_on_three_ways():
 
 
 STEPS = [
-    says_what_meshd_lacks,
-    takes_in_ten_robots,
+    doctor_names_what_meshd_lacks,
+    provisions_ten_robots,
     acknowledges_500_updates,
     commands_reach_each_robot,
-    goes_on_after_restarts,
-    outlives_a_power_cut,
-    outlives_a_cut_that_takes_meshd_back,
-    says_the_same_on_three_ways,
+    keeps_its_node_after_restarts,
+    survives_a_power_cut,
+    survives_a_power_cut_that_loses_meshds_number,
+    robots_send_the_same_on_three_radios,
 ]
 
 if __name__ == "__main__":

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps: the broker with users and an access control list, robots on both meshes, what the journal tells of them."""
+"""Steps: the broker with users and an access control list, robots on both meshes, and the journal's entries about them."""
 import time
 
 from actors import (PASSWORDS, WRONG_PASSWORD, Listener, Robots, demand_nothing_lost, publish_nonsense, retained,
                     set_up_broker)
-from machine import (demand, journal, now, restart, run, says, service, status, wait_for, wait_for_status,
+from machine import (demand, journal, logged, now, restart, run, service, status, wait_for, wait_for_status,
                      write_config, write_credentials)
 
 LOAD = {"robots": 50, "rate": 20, "messages": 200}
 
 
 def starts_without_a_broker():
-    """start order: without a broker the service starts and waits, and connects when one comes"""
+    """start order: without a broker the service starts and waits, and connects when one is available"""
     run("systemctl", "stop", "mosquitto")
     restart()
     wait_for_status("broker down, thread up")
@@ -21,20 +21,20 @@ def starts_without_a_broker():
     demand(service("NRestarts") == "0", "the service was restarted for that")
 
 
-def tells_of_a_wrong_password():
-    """credentials: a wrong password is told in one clear line, and not the password"""
+def reports_a_wrong_password():
+    """credentials: a wrong password is reported in one line, which does not show it"""
     set_up_broker()
     write_credentials(WRONG_PASSWORD)
     since = now()
     restart()
     line = wait_for("a line about the refused user",
-                    lambda: says("user name or password", *since, "-p", "warning")
-                    or says("authorise", *since, "-p", "warning"))
+                    lambda: logged("user name or password", *since, "-p", "warning")
+                    or logged("authorise", *since, "-p", "warning"))
     wait_for_status("broker down")
     return f'"{line}"'
 
 
-def logs_in_with_the_right_one():
+def logs_in_with_the_right_password():
     """credentials: with the right password the broker is up, within its access control list"""
     write_credentials(PASSWORDS["slam-gateway"])
     write_config()
@@ -42,7 +42,7 @@ def logs_in_with_the_right_one():
     restart()
     wait_for_status("broker up")
     demand(retained("state") == "online", "the retained state is not online")
-    demand(not says("refuses", *since), "the access control list of the example refuses the gateway something")
+    demand(not logged("refuses", *since), "the access control list of the example refuses the gateway something")
 
 
 def carries_both_meshes():
@@ -86,7 +86,7 @@ def journal_has_the_documented_fields():
 
 
 def warning_is_found_under_load():
-    """load: 50 robots at 20 messages a second each; all arrive, and a warning in the midst is found in the journal"""
+    """load: 50 robots at 20 messages a second each; all arrive, and a warning among them is found in the journal"""
     listener = Listener()
     since = now()
     began = time.monotonic()
@@ -101,5 +101,5 @@ def warning_is_found_under_load():
     listener.end()
     warnings = journal(*since, "ROBOT_ID=odd-one", "MESSAGE_ID=7214773655d5405f9a3a199f9f4eed84")
     demand(len(warnings) == 1 and warnings[0]["PRIORITY"] == "4", f"warnings: {warnings}")
-    demand(not says("Suppressed", *since), "journald has suppressed entries")
+    demand(not logged("Suppressed", *since), "journald has suppressed entries")
     return f"{result['acknowledged'] / seconds:.0f} acknowledged messages/s"

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""cable.py A B: carries octets between two ttys, and takes them up again when one of them hangs up and comes back."""
+"""cable.py A B: carries octets between two ttys, and opens them again when one of them hangs up and returns."""
 import os
 import select
 import sys
@@ -20,7 +20,7 @@ def open_tty(path):
 
 
 def carry(first, second):
-    """Until one of them hangs up. While one does not take what the other says, both wait, as behind a real port."""
+    """Carries octets until one end hangs up. While one end does not read, both wait, as behind a real port."""
     other = {first: second, second: first}
     while True:
         for end in select.select([first, second], [], [])[0]:

@@ -6,7 +6,7 @@ import re
 from machine import demand, run, wait_for
 
 OPERATOR = "pi"
-# Words of commands that need another computer, a clock server, a mirror of Debian's, or a border router.
+# Parts of commands that need another computer, a clock server, a mirror of Debian's, or a border router.
 NOT_HERE = ("raspberrypi.local", "git clone", "./dev ", "apt update", "timedatectl", "ot-ctl")
 
 
@@ -31,17 +31,17 @@ def commands(section):
 
 
 def operator(command):
-    """Each command in a login of its own, so that a new group is in force."""
+    """Runs each command in a login of its own, so that a new group is in force."""
     return ["runuser", "-l", OPERATOR, f"--session-command={command}"]
 
 
 def type_in(line):
-    """The command's output; typed again until that has what its comment quotes."""
+    """Types the command until its output contains the quotes of its comment; returns the output."""
     promised = re.findall(r'"([^"]+)"', line.partition(" # ")[2])
 
     def output():
         text = run(*operator(line))
         missing = [words for words in promised if words not in text]
-        demand(not missing, f"{line}\nhas not {missing}:\n{text}")
+        demand(not missing, f"{line}\nlacks {missing}:\n{text}")
         return text or "nothing"
     return wait_for(line, output)

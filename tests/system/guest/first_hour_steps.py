@@ -11,20 +11,20 @@ from hardware import INTERFACE, RecordedRobots, Radios, UsbBoard
 from machine import Failure, demand, run, wait_for
 from stepping import run_steps
 
-LONGEST_S = 1000  # a command that is left running
+LONGEST_S = 1000  # for a command that keeps running
 
 world = {}
 
 
 def in_a_sentence(before, after=""):
-    """The command that stands between these words."""
+    """Returns the command between these words of the page."""
     found = re.search(re.escape(before) + "`([^`]+)`" + re.escape(after), page())
     demand(found, f"the page has no command between '{before}' and '{after}'")
     return found[1]
 
 
 class Terminal:
-    """Another one, in which a command is left running."""
+    """A second terminal, in which a command keeps running."""
 
     def __init__(self, line):
         self.process = subprocess.Popen(operator(f"exec timeout --foreground -s INT {LONGEST_S} stdbuf -oL {line}"),
@@ -35,7 +35,7 @@ class Terminal:
         for text in self.process.stdout:
             if re.search(pattern, text):
                 return
-        raise Failure(f"the command ended, and never said '{pattern}'")
+        raise Failure(f"the command ended without printing '{pattern}'")
 
     def end(self):
         run("pkill", "-INT", "-s", self.process.pid, status=None)
@@ -43,10 +43,10 @@ class Terminal:
 
 
 def installs_the_package():
-    """2 The package: installed from the operator's home, the operator in the group, status says that broker and Thread are up"""
+    """2 The package: installed from the operator's home, the operator in the group, status shows that broker and Thread are up"""
     make_operator()
     run("sh", "-c", f"cp /job/input/debs/*.deb /job/input/debs/more/*.deb /home/{OPERATOR}/")
-    run("systemctl", "start", "mosquitto")  # as if it came only now
+    run("systemctl", "start", "mosquitto")  # the page installs it first
     for line in commands("## 2 The package"):
         type_in(line)
 
@@ -70,7 +70,7 @@ def lines_about(step, findings):
 
 
 def serves_thread():
-    """4 Thread: only its interface; doctor's lines about it begin with ok; a robot connects there"""
+    """4 Thread: on its interface only; doctor's lines about it begin with ok; a robot connects there"""
     world["radios"] = Radios(["n1"])
     typed = {line.split("  ")[0]: type_in(line) for line in commands("## 4 Thread")}
     findings = typed["sleep 5; sudo slam-gatewayctl doctor"]
@@ -81,26 +81,26 @@ def serves_thread():
     world["robot"].wait_for_each(3)
 
 
-def takes_a_board():
+def provisions_a_robot_with_a_board():
     """5 BLE Mesh: the board is plugged in, doctor's line begins with ok, a new robot joins and is listed"""
     world["board"] = UsbBoard(1, "--unprovisioned")
     world["board"].plug_in()
     lines = commands("## 5 BLE Mesh")
     for line in lines[:-1]:
         type_in(line)
-    wait_for("a board that is well",
+    wait_for("a healthy board",
              lambda: [line for line in lines_about("ble: board", type_in(lines[-1])) if line.startswith("ok")])
     listing = in_a_sentence("it joins within seconds. ", " lists it")
     wait_for("a robot that has joined", lambda: re.search(r"^ble-[0-9a-f]{4} .*configured", type_in(listing), re.MULTILINE))
 
 
 def commands_a_robot():
-    """6 Command a robot: listed, told, watched"""
+    """6 Command a robot: list, send, watch"""
     listing, sending, watching = commands("## 6 Command a robot")
     wait_for("the robot again", lambda: re.search(r"^robot1 .* online", type_in(listing), re.MULTILINE))
     promised = re.escape(sending.partition(" # ")[2].strip()).replace(r"\.\.\.", r"\d+")
-    told = type_in(sending)
-    demand(re.search(promised, told), f"{told}, not {promised}")
+    output = type_in(sending)
+    demand(re.search(promised, output), f"{output}, not {promised}")
     watcher = Terminal(watching)
     watcher.wait_for("robot1")
     watcher.end()
@@ -111,7 +111,7 @@ STEPS = [
     installs_the_package,
     shows_simulated_robots,
     serves_thread,
-    takes_a_board,
+    provisions_a_robot_with_a_board,
     commands_a_robot,
 ]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the virtual machine has and a container lacks: a serial board at a USB port, and 802.15.4 radios with 6LoWPAN."""
+"""The hardware of the virtual machine that a container lacks: a serial board at a USB port, 802.15.4 radios with 6LoWPAN."""
 import json
 import os
 import pathlib
@@ -14,7 +14,7 @@ GADGET = pathlib.Path("/sys/kernel/config/usb_gadget/board")
 PORT = pathlib.Path("/dev/ttyACM0")
 BOARD_END = pathlib.Path("/dev/ttyGS0")
 RADIO = "radio0"
-INTERFACE = "wpan0"  # as OpenThread's border router calls its own
+INTERFACE = "wpan0"  # the name that OpenThread's border router uses
 SERIAL_NUMBER = "000683000001"
 PREFIX = "fd00:db8:0:1"
 
@@ -49,7 +49,7 @@ class UsbBoard:
         wait_for("the board's end of the port", BOARD_END.exists)
 
     def plug_in(self):
-        """The board starts as it gets power."""
+        """Plugs the board in, which starts it."""
         self.simulator.send_signal(signal.SIGUSR2)
         controller = os.listdir("/sys/class/udc")[0]
         (GADGET / "UDC").write_text(controller + "\n", encoding="ascii")
@@ -86,7 +86,7 @@ class Radios:
         run("modprobe", "ieee802154_6lowpan")
         run("modprobe", "fakelb", f"numlbs={len(self.nodes)}")
         phys = sorted(re.findall(r"^wpan_phy (\S+)$", run("iwpan", "phy"), re.MULTILINE), key=lambda name: int(name[3:]))
-        # All that leave first: a radio that waits here may have the name that INTERFACE is to get.
+        # Radios of other namespaces move first: one that is still here may have the name of INTERFACE.
         for node, phy in zip(nodes, phys[1:]):
             run("ip", "netns", "add", node)
             run("ip", "-n", node, "link", "set", "lo", "up")
@@ -116,14 +116,14 @@ class Radios:
         return int(pathlib.Path("/sys/class/net", INTERFACE, "ifindex").read_text(encoding="ascii"))
 
     def lose(self, percent):
-        """Part of the frames that each radio sends."""
+        """Loses this part of the frames that each radio sends."""
         for node in self.nodes:
             run(*in_namespace(node, "tc", "qdisc", "replace", "dev", RADIO, "root", "netem", "loss",
                               f"{percent}%"))
 
 
 class RecordedRobots:
-    """Robots on Thread that note each update and its acknowledgement, perhaps in a network namespace."""
+    """Robots on Thread that record each update and its acknowledgement, optionally in a network namespace."""
 
     def __init__(self, gateway, *options, node=""):
         self.record = pathlib.Path(tempfile.mkdtemp()) / "record"
@@ -134,7 +134,7 @@ class RecordedRobots:
                 stdout=output, stderr=subprocess.DEVNULL)
 
     def acknowledged(self):
-        """By robot, when: seconds since 1970."""
+        """Returns the times of acknowledgements by robot, in seconds since 1970."""
         times = {}
         text = self.record.read_text(encoding="utf-8") if self.record.exists() else ""
         for line in text[:text.rfind("\n") + 1].splitlines():
@@ -144,14 +144,14 @@ class RecordedRobots:
         return times
 
     def wait_for_each(self, count, since=0.0):
-        """Until each robot has had so many acknowledgements since then."""
+        """Waits until each robot has had `count` acknowledgements since then."""
         def have_all():
             later = [[when for when in times if when > since] for times in self.acknowledged().values()]
             return later and all(len(times) >= count for times in later)
         wait_for("acknowledged updates", have_all)
 
     def longest_gap(self, since, until):
-        """Seconds, of any robot."""
+        """Returns the longest time of any robot between acknowledgements, in seconds."""
         gaps = []
         for times in self.acknowledged().values():
             inside = [since, *(when for when in times if since < when < until), until]

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of ./dev system-test --vm, in the virtual machine and in their order; each says in one line what it shows."""
+"""The steps of ./dev system-test --vm, in the virtual machine and in their order; each describes itself in one line."""
 import contextlib
 import glob
 import json
@@ -19,7 +19,7 @@ BLE_UPDATES = {f"ntnu-slam/robot/ble{n}/update": 5 for n in (1, 2, 3)}
 STOPPED_S = 120
 LONGEST_GAP_S = 1.0  # between two acknowledgements of a Thread robot, while the board does not read
 NOT_LOADED = pathlib.Path("/etc/modules-load.d/slam-gateway.conf")
-AWAY_S = 1  # the interface; a robot that gets no answer for 2.8 s looks for another gateway
+AWAY_S = 1  # of the interface; a robot without an answer for 2.8 s searches for another gateway
 
 world = {}
 
@@ -35,7 +35,7 @@ def robots_are_heard():
 
 
 def install_service():
-    """What all steps need: the package, a broker, both meshes."""
+    """Installs the needs of all steps: the package, a broker, both meshes."""
     if CONFIG.exists():
         return
     run("systemctl", "start", "mosquitto")
@@ -48,7 +48,7 @@ def install_service():
 
 
 def board():
-    """The board at its port, which is up."""
+    """Returns the board at its port; waits for the link."""
     install_service()
     if "board" not in world:
         world["board"] = UsbBoard(robots=3)
@@ -58,13 +58,13 @@ def board():
 
 
 def waits_for_a_board():
-    """install without a board, and without its driver: the service runs, and says that the BLE link is down"""
+    """install without a board, and without its driver: the service runs, and reports that the BLE link is down"""
     demand(not driver_is_loaded(), "the driver was loaded before the package was there")
     install_service()
-    demand(driver_is_loaded(), "the service has not had the driver loaded")
+    demand(driver_is_loaded(), "the service has not loaded the driver")
 
 
-def takes_a_board_that_is_plugged_in():
+def connects_to_a_board_that_is_plugged_in():
     """plugged in: the confined service opens /dev/ttyACM0, the link comes up, the robots are heard"""
     demand(not PORT.exists(), f"{PORT} was there before")
     board()
@@ -72,20 +72,20 @@ def takes_a_board_that_is_plugged_in():
     robots_are_heard()
 
 
-def takes_up_a_board_that_was_unplugged():
+def reconnects_to_a_board_that_was_unplugged():
     """unplugged: the link is down at once; plugged in again it is up, three times"""
     for _ in range(3):
         board().unplug()
         wait_for_status("ble down")
         world["board"].plug_in()
     board()
-    demand(PORT.exists(), "the port has another number: the service has held the old one open")
+    demand(PORT.exists(), "the port has another number: the service did not close the old one")
     robots_are_heard()
-    demand(service("NRestarts") == "0", "the service was restarted for that")
+    demand(service("NRestarts") == "0", "the service was restarted")
 
 
-def lives_on_with_a_board_that_stops_reading():
-    """board stops reading its USB port for two minutes: Thread robots and the control socket notice nothing; then it is up"""
+def serves_thread_while_the_board_stops_reading():
+    """board stops reading its USB port for two minutes: Thread robots and the control socket are served; then the link is up"""
     port = board()
     robots = RecordedRobots("127.0.0.1:47193", "--robots", "4", "--id-prefix", "steady")
     robots.wait_for_each(10)
@@ -102,15 +102,15 @@ def lives_on_with_a_board_that_stops_reading():
     wait_for_status("ble up")
     gap = robots.longest_gap(began, ended)
     result = robots.end()
-    demand(result["lost"] == 0, f"the robots say: {result}")
+    demand(result["lost"] == 0, f"the robots report: {result}")
     demand(service("MainPID") == process, "the service was restarted")
     demand(gap < LONGEST_GAP_S, f"a robot waited {gap:.2f} s")
     robots_are_heard()
     return f"longest wait of a Thread robot {gap:.2f} s"
 
 
-def takes_a_board_after_a_boot_without_the_driver():
-    """boot with the driver not loaded at boot and no board: the board is taken when it is plugged in"""
+def connects_to_a_board_after_a_boot_without_the_driver():
+    """boot without the driver and without a board: the board is used when it is plugged in"""
     install_service()
     if not NOT_LOADED.is_symlink():
         if "board" in world:
@@ -138,7 +138,7 @@ FLEET = [f"{node}-{n}" for node in NODES for n in (1, 2)]
 
 
 def fleets():
-    """Two robots in each node, which are heard."""
+    """Returns two robots in each node; waits until they are heard."""
     install_service()
     if "fleets" not in world:
         world["radios"] = Radios(NODES)
@@ -166,7 +166,7 @@ def demand_all_there(before):
     offline = [robot["id"] for robot in robots() if robot["id"] in FLEET and robot["state"] != "online"]
     demand(not offline, f"offline: {offline}")
     lost = thread_counters()["clients_lost"] - before["clients_lost"]
-    demand(lost == 0, f"{lost} robots were lost meanwhile")
+    demand(lost == 0, f"{lost} robots were lost")
 
 
 def loses_no_robot_on_a_bad_radio():
@@ -182,8 +182,8 @@ def loses_no_robot_on_a_bad_radio():
     finally:
         world["radios"].lose(0)
     repeated = thread_counters()["repeats_suppressed"] - before["repeats_suppressed"]
-    demand(repeated > 0, "no update came twice: nothing was lost on the radio")
-    return f"{repeated} updates came more than once, after a lost acknowledgement"
+    demand(repeated > 0, "no update was repeated: the radio lost nothing")
+    return f"{repeated} updates were repeated after a lost acknowledgement"
 
 
 def loses_no_robot_when_the_interface_is_made_again():
@@ -206,10 +206,10 @@ def loses_no_robot_when_the_interface_is_made_again():
 
 STEPS = [
     waits_for_a_board,
-    takes_a_board_that_is_plugged_in,
-    takes_up_a_board_that_was_unplugged,
-    lives_on_with_a_board_that_stops_reading,
-    takes_a_board_after_a_boot_without_the_driver,
+    connects_to_a_board_that_is_plugged_in,
+    reconnects_to_a_board_that_was_unplugged,
+    serves_thread_while_the_board_stops_reading,
+    connects_to_a_board_after_a_boot_without_the_driver,
     carries_robots_behind_radios,
     loses_no_robot_on_a_bad_radio,
     loses_no_robot_when_the_interface_is_made_again,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps: what the package does when it is installed, upgraded, removed and purged, and what it leaves."""
+"""Steps: install, upgrade, removal and purge of the package, and the files that remain."""
 import glob
 import json
 import pathlib
@@ -21,26 +21,26 @@ def mode_of(path):
 
 
 def pretend_small_receive_limit():
-    """The kernel's default. The true limit is the whole machine's: a container can read it only."""
+    """Shows the kernel's default limit. The true one is the whole machine's, and read-only in a container."""
     limit = pathlib.Path("/run/rmem_max")
     limit.write_text("212992\n", encoding="ascii")
     run("mount", "--bind", limit, RECEIVE_LIMIT)
 
 
 def install_from_repository():
-    """What docs/manual.md has an owner type, with a folder in place of a web server and without the page."""
+    """Runs the commands of docs/manual.md, with a folder in place of a web server and without the page."""
     package = glob.glob("/job/input/debs/slam-gateway_*.deb")[0]
     page = run("sh", "-c", f"dpkg-deb --fsys-tarfile {package} | tar -xO ./usr/share/doc/slam-gateway/manual.md")
     lines = re.search(r"### A repository for apt\n.*?```sh\n(.*?)```", page, re.DOTALL)[1]
     for theirs, ours in {"wget -qO- https://apt.example.org": f"cat {REPOSITORY}", "https://apt.example.org": f"file:{REPOSITORY}",
                          "sudo ": "", "apt install slam-gateway slam-gateway-web": "apt install -y slam-gateway slam-gateway-sim"}.items():
-        demand(theirs in lines, f"the page does not say '{theirs}'")
+        demand(theirs in lines, f"the page does not contain '{theirs}'")
         lines = lines.replace(theirs, ours)
     run("sh", "-ec", lines)
 
 
 def runs_once_installed():
-    """install from a repository: the service is active, ready, and tells its status; user, directories and limits are there"""
+    """install from a repository: the service is active, ready, and reports its status; user, directories and limits are there"""
     run("systemctl", "stop", "mosquitto")
     pretend_small_receive_limit()
     install_from_repository()
@@ -48,14 +48,14 @@ def runs_once_installed():
     demand(service("UnitFileState") == "enabled", "the service is not enabled")
     wait_for_status("broker down, thread up, 0 robots online")
     demand(mode_of(STATE) == "slam-gateway 700", f"{STATE}: {mode_of(STATE)}")
-    demand(pwd.getpwnam("slam-gateway").pw_uid < 1000, "the user is no system user")
+    demand(pwd.getpwnam("slam-gateway").pw_uid < 1000, "the user is not a system user")
     demand("rmem_max = 4194304" in run("systemd-analyze", "cat-config", "sysctl.d"), "the file in sysctl.d is not seen")
     demand(RECEIVE_LIMIT.read_text(encoding="ascii").strip() == "4194304", "net.core.rmem_max was not raised")
     return service("StatusText")
 
 
 def is_confined():
-    """confinement: systemd-analyze security says 1.5 or less, and memory is limited"""
+    """confinement: systemd-analyze security reports 1.5 or less, and memory is limited"""
     demand(service("MemoryMax") == str(512 << 20), f"MemoryMax: {service('MemoryMax')}")
     verdict = run("systemd-analyze", "security", "--no-pager", "--threshold=15", "slam-gateway").splitlines()[-1]
     return re.sub(r"[^ -~]", "", verdict).strip()
@@ -78,12 +78,12 @@ def mesh_keys():
 
 
 def packages_to_upgrade_to():
-    """This version's, once the last release is installed; before the first release the same package with a higher version."""
+    """Installs the last release and returns this version's packages; without a release, the same ones with a higher version."""
     last = glob.glob("/job/input/debs/last/slam-gateway_*.deb")
     if not last:
         return glob.glob("/job/input/debs/newer/slam-gateway_*.deb")
     run("systemctl", "stop", "slam-gateway")
-    run("find", STATE, "-mindepth", 1, "-not", "-name", "mesh.json", "-delete")  # it cannot read what is newer
+    run("find", STATE, "-mindepth", 1, "-not", "-name", "mesh.json", "-delete")  # it cannot read newer files
     install("--allow-downgrades", *last)
     return glob.glob("/job/input/debs/slam-gateway_*.deb")
 
@@ -135,8 +135,8 @@ def remove_keeps_the_state():
         demand(path.exists(), f"{path} is gone")
 
 
-def purge_takes_everything():
-    """purge: nothing of it is left but the user"""
+def purge_removes_everything():
+    """purge: only the user is left"""
     has_page = pathlib.Path("/usr/bin/slam-gateway-web").exists()
     site = CONFIG.parent / "gateway.d/site.json"
     site.parent.mkdir(exist_ok=True)  # dpkg removes it when it is empty

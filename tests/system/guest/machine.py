@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a step does with the booted guest: commands, the service, its journal. Used by the files of steps."""
+"""Actions of steps in the booted guest: commands, the service, its journal. Used by the files of steps."""
 import contextlib
 import json
 import pathlib
@@ -9,9 +9,9 @@ import time
 CONFIG = pathlib.Path("/etc/slam-gateway/gateway.json")
 CREDENTIALS = pathlib.Path("/etc/slam-gateway/credentials.json")
 STATE = pathlib.Path("/var/lib/slam-gateway")
-BOARD = "/dev/simulated/board"  # where the service sees it; /run/slam-gateway goes with each restart
-SLOWER = 1 if pathlib.Path("/run/systemd/container").exists() else 5  # times: a virtual machine may be emulated
-PATIENCE_S = 60 * SLOWER  # nothing here is measured by the clock: only a failure uses this up
+BOARD = "/dev/simulated/board"  # where the service sees it; a restart removes /run/slam-gateway
+SLOWER = 1 if pathlib.Path("/run/systemd/container").exists() else 5  # factor: a virtual machine may be emulated
+PATIENCE_S = 60 * SLOWER  # only a failure takes this long
 GATEWAY = "guest"  # the default gateway.id: the host name
 
 
@@ -25,7 +25,7 @@ def demand(is_right, complaint):
 
 
 def run(*arguments, status=0):
-    """The command's output; status None accepts any end."""
+    """Returns the command's output; status None accepts any exit status."""
     done = subprocess.run([str(word) for word in arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, text=True, check=False)
     demand(status in (None, done.returncode),
@@ -34,23 +34,23 @@ def run(*arguments, status=0):
 
 
 def wait_for(what, condition):
-    """What the condition returns as soon as that is true."""
+    """Waits until the condition is true; returns its result."""
     end = time.monotonic() + PATIENCE_S
     while True:
         with contextlib.suppress(Failure):
             if result := condition():
                 return result
-        demand(time.monotonic() < end, f"{what}: not within {PATIENCE_S} s; the service says: {service('StatusText')}")
+        demand(time.monotonic() < end, f"{what}: not within {PATIENCE_S} s; the service reports: {service('StatusText')}")
         time.sleep(0.1)
 
 
 def service(what):
-    """A property of the service, as systemd shows it."""
+    """Returns a property of the service from systemd."""
     return run("systemctl", "show", "-P", what, "slam-gateway")
 
 
 def wait_for_status(text):
-    wait_for(f"the service's status says '{text}'", lambda: text in service("StatusText"))
+    wait_for(f"'{text}' in the service's status", lambda: text in service("StatusText"))
 
 
 def restart():
@@ -59,34 +59,34 @@ def restart():
 
 
 def status():
-    """The daemon's own account of itself."""
+    """Returns the daemon's status."""
     return json.loads(run("slam-gatewayctl", "--json", "status"))
 
 
 def journal(*matches):
-    """The service's entries that match, as dictionaries of fields."""
+    """Returns the service's matching entries as dictionaries of fields."""
     run("journalctl", "--sync")
     lines = run("journalctl", "-q", "--no-pager", "-u", "slam-gateway", "-o", "json", *matches)
     return [json.loads(line) for line in lines.splitlines()]
 
 
 def now():
-    """For `journal(*since)`: only what comes later. (journalctl 252 leaves out the first match after a cursor.)"""
+    """Returns a match for `journal(*since)`: later entries only. (journalctl 252 omits the first match after a cursor.)"""
     return ("--since", f"@{time.time():.6f}")
 
 
-def says(word, *matches):
-    """The message with that word, among the entries that match."""
+def logged(word, *matches):
+    """Returns the first message with that word among the matching entries."""
     return next((entry["MESSAGE"] for entry in journal(*matches) if word in str(entry.get("MESSAGE"))), None)
 
 
 def install(*packages):
-    # The configuration that an operator has changed stays without a question.
+    # Keeps the configuration that an operator has changed, without asking.
     run("apt-get", "-y", "-q", "-o", "Dpkg::Options::=--force-confold", "install", *packages)
 
 
 def write_config(**changes):
-    """Both meshes, names for the BLE robots, and what else is given."""
+    """Writes a configuration with both meshes, names for the BLE robots, and these changes."""
     config = {
         "ble_mesh": {"enabled": True, "device": BOARD},
         "robots": [{"id": f"ble{n + 1}", "ble_address": f"0x{0x100 + n:04x}"} for n in range(3)],

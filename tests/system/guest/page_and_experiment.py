@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps: the packages beside the daemon's own, slam-gateway-web and slam-gateway-experiment."""
+"""Steps: the other packages, slam-gateway-web and slam-gateway-experiment."""
 import glob
 import http.client
 import json
@@ -19,7 +19,7 @@ RESULT = pathlib.Path("/root/thread-1000")
 
 
 def answer(path, host=f"{PAGE[0]}:{PAGE[1]}"):
-    """Status and text."""
+    """Returns status and text."""
     connection = http.client.HTTPConnection(*PAGE, timeout=20)
     try:
         connection.request("GET", path, headers={"Host": host})
@@ -34,7 +34,7 @@ def page_service(what):
 
 
 def count_of(robot):
-    """The messages of that robot, as Prometheus reads them."""
+    """Returns the number of messages of that robot, as Prometheus reads it."""
     status, text = answer("/metrics")
     demand(status == 200, f"/metrics: status {status}")
     found = re.search(rf'^slamgw_robot_messages_total{{[^}}]*robot="{robot}"[^}}]*}} (\d+)', text, re.MULTILINE)
@@ -51,14 +51,14 @@ def page_shows_the_robots():
     robots = Robots("thread", "--robots", 1, "--id-prefix", "seen")
     wait_for("the robot's messages in the metrics", lambda: count_of("seen1") > 3)
     demand(answer("/")[0] == 200, "there is no page")
-    demand(answer("/", host="evil.example")[0] in (403, 421), "a foreign name is answered")
+    demand(answer("/", host="evil.example")[0] in (403, 421), "a request for another host name is answered")
     listening = run("ss", "-Hltn", "sport = :8321").splitlines()
     demand(len(listening) == 1 and "127.0.0.1:8321" in listening[0], f"it listens elsewhere: {listening}")
     demand_nothing_lost(robots.end())
 
 
 def page_is_confined():
-    """page: systemd-analyze security says 1.5 or less; the token's file works for its group only as docs/web.md says"""
+    """page: systemd-analyze security reports 1.5 or less; a token file that others can read is refused, as in docs/web.md"""
     verdict = run("systemd-analyze", "security", "--no-pager", "--threshold=15", "slam-gateway-web").splitlines()[-1]
     run("install", "-m", "640", "-g", "slam-gateway-web", "/dev/null", TOKEN)
     TOKEN.write_text("0123456789abcdef0123456789abcdef\n", encoding="ascii")
@@ -67,14 +67,14 @@ def page_is_confined():
     wait_for("the page again", lambda: answer("/")[0] == 200)
     run("chmod", "644", TOKEN)
     run("systemctl", "restart", "slam-gateway-web", status=1)
-    demand(page_service("ExecMainStatus") == "78", "a token that everybody can read is taken")
+    demand(page_service("ExecMainStatus") == "78", "a token that everybody can read is accepted")
     SITE.unlink()
     TOKEN.unlink()
     run("systemctl", "restart", "slam-gateway-web")
     return re.sub(r"[^ -~]", "", verdict).strip()
 
 
-def page_names_a_key_that_it_may_not_read():
+def page_reports_a_key_that_it_may_not_read():
     """page: --check-config, as root, warns of the gateway's client key that the page's own user may not read"""
     certificate, key = SITE.with_name("client.pem"), SITE.with_name("client.key")
     run("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "9", "-subj", "/CN=gateway",
@@ -94,8 +94,8 @@ def page_names_a_key_that_it_may_not_read():
     demand("cannot be read" not in accepted, accepted)
 
 
-def page_may_die():
-    """page: killed, it comes back; the daemon and its robots notice nothing"""
+def page_restarts_after_a_kill():
+    """page: restarted after a kill; the daemon keeps running and robots lose nothing"""
     robots = Robots("thread", "--robots", 1, "--id-prefix", "unmoved")
     daemon, page = service("MainPID"), page_service("MainPID")
     os.kill(int(page), signal.SIGKILL)
@@ -116,4 +116,4 @@ def experiment_is_repeated():
     return json.dumps(result["measured"]["counts"])
 
 
-STEPS = [page_shows_the_robots, page_is_confined, page_names_a_key_that_it_may_not_read, page_may_die, experiment_is_repeated]
+STEPS = [page_shows_the_robots, page_is_confined, page_reports_a_key_that_it_may_not_read, page_restarts_after_a_kill, experiment_is_repeated]

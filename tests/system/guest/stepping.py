@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs steps in their order, over reboots of the guest, and says ok or FAILED for each."""
+"""Runs steps in their order, over reboots of the guest, and prints ok or FAILED for each."""
 import json
 import pathlib
 import time
@@ -10,14 +10,14 @@ PROGRESS = pathlib.Path("/job/progress.json")
 
 
 class Reboot(Exception):
-    """Raised by a step: the guest starts anew, and the step is called again."""
+    """Raised by a step: the guest reboots, and the step runs again."""
 
     def begin(self):
         run("systemctl", "reboot")
 
 
 class PowerCut(Reboot):
-    """The same, as when somebody pulls the plug of a virtual machine."""
+    """The same with a power cut of the virtual machine."""
 
     def begin(self):
         pathlib.Path("/job/power-cut").touch()
@@ -30,7 +30,7 @@ def progress():
 
 
 def chosen(steps, names):
-    """All steps, or those of that name."""
+    """Returns all steps, or those with these names."""
     known = [step.__name__ for step in steps]
     unknown = [name for name in names if name not in known]
     demand(not unknown, f"no such step: {' '.join(unknown)}; the steps are\n  " + "\n  ".join(known))
@@ -38,7 +38,7 @@ def chosen(steps, names):
 
 
 def run_steps(steps, names=()):
-    """0 when all have passed, or those of that name."""
+    """Returns 0 when all steps, or those with these names, have passed."""
     try:
         steps = chosen(steps, names)
     except Failure as failure:
@@ -54,8 +54,8 @@ def run_steps(steps, names=()):
         except Reboot as reboot:
             PROGRESS.write_text(json.dumps(done), encoding="utf-8")
             reboot.begin()
-            time.sleep(3600)  # ended by that
-        except Exception as error:  # a step that breaks is a step that failed, and the next ones still tell something
+            time.sleep(3600)  # until the reboot
+        except Exception as error:  # counts as a failure; the next steps still run
             done["failed"].append(step.__name__)
             print(f"FAILED  {step.__doc__}\n  {type(error).__name__}: {error}", flush=True)
             for entry in journal()[-12:]:

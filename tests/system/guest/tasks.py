@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps: an operator's everyday tasks and mistakes (docs/tasks.md), each as that page says it."""
+"""Steps: an operator's everyday tasks and mistakes, each as described in docs/tasks.md."""
 import contextlib
 import json
 import os
@@ -10,8 +10,8 @@ import subprocess
 import tempfile
 
 from actors import ACL, PASSWORDS, Listener, Robots, as_server, demand_nothing_lost, retained
-from machine import (CONFIG, CREDENTIALS, GATEWAY, STATE, demand, now, restart, run, says, service, status, wait_for,
-                     wait_for_status, write_credentials)
+from machine import (CONFIG, CREDENTIALS, GATEWAY, STATE, demand, logged, now, restart, run, service, status,
+                     wait_for, wait_for_status, write_credentials)
 from trouble import DROP_IN
 
 SITE = CONFIG.parent / "gateway.d/site.json"
@@ -24,7 +24,7 @@ def site(**keys):
 
 @contextlib.contextmanager
 def site_settings():
-    """What a step writes with `site` goes with it, and is out of force then."""
+    """Removes the settings that a step writes with `site` when it ends."""
     try:
         yield
     finally:
@@ -44,7 +44,7 @@ def broker_away():
 
 @contextlib.contextmanager
 def small_disk():
-    """The state on a disk of its own of 1 MiB, until the step ends."""
+    """Puts the state on a disk of its own of 1 MiB until the step ends."""
     run("systemctl", "stop", "slam-gateway")
     run("sh", "-ec", f"mv {STATE} {STATE}.kept; mkdir {STATE}; mount -t tmpfs -o size=1m,mode=700 tmpfs {STATE}; "
                      f"cp -a {STATE}.kept/. {STATE}/; chown slam-gateway: {STATE}")
@@ -70,41 +70,41 @@ def doctor(*robot, expected_status=None):
     return json.loads(run("slam-gatewayctl", "--json", "doctor", *robot, status=expected_status))
 
 
-def open_credentials_stop_the_service_for_good():
-    """credentials that others can read: refused with what to type, and not started again and again"""
+def readable_credentials_stop_the_service():
+    """credentials that others can read: refused with the command to type, and the service is not restarted"""
     CREDENTIALS.chmod(0o644)
-    demand(f"type: sudo chmod o= {CREDENTIALS}" in check_config(78), "--check-config does not say what to type")
+    demand(f"type: sudo chmod o= {CREDENTIALS}" in check_config(78), "--check-config does not name the command to type")
     since = now()
     run("systemctl", "restart", "slam-gateway", status=1)
-    demand(says(f"type: sudo chmod o= {CREDENTIALS}", *since), "the journal does not say what to type")
+    demand(logged(f"type: sudo chmod o= {CREDENTIALS}", *since), "the journal does not name the command to type")
     demand(service("ActiveState") == "failed" and service("ExecMainStatus") == "78", "the service is started again")
-    told = run("slam-gatewayctl", "status", status=1)
-    demand("its configuration was refused: sudo slam-gatewayd --check-config" in told, told)
+    output = run("slam-gatewayctl", "status", status=1)
+    demand("its configuration was refused: sudo slam-gatewayd --check-config" in output, output)
     run("chmod", "o=", CREDENTIALS)
     restart()
     wait_for_status("broker up")
 
 
-def broken_credentials_are_named_as_the_operator_knows_them():
-    """credentials that are no JSON: --check-config and the journal name the file that one edits"""
+def broken_credentials_are_reported_with_the_file_to_edit():
+    """credentials that are not JSON: --check-config and the journal name the file to edit"""
     CREDENTIALS.write_text('{"username": "slam-gateway",\n "password": ', encoding="utf-8")
-    demand(f"{CREDENTIALS}:2: syntax" in check_config(78), "--check-config does not see it")
+    demand(f"{CREDENTIALS}:2: syntax" in check_config(78), "--check-config does not report it")
     since = now()
     run("systemctl", "restart", "slam-gateway", status=1)
-    demand(says(f"{CREDENTIALS}:2: syntax", *since), "the journal names another file")
+    demand(logged(f"{CREDENTIALS}:2: syntax", *since), "the journal names another file")
     write_credentials(PASSWORDS["slam-gateway"])
     restart()
     wait_for_status("broker up")
 
 
-def password_in_the_wrong_file():
-    """a password in the configuration: said where it belongs"""
+def password_in_the_wrong_file_is_reported():
+    """a password in the configuration: --check-config names the file where it belongs"""
     with site_settings():
         site(broker={"password": "x"})
-        demand("into credentials.json" in check_config(78), "it is not said where a password belongs")
+        demand("into credentials.json" in check_config(78), "--check-config does not name credentials.json")
 
 
-def site_keys_win_and_are_named():
+def site_keys_override_and_errors_name_their_file():
     """gateway.d: the site's keys win over gateway.json; a problem there is named by its file"""
     with site_settings():
         site(log={"level": "debug"})
@@ -115,42 +115,42 @@ def site_keys_win_and_are_named():
         site(log={"level": "info"})
         misnamed = SITE.with_suffix(".jsn")
         misnamed.write_text("{}", encoding="utf-8")
-        told = check_config()
+        output = check_config()
         misnamed.unlink()
-        demand(f"warning: {misnamed}:1: file: is not read" in told, told)
+        demand(f"warning: {misnamed}:1: file: is not read" in output, output)
 
 
-def unreadable_file_is_named_before_the_restart():
-    """a file or gateway.d that root reads and the service may not: --check-config, as root, says what to type"""
+def unreadable_file_is_reported_before_the_restart():
+    """a file or gateway.d that root reads and the service may not: --check-config, as root, names the command to type"""
     with site_settings():
         site(log={"level": "debug"})
         SITE.chmod(0o600)
-        told = check_config(78)
-        demand(f"{SITE}:1: file: cannot be read by the service's user slam-gateway; type: sudo chgrp" in told, told)
-        run("sh", "-ec", told.partition("type: ")[2].replace("sudo ", ""))
-        demand(check_config().endswith("OK") and SITE.stat().st_mode & 0o777 == 0o640, "what it says does not help")
+        output = check_config(78)
+        demand(f"{SITE}:1: file: cannot be read by the service's user slam-gateway; type: sudo chgrp" in output, output)
+        run("sh", "-ec", output.partition("type: ")[2].replace("sudo ", ""))
+        demand(check_config().endswith("OK") and SITE.stat().st_mode & 0o777 == 0o640, "its command does not help")
         SITE.parent.chmod(0o700)
-        told = check_config(78)
+        output = check_config(78)
         words = f"{SITE.parent}:1: file: cannot be read by the service's user slam-gateway; type: sudo chmod 755"
-        demand(words in told and f"{SITE}:1" not in told, told)
+        demand(words in output and f"{SITE}:1" not in output, output)
         run("systemctl", "reload", "slam-gateway", status=1)
-        run("sh", "-ec", told.partition("type: ")[2].replace("sudo ", ""))
-        demand(check_config().endswith("OK"), "what it says does not help")
+        run("sh", "-ec", output.partition("type: ")[2].replace("sudo ", ""))
+        demand(check_config().endswith("OK"), "its command does not help")
 
 
-def another_program_has_the_port():
-    """port taken: said with the port, and well again by itself when the port is free"""
+def taken_port_is_reported():
+    """port taken: reported with the port, and the service recovers when the port is free"""
     run("systemctl", "stop", "slam-gateway")
     with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as taker:
         taker.bind(("::", 47193))
         since = now()
         run("systemctl", "start", "slam-gateway", status=None)
-        wait_for("a line about the port", lambda: says("another MQTT-SN gateway has the port", *since))
-        wait_for("doctor's word on the port", lambda: finding(doctor(), "thread: port"))
+        wait_for("a line about the port", lambda: logged("another MQTT-SN gateway has the port", *since))
+        wait_for("doctor's finding about the port", lambda: finding(doctor(), "thread: port"))
     wait_for_status("broker up")
 
 
-def nobody_is_blamed_for_a_kept_port():
+def doctor_blames_no_program_for_a_kept_port():
     """port kept by systemd while the service waits for its restart: doctor blames no other program for it"""
     DROP_IN.parent.mkdir(exist_ok=True)
     DROP_IN.write_text("[Service]\nRestartSec=1h\n", encoding="utf-8")
@@ -162,8 +162,8 @@ def nobody_is_blamed_for_a_kept_port():
     DROP_IN.unlink()
     run("systemctl", "daemon-reload")
     restart()
-    demand(finding(findings, "daemon")["health"] == "problem", "doctor has not seen that the daemon is away")
-    demand(not finding(findings, "thread: port"), f"doctor says: {finding(findings, 'thread: port')}")
+    demand(finding(findings, "daemon")["health"] == "problem", "doctor does not report that the daemon is down")
+    demand(not finding(findings, "thread: port"), f"doctor reports: {finding(findings, 'thread: port')}")
     wait_for_status("broker up")
 
 
@@ -181,18 +181,18 @@ def robot_is_renamed():
 
 
 def doctor_finds_what_is_wrong():
-    """doctor: all is well; and with the broker away, it names the broker"""
-    wait_for("a healthy way", lambda: finding(doctor(), "broker")["health"] == "ok")
+    """doctor: finds no problem; without the broker, it names the broker"""
+    wait_for("a healthy broker", lambda: finding(doctor(), "broker")["health"] == "ok")
     demand(finding(doctor(), "thread: search")["health"] == "ok", "the search was not answered")
     demand(finding(doctor(), "thread: multicast")["health"] == "ok", "the multicast group is not seen")
     with broker_away():
         wait_for("the broker as a problem",
                  lambda: finding(doctor(expected_status=1), "broker")["health"] == "problem")
-    demand(finding(doctor("nobody", expected_status=1), "heard")["health"] == "problem", "an unknown robot is well")
+    demand(finding(doctor("unknown", expected_status=1), "heard")["health"] == "problem", "an unknown robot is healthy")
 
 
 def refused_topic_loses_nothing():
-    """a topic that the broker refuses: status names it; all of it arrives once the rights are corrected"""
+    """a topic that the broker refuses: status names it; all messages arrive once the rights are corrected"""
     rights = ACL.read_text(encoding="utf-8")
     topic = "ntnu-slam/robot/shy1/update"
     listener = Listener(topic)
@@ -212,7 +212,7 @@ def refused_topic_loses_nothing():
 
 
 def reserve_broker_takes_over():
-    """a second broker in reserve: used while the first one is away, and left again for it"""
+    """a second broker in reserve: used only while the first one is down"""
     reserve = subprocess.Popen(["mosquitto", "-p", "1884"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     with site_settings():
         site(broker={"uri": ["mqtt://127.0.0.1:1883", "mqtt://127.0.0.1:1884"], "return_to_first": True})
@@ -237,7 +237,7 @@ def robot_is_forgotten():
     """forget: a robot that is gone for good leaves the list and the broker"""
     Robots("thread", "--robots", 1, "--id-prefix", "gone", "--messages", 2).result()
     demand("gone1" in run("slam-gatewayctl", "robots"), "the robot was not heard")
-    demand(retained("robots/gone1"), "the broker has nothing of it")
+    demand(retained("robots/gone1"), "the broker has no retained message of it")
     run("slam-gatewayctl", "forget", "gone1")
     demand("gone1" not in run("slam-gatewayctl", "robots"), "it is still in the list")
     left = run("mosquitto_sub", *as_server(), "-t", f"ntnu-slam/gateway/{GATEWAY}/robots/gone1", "-C", "1", "-W", "2",
@@ -245,18 +245,18 @@ def robot_is_forgotten():
     demand("{" not in left, f"the broker still has {left}")
 
 
-def old_name_is_taken_from_the_broker():
-    """a gateway that is gone: what is retained under its name goes by the command of docs/fleet.md, and nothing else"""
+def old_gateway_is_removed_from_the_broker():
+    """a gateway that is gone: the command of docs/fleet.md removes its retained messages, and no others"""
     user = ("-u", "slam-gateway", "-P", PASSWORDS["slam-gateway"])
     for topic in ("state", "robots/r"):
         run("mosquitto_pub", *user, "-t", f"ntnu-slam/gateway/old-name/{topic}", "-r", "-q", "1", "-m", '{"state":"online"}')
     clear = ("mosquitto_sub", *user, "-t", "ntnu-slam/gateway/old-name/#", "--retained-only", "--remove-retained", "-W", "2")
-    demand("online" in run(*clear, status=None), "nothing was there")
-    demand("online" not in run(*clear, status=None), "something is left")
-    demand(retained("state") == "online", "another gateway's state went too")
+    demand("online" in run(*clear, status=None), "nothing was retained")
+    demand("online" not in run(*clear, status=None), "a retained message is left")
+    demand(retained("state") == "online", "another gateway's state was removed, too")
 
 
-def gateways_agree():
+def gateways_list_each_other():
     """several gateways: the two name each other, and doctor sees both"""
     with tempfile.TemporaryDirectory() as directory:
         other = pathlib.Path(directory) / "gateway.json"
@@ -270,7 +270,7 @@ def gateways_agree():
         fleet = run("slam-gatewayctl", "--socket", directory + "/control.sock", "fleet")
         demand(GATEWAY in fleet and "room-b" in fleet, fleet)
         process.terminate()
-        demand(process.wait() == 0, "the other gateway did not end well")
+        demand(process.wait() == 0, "the other gateway failed")
 
 
 def report_has_no_secret():
@@ -282,8 +282,8 @@ def report_has_no_secret():
         demand(password not in text, "a password is in the report")
 
 
-def backup_comes_back_on_a_new_card():
-    """the SD card is dead: a backup brings configuration, credentials, mesh and messages to a purged system"""
+def backup_is_restored_on_a_new_card():
+    """new SD card: a backup restores configuration, credentials, mesh and messages on a purged system"""
     robots = Robots("thread", "--robots", 1, "--id-prefix", "kept", "--messages", 60, "--linger-s", 2)
     wait_for("the robot", lambda: "kept1" in run("slam-gatewayctl", "robots"))  # without a broker it finds no gateway
     with broker_away():
@@ -297,7 +297,7 @@ def backup_comes_back_on_a_new_card():
         for directory in (STATE, CONFIG.parent):
             run("find", directory, "-mindepth", 1, "-delete")
         run("slam-gatewayctl", "restore", BACKUP)
-        demand((STATE / "mesh.json").read_text(encoding="utf-8") == mesh, "the mesh is another one")
+        demand((STATE / "mesh.json").read_text(encoding="utf-8") == mesh, "the mesh differs")
         demand(owners_and_modes() == owners, f"owners and modes: {owners_and_modes()}, before: {owners}")
         wait_for("the stored messages", lambda: status()["store"]["depth"] > 20)
     wait_for("an empty store", lambda: status()["store"]["depth"] == 0)
@@ -308,8 +308,8 @@ def owners_and_modes():
     return run("stat", "-c", "%n %U %G %a", STATE, STATE / "mesh.json", STATE / "messages", CREDENTIALS, CONFIG)
 
 
-def log_level_is_changed():
-    """log level: debug lines after a reload, none after the next one"""
+def journal_has_each_message_after_a_reload():
+    """log.traffic: after a reload, the journal has each message of a robot"""
     with site_settings():
         site(log={"level": "debug", "traffic": "all"})
         run("systemctl", "reload", "slam-gateway")
@@ -320,7 +320,7 @@ def log_level_is_changed():
 
 
 def broker_with_its_own_certificates():
-    """TLS: a broker with a certificate of the site's own authority, as broker.md says it"""
+    """TLS: a broker with a certificate of the site's own authority, as described in broker.md"""
     tls = pathlib.Path("/etc/mosquitto/certs")
     run("sh", "-c", f"""set -e; cd {tls}
       openssl req -x509 -newkey rsa:2048 -nodes -days 9 -subj /CN=site-ca -keyout ca.key -out ca.pem
@@ -348,52 +348,52 @@ def broker_with_its_own_certificates():
     wait_for_status("broker up")
 
 
-def full_disk_and_room_again():
-    """disk full: told while it lasts, and forgotten when there is room again"""
+def full_disk_is_reported_until_there_is_room():
+    """disk full: reported until there is room again"""
     with small_disk():
         robots = Robots("thread", "--robots", 1, "--id-prefix", "stuck")
         wait_for("the robot", lambda: "stuck1" in run("slam-gatewayctl", "robots"))
         run("sh", "-c", f"head -c 2M /dev/zero >{STATE}/filler || true")
         with broker_away():
-            wait_for("trouble with the store", lambda: "full" in status()["store"]["why"])
-            demand(finding(doctor(expected_status=1), "store")["health"] == "problem", "doctor does not see the store")
+            wait_for("a report of the full store", lambda: "full" in status()["store"]["why"])
+            demand(finding(doctor(expected_status=1), "store")["health"] == "problem", "doctor does not report the store")
             run("rm", STATE / "filler")
             wait_for("a working store",
                      lambda: status()["store"]["state"] == "working" and not status()["store"]["why"])
         robots.end()
 
 
-def second_gateway_with_the_same_id():
-    """second gateway: two with one client id throw each other out; said so"""
+def second_gateway_with_the_same_id_is_reported():
+    """second gateway: two with one client id disconnect each other, which is reported"""
     since = now()
     rival = subprocess.Popen(["sh", "-c", 'while :; do timeout 2 mosquitto_sub "$@"; sleep 0.3; done', "rival",
                               "-i", f"slam-gateway-{GATEWAY}", *as_server(), "-t", "none"], stdout=subprocess.DEVNULL,
                              stderr=subprocess.DEVNULL, start_new_session=True)
-    wait_for("a line about the other client", lambda: says("another client connects as", *since, "-p", "warning"))
+    wait_for("a line about the other client", lambda: logged("another client connects as", *since, "-p", "warning"))
     os.killpg(rival.pid, signal.SIGTERM)
     rival.wait()
     wait_for_status("broker up")
 
 
 STEPS = [
-    open_credentials_stop_the_service_for_good,
-    broken_credentials_are_named_as_the_operator_knows_them,
-    password_in_the_wrong_file,
-    site_keys_win_and_are_named,
-    unreadable_file_is_named_before_the_restart,
-    log_level_is_changed,
-    another_program_has_the_port,
-    nobody_is_blamed_for_a_kept_port,
+    readable_credentials_stop_the_service,
+    broken_credentials_are_reported_with_the_file_to_edit,
+    password_in_the_wrong_file_is_reported,
+    site_keys_override_and_errors_name_their_file,
+    unreadable_file_is_reported_before_the_restart,
+    journal_has_each_message_after_a_reload,
+    taken_port_is_reported,
+    doctor_blames_no_program_for_a_kept_port,
     robot_is_renamed,
     robot_is_forgotten,
     refused_topic_loses_nothing,
     reserve_broker_takes_over,
     broker_with_its_own_certificates,
-    second_gateway_with_the_same_id,
-    gateways_agree,
-    old_name_is_taken_from_the_broker,
+    second_gateway_with_the_same_id_is_reported,
+    gateways_list_each_other,
+    old_gateway_is_removed_from_the_broker,
     doctor_finds_what_is_wrong,
     report_has_no_secret,
-    full_disk_and_room_again,
-    backup_comes_back_on_a_new_card,
+    full_disk_is_reported_until_there_is_room,
+    backup_is_restored_on_a_new_card,
 ]
