@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""table.py BROKER CTL SOCKET FOOT: what robots say, as a table that is drawn anew each second, until Ctrl-C.
+"""table.py BROKER CTL SOCKET FOOT: the messages of robots, as a table that is redrawn each second, until Ctrl-C.
 
 BROKER is the file that mosquitto_sub -F '%I %t %x' writes; FOOT is a file whose text stays below the table.
 """
@@ -37,7 +37,7 @@ class Robots:
 
 
 def states():
-    """What the gateway says of each robot; empty while it does not answer."""
+    """Returns the gateway's list of robots by id; empty while it does not answer."""
     try:
         answer = subprocess.run([ctl, "--socket", socket, "--json", "robots"], capture_output=True, timeout=5, check=True)
         return {row["id"]: row for row in json.loads(answer.stdout)}
