@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulator's own byte helpers. It shares no code with the daemon on purpose: it is the other
-// side, written from the specifications alone, so that a shared mistake shows.
+// The simulator's own byte helpers. It shares no code with the daemon on purpose: it is written
+// from the specifications alone, so that mistakes on either side show.
 #pragma once
 
 #include <cstdint>
@@ -39,7 +39,7 @@ inline void put(Bytes& out, std::string_view text) {
   out.insert(out.end(), text.begin(), text.end());
 }
 
-/// The two octets at `offset`; the caller has checked the size.
+/// Returns the two octets at `offset`; the caller has checked the size.
 inline std::uint16_t get_u16_be(ByteView bytes, std::size_t offset) {
   return static_cast<std::uint16_t>(bytes[offset] << 8 | bytes[offset + 1]);
 }

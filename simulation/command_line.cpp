@@ -19,7 +19,7 @@ constexpr unsigned default_baud = 115200;    // of Nordic's serial example
 constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
 constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
 
-/// Lets an option take these words only. The help of CLI11's own transformer shows enumerators as
+/// Restricts an option to these values. The help of CLI11's own transformer shows enumerators as
 /// control characters.
 template <typename Enum>
 void take_words(CLI::Option* option, const std::map<std::string, Enum>& values) {
@@ -34,7 +34,7 @@ void take_words(CLI::Option* option, const std::map<std::string, Enum>& values) 
   option->transform(CLI::Validator(number_of, ""))->type_name(words);
 }
 
-/// In place of CLI::Range, which lets "nan" pass and takes "-1" for a large unsigned number.
+/// Replaces CLI::Range, which accepts "nan" and reads "-1" as a large unsigned number.
 template <typename Number>
 CLI::Validator in_range(Number least, Number most) {
   const auto complaint = [least, most](const std::string& text) {
@@ -47,7 +47,7 @@ CLI::Validator in_range(Number least, Number most) {
   return {complaint, CLI::Range(least, most).get_description()};
 }
 
-/// What robots measure and say.
+/// Adds options for the content of updates.
 void add_body(CLI::App& app, BodySettings& body) {
   using Model = BodySettings::Model;
   using Payload = BodySettings::Payload;
@@ -71,7 +71,7 @@ void add_body(CLI::App& app, BodySettings& body) {
   app.add_flag("--no-stray{false}", body.has_stray, "Without the octet that real robots append");
 }
 
-/// The way between a robot and its gateway.
+/// Adds options for the path between a robot and its gateway.
 void add_hops(CLI::App& app, HopOptions& hop) {
   app.add_option("--hop-loss", hop.loss,
                  "Part of the transmissions that is lost on each hop, the robot's first: F[,F...]")
@@ -113,7 +113,7 @@ void add_common(CLI::App& app, RobotOptions& options) {
   add_hops(app, options.hop);
 }
 
-/// What the client does beside publishing.
+/// Adds options for actions of the client besides publishing.
 void add_life(CLI::App& app, ThreadOptions& options) {
   app.add_option("--keep-alive", options.keep_alive_s, "Seconds between PINGREQs")
       ->check(in_range(1U, 65535U))

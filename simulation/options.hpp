@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the command line can ask for. Names, defaults and ranges are a promise to users
-// (README.md); the two sides read these structs, only command_line.cpp fills them.
+// The options of the command line. Names, defaults and ranges are a promise to users (README.md).
+// The two sides read these structs; only command_line.cpp fills them.
 #pragma once
 
 #include <chrono>
@@ -17,8 +17,8 @@
 
 namespace slamgw::sim {
 
-/// The way between a robot and its gateway, hop by hop as the robot sees it; one value stands for
-/// all further hops. Empty: --loss and the mesh's own times.
+/// The path between a robot and its gateway, hop by hop from the robot; one value applies to all
+/// further hops. Empty: --loss and the mesh's own times.
 struct HopOptions {
   std::vector<double> loss;      ///< 0..1, of each transmission
   std::vector<double> delay_ms;  ///< mean; each transmission takes 0.5 to 1.5 times that
@@ -33,7 +33,7 @@ struct HopOptions {
   }
 };
 
-/// Means the same on either mesh.
+/// Options with the same meaning on both meshes.
 struct RobotOptions {
   unsigned robots = 3;
   double rate_hz = 5;
@@ -81,15 +81,15 @@ struct ThreadOptions {
   double vanish = 0;          ///< part of the robots
   double retry_s = 8;
   unsigned outstanding = 4;
-  double give_up_s = 60;  ///< exit 1 when no robot is connected by then; 0: never
+  double give_up_s = 60;  ///< exit 1 when no robot is connected after this time; 0: never
 };
 
 struct BleOptions {
   RobotOptions common;
   std::vector<std::string> ttys{""};  ///< of each board; all hear the same robots
   std::vector<double> board_loss;     ///< of each board's messages, both ways; besides `loss`
-  std::vector<int> board_level_db;    ///< how much better or worse than usual each board hears
-  std::vector<double> board_fade_s;   ///< each board fades out and in once in that time; 0: never
+  std::vector<int> board_level_db;    ///< difference of each board from the usual signal level
+  std::vector<double> board_fade_s;   ///< period in which each board fades out and in; 0: never
   const ble::Firmware* firmware = &ble::firmware_3_1_0;  ///< of board and robots
   unsigned hops = 1;
   bool is_acknowledged = false;
@@ -116,10 +116,10 @@ struct BleOptions {
   }
 };
 
-/// What to simulate, or how the program ends at once (`--help`, wrong arguments).
+/// The simulation, or the exit status if the program ends at once (`--help`, wrong arguments).
 using CommandLine = std::variant<ThreadOptions, BleOptions, int>;
 
-/// Prints what it has to say; status 0 after `--help`, 2 for wrong arguments.
+/// Prints help or errors; returns status 0 after `--help`, 2 for wrong arguments.
 CommandLine parse_command_line(int argc, const char* const* argv);
 
 }  // namespace slamgw::sim

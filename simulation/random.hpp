@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A small deterministic random generator (SplitMix64) with its own distributions: the standard
-// library's give other numbers on other systems, and the same --seed must mean the same robots
-// everywhere.
+// library's differ between systems, and the same --seed must give the same robots everywhere.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +9,7 @@ namespace slamgw::sim {
 
 class Random {
  public:
-  /// What a stream of numbers is used for; streams of one seed don't disturb each other.
+  /// The use of a stream of numbers; streams of one seed are independent.
   enum class Use : std::uint64_t {
     body = 1,
     uplink = 2,

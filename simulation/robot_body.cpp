@@ -19,7 +19,8 @@ constexpr long nothing_seen_cm = 13;  // thesis: 13 cm or less means "no obstacl
 constexpr double missed_echo = 0.05;
 
 // The thesis's robot. It turns on the spot and then drives (4.1); the angles of its tower are those
-// of the sibling robot; how scatter grows with distance is not told (4.3.2), so it is chosen.
+// of the sibling robot. The growth of scatter with distance is not specified (4.3.2), so it is
+// chosen.
 constexpr double thesis_turn_rad = 30 * degree;
 constexpr double straight_enough_rad = 3 * degree;
 constexpr int tower_step_standing = 1;

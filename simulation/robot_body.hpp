@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One robot in its world and what it says about it. No transport here: both sides of the simulator
-// carry these bytes. Updates depend on the settings, the seed and the robot's number only, never on
+// One robot in its world and its messages about it. No transport here: both sides of the simulator
+// send these bytes. Updates depend on the settings, the seed and the robot's number only, never on
 // time, other robots or the mesh.
 #pragma once
 
@@ -17,7 +17,7 @@ namespace slamgw::sim {
 struct BodySettings {
   enum class Model : std::uint8_t {
     usual,   ///< drives in arcs; x = cos, y = sin; rounds; sees up to 80 cm
-    thesis,  ///< as listed in thesis 6.3 and told in 4.1: see README.md
+    thesis,  ///< as listed in thesis 6.3 and described in 4.1: see README.md
   };
   enum class Payload : std::uint8_t {
     positions,  ///< thesis 6.3: `x y (ox oy)*n g`
@@ -27,7 +27,7 @@ struct BodySettings {
   Model model = Model::usual;
   World::Shape world = World::Shape::ring;
   Payload payload = Payload::positions;
-  unsigned max_obstacles = 4;  ///< 0-4; those of later sensors are left out
+  unsigned max_obstacles = 4;  ///< 0-4; obstacles of later sensors are omitted
   bool has_stray = true;       ///< the octet that real robots append
   bool stands = false;         ///< never leaves its start; the tower turns
   bool is_mirrored = false;    ///< thesis: pose and obstacles count angles differently
@@ -50,12 +50,12 @@ class RobotBody {
   /// octets, count (u16 LE) and age in milliseconds (u32 LE); both wrap.
   Bytes next_message(std::uint64_t count, Duration age);
 
-  /// Moves on by one step (200 ms of the robot's time) and tells: `x y (ox oy)*n g`, int16 LE in
+  /// Moves by one step (200 ms of the robot's time); returns `x y (ox oy)*n g`, int16 LE in
   /// cm, n = 0..4, and the stray byte g that robots append (thesis 6.3: the struct is cut short).
   /// Full payload: 01, x, y, heading, tower (int16 LE, cm and degrees), four readings (u8, cm).
   Bytes next_update();
 
-  /// Commands. They change what later updates say, so they are used on request only (--obey).
+  /// Commands. They change later updates, so they are used on request only (--obey).
   void head_for(std::int16_t x_cm, std::int16_t y_cm);
   void set_running(bool is_running) { is_running_ = is_running; }
 

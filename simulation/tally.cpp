@@ -6,7 +6,7 @@
 namespace slamgw::sim {
 namespace {
 
-/// `total` decides which of the rarer fields there are.
+/// `total` decides which optional fields are present.
 void add(nlohmann::ordered_json& to, const Tally& tally, const Tally& total) {
   to["sent"] = tally.sent;
   to["acknowledged"] = tally.acknowledged;

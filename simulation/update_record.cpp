@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::int64_t us_per_s = 1000000;
 
-/// Call with errno 0 before what may fail.
+/// Call with errno 0 before the operation that may fail.
 void check(const std::ofstream& file, const std::string& path) {
   if (file) return;
   throw std::runtime_error(
@@ -91,7 +91,8 @@ void UpdateRecord::write_record(const std::string& id, const UpdateEvent& event,
   check(record_, record_path_);
 }
 
-/// Ids come from a checked --id-prefix; quotes and backslashes are all that JSON could mind.
+/// Writes an event as JSON. Ids come from a checked --id-prefix, so only quotes and backslashes
+/// need escapes.
 void UpdateRecord::write_trace(const std::string& id, const UpdateEvent& event,
                                std::int64_t since_1970_us) {
   std::string robot;

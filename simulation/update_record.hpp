@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What becomes of each update at its robot, and the commands that reach it: the events that robots
-// leave, and the files that `--record` and `--trace` make of them, so that tests and experiments
-// can compare them with what arrives.
+// The events of each update at its robot and of received commands, and the files that `--record`
+// and
+// `--trace` make of them, so that tests and experiments can compare them with arriving messages.
 #pragma once
 
 #include <cstdint>
@@ -21,15 +21,15 @@ struct UpdateEvent {
     refused,        ///< never sent: the client or the transport is busy, or the queue is full
     cancelled,      ///< without its STATUS, by the next update
     given_up,       ///< after all repeats
-    link_repeated,  ///< a frame of it on one hop, for want of its 802.15.4 acknowledgement
-    command,        ///< no update: the robot received a command, perhaps a repeated one
+    link_repeated,  ///< a frame of it on one hop, without an 802.15.4 acknowledgement
+    command,        ///< the robot received a command, perhaps a repeated one
     heard,          ///< another robot's update
   };
   Kind kind = Kind::sent;
   std::uint64_t number = 0;  ///< counts the robot's updates from 1; of a command: its message id
-  Bytes payload{};           ///< of what was sent, refused or received; else empty
+  Bytes payload{};           ///< sent, refused or received; else empty
   std::string_view type{};   ///< of a command
-  std::string sender{};      ///< of what was heard: its id, on BLE its number
+  std::string sender{};      ///< of a heard update: its id, on BLE its number
 
   bool is_acknowledged() const { return kind == Kind::acknowledged; }
 };

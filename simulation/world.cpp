@@ -25,7 +25,7 @@ double distance_to_ring(Place from, double angle) {
          along;
 }
 
-/// Along the ray to the piece of wall from `a` to `b`; infinite when the ray misses it.
+/// Returns the distance along the ray to the wall from `a` to `b`; infinite when the ray misses it.
 double distance_to_segment(Place from, double angle, Place a, Place b) {
   const double dx = std::cos(angle);
   const double dy = std::sin(angle);
@@ -89,7 +89,7 @@ Place World::choose_target(Random& random) const {
     const double angle = random.unit() * 2 * std::numbers::pi;
     return {radius * std::cos(angle), radius * std::sin(angle)};
   }
-  for (;;) {  // a third of the box is taken at least, so this ends
+  for (;;) {  // at least a third of the box is valid, so this ends
     const Place place{-150 + 260 * random.unit(), -90 + 180 * random.unit()};
     if (is_clear_in_room(place)) return place;
   }

@@ -23,13 +23,13 @@ class World {
 
   explicit World(Shape shape) : shape_(shape) {}
 
-  /// Along the ray from `from`, which is inside, to the wall.
+  /// Returns the distance along the ray from `from`, which is inside, to the wall.
   double distance_to_wall(Place from, double angle) const;
-  /// A robot can stand here: its own size keeps its centre 12 cm off the walls.
+  /// Returns true if a robot can stand here: its size keeps its centre 12 cm off the walls.
   bool has_room_for_robot(Place place) const;
-  /// Moves a place that a robot can't reach to one that it can, on the way to (0, 0).
+  /// Returns the place, or one towards (0, 0) if a robot can't reach it.
   Place nearest_reachable(Place place) const;
-  /// Where a robot drives next.
+  /// Returns the next target of a robot.
   Place choose_target(Random& random) const;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the robots and the board both know of Bluetooth Mesh: addresses, the access messages that
-// robots use, and how long messages take (Nordic's nRF5 SDK for Mesh 3.1.0). Pure values.
+// Bluetooth Mesh as the robots and the board share it: addresses, the access messages of robots,
+// and the durations of messages (Nordic's nRF5 SDK for Mesh 3.1.0). Pure values.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ constexpr std::uint8_t default_ttl = 4;
 constexpr bool is_unicast(Address address) { return address >= 0x0001 && address <= 0x7fff; }
 constexpr bool is_group(Address address) { return address >= 0xc000; }
 
-/// Vendor opcodes of the thesis (company 0x0059) and of Nordic's Simple OnOff; the octet that comes
-/// before `59 00`.
+/// Vendor opcodes of the thesis (company 0x0059) and of Nordic's Simple OnOff; the octet before
+/// `59 00`.
 enum class Vendor : std::uint8_t {
   simple_on_off_set = 0xc1,
   simple_on_off_get = 0xc2,
@@ -57,11 +57,11 @@ constexpr std::uint16_t on_off_set = 0x8202;
 constexpr std::uint16_t on_off_set_unacknowledged = 0x8203;
 constexpr std::uint16_t on_off_status = 0x8204;
 
-/// `op 59 00` and the parameters.
+/// Returns `op 59 00` and the parameters.
 Bytes vendor_message(Vendor opcode, ByteView parameters);
-/// The opcode octet of a message of company 0x0059.
+/// Returns the opcode octet of a message of company 0x0059.
 std::optional<Vendor> vendor_opcode(ByteView message);
-/// The opcode of a two-octet message.
+/// Returns the opcode of a message with a two-octet opcode.
 std::optional<std::uint16_t> two_octet_opcode(ByteView message);
 
 /// A receiver needs both keys to understand the message.
@@ -78,7 +78,7 @@ struct MeshMessage {
   std::uint8_t ttl = default_ttl;
   Bytes payload;               ///< opcode and parameters
   std::uint32_t sequence = 0;  ///< of the first segment; replay protection compares it
-  /// Nothing: the keys that the board has, whatever they are.
+  /// Nothing: the keys of the board.
   std::optional<Encryption> encryption{};
 };
 
@@ -88,21 +88,23 @@ struct SegmentAcknowledgement {
   Key net_key{};
 };
 
-/// How many sequence numbers a message uses up: one for each segment and transmission; those to a
-/// group are sent five times.
+/// Returns the number of sequence numbers that a message uses: one for each segment and
+/// transmission; messages to a group are sent five times.
 std::uint32_t sequence_numbers(Address destination, std::size_t payload_octets, bool is_segmented);
 
 /// 1 up to 11 octets of access payload, else 12 octets each, with the 4-octet TransMIC.
 std::size_t segment_count(std::size_t payload_octets);
-/// How long a segmented message occupies its sender: a group 5 x 500 ms, a unicast address one
-/// acknowledgement delay, 150 + 50 x TTL ms.
+/// Returns how long a segmented message occupies its sender: 5 x 500 ms to a group, one
+/// acknowledgement delay, 150 + 50 x TTL ms, to a unicast address.
 Duration segmented_session(Address destination, std::uint8_t ttl);
-/// Between two transmissions of a segmented message to a unicast address: 500 + 50 x TTL ms.
+/// Returns the time between two transmissions of a segmented message to a unicast address: 500 + 50
+/// x TTL ms.
 Duration retry_interval(std::uint8_t ttl);
 constexpr int segmented_transmissions = 5;
-/// How long until a segmented message to a silent unicast address has failed.
+/// Returns the time until a segmented message to a silent unicast address has failed.
 Duration failed_session(std::uint8_t ttl);
-/// First repeat of a reliable message: 200 ms + 20 ms x TTL (+ 20 ms x segments when segmented).
+/// Returns the time to the first repeat of a reliable message: 200 ms + 20 ms x TTL (+ 20 ms x
+/// segments when segmented).
 Duration reliable_interval(std::uint8_t ttl, std::size_t payload_octets);
 
 }  // namespace slamgw::sim::ble

@@ -91,7 +91,8 @@ void BoardPort::read_from_host() {
     if (error) return;
     std::array<std::uint8_t, 4096> buffer;
     const ssize_t octets = ::read(terminal_->master(), buffer.data(), buffer.size());
-    // Octet by octet, as on a wire: the board answers the first packets before it gets the last.
+    // Octet by octet, as on a wire: the board answers the first packets before it receives the
+    // last.
     for (ssize_t i = 0; i < octets; ++i) {
       network_.on_host_bytes(ByteView(buffer).subspan(static_cast<std::size_t>(i), 1),
                              std::chrono::steady_clock::now(), board_);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The releases of Nordic's nRF5 SDK for Mesh that board and robots can run, and what differs
-// between them (tests/vectors/nordic_board/README.md); and what robots' own code can do.
+// The releases of Nordic's nRF5 SDK for Mesh that board and robots can run, their differences
+// (tests/vectors/nordic_board/README.md), and the variants of robots' own code.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ struct Firmware {
   bool has_network_state;           ///< commands 0xae, 0xaf; from 5.0.0
   bool clears_replay_list;          ///< with State Clear; from 5.0.0
   bool asserts_on_publication_ttl;  ///< robots, above 127; up to 4.2.0
-  /// Robots, for the next message that leaves; they count heartbeats in their models' groups only,
-  /// and assert when they are told to publish twice before that. Up to 3.0.0.
+  /// The first heartbeat of a robot waits for its next message; a second request before that fails
+  /// an assertion. Robots count heartbeats in their models' groups only. Up to 3.0.0.
   bool first_heartbeat_waits;
 };
 
@@ -30,10 +30,10 @@ extern const Firmware firmware_2_2_0;
 extern const Firmware firmware_3_1_0;
 extern const Firmware firmware_5_0_0;
 
-/// Nothing (a null pointer) for a release that cannot be simulated.
+/// Returns null for a release that cannot be simulated.
 const Firmware* find_firmware(std::string_view release);
 
-/// What a robot does with an update while its last SET waits for its STATUS.
+/// The treatment of an update while the robot's last SET waits for its STATUS.
 enum class OnBusy : std::uint8_t {
   cancel,  ///< forgets the old one, and skips this update, too (thesis 9.1: "cancelled")
   refuse,  ///< drops this update; the old one is repeated until its STATUS (Nordic's access layer)

@@ -58,10 +58,10 @@ Value value_of(const std::vector<Value>& values, std::size_t index) {
   return values.empty() ? Value{} : values[std::min(index, values.size() - 1)];
 }
 
-/// A board that fades hears so much worse before it hears nothing.
+/// Attenuation of a fading board just before it receives nothing.
 constexpr double fade_db = 40;
 
-/// From 0, whole, to 1, gone, and back, once in `period_s`.
+/// Returns a fade from 0 to 1, where the board receives nothing, and back, once in `period_s`.
 double fading_of(double period_s, TimePoint now) {
   if (period_s <= 0) return 0;
   const double seconds = std::chrono::duration<double>(now.time_since_epoch()).count();
@@ -69,8 +69,8 @@ double fading_of(double period_s, TimePoint now) {
   return 1 - std::abs(1 - 2 * phase);
 }
 
-/// To a unicast address segments are repeated until they are acknowledged. `transmit` sends them
-/// once, at the given time. The time that the repeats took, or nothing when the message has failed.
+/// Repeats segments to a unicast address until they are acknowledged. `transmit` sends them once,
+/// at the given time. Returns the time of the repeats, or nothing when the message has failed.
 template <class Transmit>
 std::optional<Duration> transmit_until_acknowledged(std::uint8_t ttl, TimePoint now,
                                                     Transmit&& transmit) {
@@ -81,7 +81,7 @@ std::optional<Duration> transmit_until_acknowledged(std::uint8_t ttl, TimePoint 
   return std::nullopt;
 }
 
-/// The prefix, octets that depend on the seed, and the robot's number in the last two.
+/// Returns the prefix, octets that depend on the seed, and the robot's number in the last two.
 Key make_uuid(const BleOptions& options, unsigned number) {
   Random random(options.common.seed, 0, Use::uuid);
   Key uuid = random_key(random);
@@ -109,7 +109,7 @@ Network::Network(const BleOptions& options)
     : options_(options),
       radio_(radio_settings(options), Random(options.common.seed, 0, Use::radio)),
       pb_adv_(options.common.loss, Random(options.common.seed, 0, Use::pb_adv)) {
-  constexpr unsigned beyond_all_robots = 0x8000;  // each board has randomness of its own
+  constexpr unsigned beyond_all_robots = 0x8000;  // each board has its own random numbers
   for (unsigned i = 0; i < options.ttys.size(); ++i) {
     const unsigned number = i == 0 ? 0 : beyond_all_robots + i;
     boards_.emplace_back(
@@ -223,7 +223,7 @@ bool Network::run_nodes(TimePoint now) {
   return false;
 }
 
-/// The heartbeats of all robots come at once: those of as many robots as the board can hear fit
+/// Delivers the heartbeats of all robots at once: those of as many robots as the board can hear fit
 /// into its transmit buffer.
 bool Network::run_heartbeats(TimePoint now) {
   if (!next_heartbeats_ || *next_heartbeats_ > now) return false;
@@ -253,7 +253,8 @@ bool Network::is_heard(Address destination, TimePoint now) {
   return has_begun_ && any([&](const Board& board) { return board.hears(destination); });
 }
 
-/// A robot's updates wait for a board to hear them, so that a run with --messages is complete.
+/// Delays a robot's updates until a board can receive them, so that a run with --messages is
+/// complete.
 Robot::Publications Network::publications_of(std::size_t index, TimePoint now) {
   if (!options_.is_unprovisioned) return fixed_publications(now);
   Robot::Publications publications = nodes_[index].publications(now);
@@ -282,7 +283,7 @@ Robot::Publications Network::fixed_publications(TimePoint now) {
   return for_payload(publications);
 }
 
-/// Robots and boards hear each other; robots don't listen to robots, nor boards to boards.
+/// Robots receive messages of boards only, and boards messages of robots only.
 void Network::deliver(const Reception& reception, TimePoint now) {
   const MeshMessage& message = reception.message;
   if (reception.board) return boards_[*reception.board].on_radio(reception);
@@ -350,7 +351,7 @@ void Network::carry_of_robot(std::size_t index, TimePoint now) {
   robot.set_address(node.address());
 }
 
-/// At once, and each time over the shortest way.
+/// Delivers heartbeats at once, each over the shortest path.
 void Network::carry_heartbeat(std::size_t source, const Heartbeats::Heartbeat& heartbeat,
                               TimePoint now) {
   const std::vector<unsigned> hops = hops_from(source);
@@ -363,8 +364,8 @@ void Network::carry_heartbeat(std::size_t source, const Heartbeats::Heartbeat& h
   }
 }
 
-/// To each robot; 0: there is no way. Robots stand in a row, hear those that are not further away
-/// than their reach, and relay if they are configured so.
+/// Returns the hops to each robot; 0: no path. Robots stand in a row, hear others within their
+/// reach, and relay if they are configured to.
 std::vector<unsigned> Network::hops_from(std::size_t source) const {
   std::vector<unsigned> hops(nodes_.size(), 0);
   std::deque<std::size_t> found{source};
@@ -387,8 +388,8 @@ bool Network::can_reach(const MeshMessage& message) const {
                      [&](const Node& node) { return node.acknowledges(message); });
 }
 
-/// Segments to a unicast address are acknowledged from that address. A robot that has heard higher
-/// numbers from it, before the board forgot its own, discards the acknowledgement.
+/// The board acknowledges segments from the address that they were sent to. A robot that has heard
+/// higher numbers from it, before the board forgot its own, discards the acknowledgement.
 void Network::acknowledge_segments(std::size_t index, const MeshMessage& message, TimePoint now) {
   if (segment_count(message.payload.size()) == 1 || !is_unicast(message.destination)) return;
   for (Board& board : boards_) {
@@ -414,7 +415,7 @@ std::vector<Receiver> Network::receivers(TimePoint now) const {
   return all;
 }
 
-/// Whether it reaches the board that it is for, or one of them.
+/// Returns true if the message reaches its board, or one of several.
 bool Network::transmit_to_boards(const MeshMessage& message, TimePoint now) {
   const std::vector<bool> reached = radio_.transmit(message, receivers(now), now);
   bool is_for_one = false;
@@ -430,7 +431,7 @@ bool Network::transmit_to_robots(std::size_t board, const MeshMessage& message, 
   return radio_.transmit(message, {{message.destination, {}, loss_of(board, now)}}, now).front();
 }
 
-/// To a group segments are repeated blindly.
+/// Repeats segments to a group without acknowledgement.
 void Network::begin_transfer(std::size_t board, const PacketSender::Transmission& transmission,
                              TimePoint now) {
   const MeshMessage& message = transmission.message;

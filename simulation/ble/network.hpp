@@ -29,17 +29,18 @@ class Network {
 
   void on_start(TimePoint now);
   void on_host_bytes(ByteView bytes, TimePoint now, std::size_t board = 0);
-  /// One event only: the host gets its chance to read between two of them, as on a real wire.
+  /// Handles one event only, so that the host can read between two of them, as on a real wire.
   void on_deadline(TimePoint now);
   TimePoint deadline() const;
   std::optional<Bytes> next_host_packet(TimePoint now, std::size_t board = 0) {
     return boards_[board].next_host_packet(now);
   }
-  /// What has happened to updates, robot by robot: its number (from 1) and the event.
+  /// Returns the next event of an update: the robot's number (from 1) and the event.
   std::optional<std::pair<unsigned, UpdateEvent>> next_event();
-  /// A robot whose firmware has failed an assertion, and which: its number (from 1) and the words.
+  /// Returns the next failed assertion of a robot's firmware: the robot's number (from 1) and the
+  /// text.
   std::optional<std::pair<unsigned, std::string>> next_failed_assertion();
-  /// The board restarts, without power for `downtime`; the robots go on.
+  /// Restarts the board, without power for `downtime`; the robots keep running.
   void reboot_board(TimePoint now, Duration downtime = Board::reboot_time, std::size_t board = 0,
                     StartEvent start_event = StartEvent::said);
 
@@ -47,20 +48,21 @@ class Network {
   void power_cycle_robot(unsigned number) { nodes_[number - 1].power_cycle(); }
   void reset_robot_by_hand(unsigned number, TimePoint now);
 
-  /// All updates are sent, acknowledged where asked for, and nothing is in the air.
+  /// Returns true if all updates are sent, acknowledged where requested, and no message is in
+  /// flight.
   bool has_sent_everything() const;
   bool has_begun() const { return has_begun_; }
-  /// In the order of the robots' numbers, as `nodes()`.
+  /// Returns the robots by number, in the order of `nodes()`.
   const std::vector<Robot>& robots() const { return robots_; }
   const std::vector<Node>& nodes() const { return nodes_; }
   const Board& board(std::size_t board = 0) const { return boards_[board]; }
 
-  /// Before the start, from a state file.
+  /// Call before the start, with the content of a state file.
   void restore_board(BoardFlash flash) { boards_[0].restore(std::move(flash)); }
   void restore_node(unsigned number, NodeConfiguration configuration, std::uint32_t next_sequence);
 
  private:
-  /// A segmented message of a board that is under way.
+  /// A segmented message of a board in flight.
   struct Transfer {
     std::size_t board;
     std::uint64_t id;

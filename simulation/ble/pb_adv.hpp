@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The provisioning bearer between the board and unprovisioned robots (PB-ADV, Mesh Profile 1.0
-// section 5.3): keeps the order of a link, and repairs losses by repeating, which takes time.
+// section 5.3): keeps the order of a link, and repairs losses by repeats, which take time.
 // Provisioning has no relays: every robot is within one hop here.
 #pragma once
 
@@ -27,7 +27,7 @@ class PbAdv {
   };
   void transmit(bool is_to_board, LinkSignal signal, TimePoint now);
   std::optional<TimePoint> next_arrival() const;
-  /// The first signal that has arrived by `now`.
+  /// Returns the first signal that has arrived at `now`.
   std::optional<Arrival> take(TimePoint now);
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What both ends of a provisioning link know of the protocol (Mesh Profile 1.0 section 5.4): types
-// and sizes of its PDUs, and what is derived from the shared secret. Numbers in PDUs are
+// The provisioning protocol as both ends of a link share it (Mesh Profile 1.0 section 5.4): types
+// and sizes of its PDUs, and the keys derived from the shared secret. Numbers in PDUs are
 // big-endian.
 #pragma once
 
@@ -49,7 +49,7 @@ struct LinkSignal {
   Bytes pdu;               ///< `pdu`: type first
 };
 
-/// What makes a device a node.
+/// The data that make a device a node.
 struct ProvisioningData {
   Key net_key{};
   std::uint16_t net_key_index = 0;
@@ -64,7 +64,7 @@ struct ProvisioningData {
 Bytes encode(const ProvisioningData& data);
 std::optional<ProvisioningData> decode_provisioning_data(ByteView octets);
 
-/// The size of the whole PDU; nothing for unknown types.
+/// Returns the size of the whole PDU; nothing for unknown types.
 std::optional<std::size_t> pdu_size(std::uint8_t type);
 Bytes make_pdu(Pdu type, ByteView parameters);
 

@@ -19,10 +19,10 @@ class PseudoTerminal {
   /// The board's end, non-blocking.
   int master() const { return master_; }
   const std::string& slave_name() const { return slave_name_; }
-  /// Octets that the host has not read yet.
+  /// Returns the number of octets that the host has not read yet.
   int unread_octets() const;
-  /// Undoes TIOCEXCL. The slave side stays open here (without it the board's end would only see
-  /// errors while no host is there), so the flag of a host that has gone would lock out the next.
+  /// Undoes TIOCEXCL. The slave side stays open here, as the board's end would see only errors
+  /// without a host. So the flag of an earlier host would lock out the next one.
   void allow_next_host();
 
  private:

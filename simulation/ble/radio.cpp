@@ -36,7 +36,7 @@ bool Radio::loses_message() {
   return random_.chance(1 - passes);
 }
 
-/// A given delay scatters from half to one and a half times its mean.
+/// Returns a delay from half to one and a half times its mean.
 Duration Radio::travel_time() {
   if (settings_.hop_delay.empty()) return hop_time * settings_.hops;
   Duration time{};
@@ -46,7 +46,7 @@ Duration Radio::travel_time() {
   return time;
 }
 
-/// From now until the last segment leaves the source, behind what it transmits already.
+/// Returns the time until the last segment leaves the source, after its earlier transmissions.
 Duration Radio::time_of_segments(Address source, unsigned segments, TimePoint now) {
   if (settings_.bearer_interval == Duration{}) return segment_time * (segments - 1);
   TimePoint& next = next_packet_[source];

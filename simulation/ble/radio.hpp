@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The air between boards and robots: latency per hop and segment, and losses from a seed.
-// Messages from one node to another keep their order, whatever address they are sent to, because
-// replay protection would drop a message that another has overtaken.
+// Messages from one node to another keep their order for all addresses, because replay protection
+// would drop a message that another has overtaken.
 #pragma once
 
 #include <cstdint>
@@ -15,12 +15,12 @@
 
 namespace slamgw::sim::ble {
 
-/// Who can receive a message: one of the boards, or the robots.
+/// A receiver of messages: one of the boards, or the robots.
 struct Receiver {
-  Address address = 0;  ///< tells the order that is kept
+  Address address = 0;  ///< identifies the receiver whose order is kept
   std::optional<std::size_t> board{};
-  double loss = 0;   ///< of its own, besides those of the hops
-  int level_db = 0;  ///< how much better or worse than usual it hears
+  double loss = 0;   ///< in addition to the losses of the hops
+  int level_db = 0;  ///< difference from the usual signal level
 };
 
 struct RadioSettings {
@@ -38,17 +38,16 @@ class Radio {
 
   Radio(RadioSettings settings, Random random) : settings_(std::move(settings)), random_(random) {}
 
-  /// For each receiver whether the message reaches it; it may be lost on its way to one and not to
-  /// another.
+  /// Returns for each receiver whether the message reaches it; the losses are independent.
   std::vector<bool> transmit(const MeshMessage& message, const std::vector<Receiver>& receivers,
                              TimePoint now);
   std::optional<TimePoint> next_arrival() const;
-  /// The first message that has arrived by `now`.
+  /// Returns the first message that has arrived at `now`.
   std::optional<Reception> take(TimePoint now);
   bool loses_beacon() { return random_.chance(settings_.hop_loss.front()); }
-  /// On one of the hops.
+  /// Returns true if the message is lost on one of the hops.
   bool loses_message();
-  /// Each transmitter has its place, and so its own level, which flickers by 3 dB.
+  /// Returns the signal level of a transmitter, which depends on its place and varies by 3 dB.
   std::int8_t rssi_dbm(Address transmitter);
   bool is_silent() const { return in_flight_.empty(); }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Replay protection (Mesh Profile 1.0 section 3.8.8), as Nordic's firmware does it, for a fixed
-// number of sources. The board has one, and each robot. It is in RAM. The IV index is the same for
-// all here, so a source's sequence number alone tells.
+// number of sources. The board has one, and each robot. It is in RAM. All nodes have the same IV
+// index here, so the sequence number of a source is sufficient.
 #pragma once
 
 #include <cstdint>
@@ -15,8 +15,8 @@ class ReplayList {
  public:
   static constexpr std::size_t capacity = 40;  ///< sources that can be heard
 
-  /// False for a sequence number that is not above the last one of its source, and for a source
-  /// for which there is no room.
+  /// Returns false for a sequence number that is not above the last one of its source, and for a
+  /// new source when the list is full.
   bool accept(Address source, std::uint32_t sequence) {
     if (!would_accept(source, sequence)) return false;
     last_[source] = sequence;

@@ -25,9 +25,9 @@ struct KeyPair {
 
 /// The same random numbers give the same pair.
 KeyPair make_key_pair(Random& random);
-/// Nothing when `private_key` is not one of P-256.
+/// Returns nothing when `private_key` is not valid for P-256.
 std::optional<PublicKey> public_key_of(const PrivateKey& private_key);
-/// ECDH; nothing when `peer` is not a point of the curve.
+/// ECDH; returns nothing when `peer` is not a point of the curve.
 std::optional<Secret> shared_secret(const PrivateKey& own, const PublicKey& peer);
 
 Key aes_cmac(const Key& key, ByteView message);
@@ -42,7 +42,7 @@ Address virtual_address(const Key& label);
 
 /// With an 8-octet MIC at the end.
 Bytes aes_ccm_encrypt(const Key& key, const Nonce& nonce, ByteView plain);
-/// Nothing when the MIC is wrong.
+/// Returns nothing when the MIC is wrong.
 std::optional<Bytes> aes_ccm_decrypt(const Key& key, const Nonce& nonce, ByteView sealed);
 
 Key random_key(Random& random);

@@ -58,7 +58,7 @@ class SerialSide {
   std::deque<BoardPort> ports_;
   UpdateRecord record_;
   std::string saved_state_;
-  std::size_t power_cycled_ = 0;  ///< how many times a board was; they take turns
+  std::size_t power_cycled_ = 0;  ///< number of power cycles; boards take turns
   std::size_t restarted_ = 0;
   bool is_ending_ = false;
 };
@@ -196,8 +196,8 @@ void SerialSide::finish_when_done() {
   });
 }
 
-/// Closing a pty throws away what the host has not read, so this ends when three looks in a row
-/// found nothing unread.
+/// Waits for the host, as closing a pty discards unread octets. Ends when three checks in a row
+/// find none.
 void SerialSide::drain(int steps_left, int quiet_steps) {
   const bool is_quiet = std::all_of(ports_.begin(), ports_.end(),
                                     [](const BoardPort& port) { return port.is_quiet(); });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What survives the simulator's process (--state): the flash of the robots, and of a board that has
-// storage, as one JSON document. It holds keys, so only its owner can read the file.
+// State that survives the simulator's process (--state): the flash of the robots, and of a board
+// with storage, as one JSON document. It holds keys, so only its owner can read the file.
 #pragma once
 
 #include <string>
@@ -13,12 +13,14 @@ namespace slamgw::sim::ble {
 /// text changes seldom, and no number is used twice after a crash.
 std::string state_of(const Network& network);
 
-/// Before the network starts. Throws std::runtime_error for a text that `state_of` did not make.
+/// Call before the network starts. Throws std::runtime_error for a text that `state_of` did not
+/// make.
 void restore_state(Network& network, const std::string& text);
 
-/// "" when there is no such file. Throws std::system_error.
+/// Returns "" when there is no such file. Throws std::system_error.
 std::string read_state(const std::string& path);
-/// In one step: a reader or a crash finds the old text or the new one. Throws std::system_error.
+/// Replaces the file atomically: a reader or a crash finds the old text or the new one. Throws
+/// std::system_error.
 void write_state(const std::string& path, const std::string& text);
 
 }  // namespace slamgw::sim::ble

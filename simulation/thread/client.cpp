@@ -69,7 +69,7 @@ void Client::on_state_deadline(TimePoint now) {
   }
 }
 
-/// The gateway holds state for it, as far as it knows.
+/// Returns true if the gateway has a session of this client, as far as the client knows.
 bool Client::has_session() const {
   switch (state_) {
     case State::active:
@@ -101,7 +101,7 @@ void Client::begin(State state, TimePoint now) {
   repeat_state_request(now);
 }
 
-/// Three times without an answer: the gateway is gone or does not know it any more.
+/// After three requests without an answer, the gateway is gone or has lost the session.
 void Client::repeat_state_request(TimePoint now) {
   if (state_sends_ >= transmissions) return search(now);
   send(state_request());
@@ -130,7 +130,7 @@ Bytes Client::state_request() const {
   return connect(settings_.client_id, keep_alive_s, static_cast<std::uint8_t>(flag_will | clean));
 }
 
-/// A sleeping robot wakes after 4/5 of its duration and has the rest for three tries, within the
+/// A sleeping robot wakes after 4/5 of its duration, which leaves time for three tries within the
 /// tolerance of section 7.2.
 Duration Client::state_interval() const {
   if (state_ == State::connecting || settings_.sleep.count() == 0) return settings_.retry_interval;
@@ -159,7 +159,7 @@ void Client::ping(TimePoint now) {
   ping_due_ = now + settings_.retry_interval;
 }
 
-/// A robot that may sleep does so when there is nothing to say.
+/// Sends waiting messages; sleeps, if configured, when there are none.
 void Client::fill(TimePoint now) {
   if (state_ != State::active) return;
   const bool is_idle = exchanges_.fill(now);
@@ -214,19 +214,19 @@ void Client::on_active(const Packet& packet, TimePoint now) {
   if (!exchanges_.on_gateway_request(packet)) exchanges_.on_answer(packet, now);
 }
 
-/// PINGRESP ends what the gateway has kept; the robot goes on to publish, or back to sleep.
+/// PINGRESP ends the buffered messages; the robot publishes, or sleeps again.
 void Client::on_awake(const Packet& packet, TimePoint now) {
   if (exchanges_.on_gateway_request(packet)) {
-    state_sends_ = 1;  // the gateway answers, so the tries are counted anew
+    state_sends_ = 1;  // the gateway answers, so the count of tries restarts
     state_due_ = now + state_interval();
   } else if (packet.type == Type::disconnect) {
-    search(now);  // the gateway does not know it any more
+    search(now);  // the gateway has lost the session
   } else if (packet.type == Type::pingresp) {
     exchanges_.has_updates() ? begin(State::resuming, now) : fall_asleep(now);
   }
 }
 
-/// A robot that vanishes says nothing; others wait for the answer to their DISCONNECT.
+/// A robot that vanishes sends nothing; others wait for the answer to their DISCONNECT.
 void Client::on_stop(TimePoint now) {
   const bool is_polite = has_session() && !settings_.vanishes;
   state_ = is_polite ? State::disconnecting : State::finished;

@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // One Thread robot: the MQTT-SN client of Nordic's nRF5 SDK as the thesis's robots use it, with its
-// timing and its quirks. No socket and no clock: after every input the caller sends what
-// `next_datagram()` gives and calls `on_deadline` when `deadline()` has passed.
+// timing and its quirks. No socket and no clock: after every input the caller sends the results of
+// `next_datagram()` and calls `on_deadline` when `deadline()` has passed.
 //
 // Quirks kept: retransmission after 8 s, twice, byte-identical, DUP never set; at most 4 requests
 // outstanding; return codes 02 and 03 are ignored, so that the request runs into its time-out; a
-// CONNACK 01 strands the robot; command topics are known by their REGACK only; any inbound PUBLISH
-// above QoS 0 gets a PUBACK; PINGREQ always names the client; an unasked DISCONNECT and a PINGREQ
-// from the gateway are ignored.
-// Kinder than the original: MsgId wraps at 65535 instead of sticking at 1; registrations that timed
-// out are tried again; after a ping time-out the robot searches again; it does not wait for ever
-// for the reply to its DISCONNECT.
-// On request it does what Nordic's client leaves to the application or can't do: sleep (section
-// 6.14), take up its session from a new address, change its will, publish without a session.
+// CONNACK 01 strands the robot; command topics are recognized by their REGACK only; any inbound
+// PUBLISH above QoS 0 gets a PUBACK; PINGREQ always names the client; an unexpected DISCONNECT and
+// a PINGREQ from the gateway are ignored. Kinder than the original: MsgId wraps at 65535 instead of
+// sticking at 1; registrations that timed out are tried again; after a ping time-out the robot
+// searches again; the wait for the reply to its DISCONNECT is bounded. On request it has features
+// that Nordic's client lacks or leaves to the application: sleep (section 6.14), resuming its
+// session from a new address, changes of its will, publishing without a session.
 #pragma once
 
 #include <optional>
@@ -29,23 +28,23 @@ class Client {
   void on_start(TimePoint now);
   void on_datagram(ByteView datagram, TimePoint now);
   void on_deadline(TimePoint now);
-  /// Says goodbye; `is_finished()` once the gateway has answered, or has not for 3 s.
+  /// Sends DISCONNECT; `is_finished()` once the gateway has answered, or after 3 s.
   void on_stop(TimePoint now);
-  /// The robot has a new address, which it does not tell the gateway by itself.
+  /// Call when the robot has a new address, which it does not report to the gateway.
   void on_moved() { ++exchanges_.tally().roamed; }
-  /// So many frames of this update were sent again between two hops.
+  /// Call with the number of frames of this update that were sent again between two hops.
   void on_link_repeats(std::uint64_t number, unsigned count) {
     exchanges_.on_link_repeats(number, count);
   }
-  /// An unacknowledged update was dropped on purpose.
+  /// Call when an unacknowledged update was dropped on purpose.
   void on_update_dropped() { ++exchanges_.tally().lost; }
 
   std::optional<TimePoint> deadline() const;
   std::optional<Outgoing> next_datagram() { return exchanges_.next_datagram(); }
   std::optional<UpdateEvent> next_event() { return exchanges_.next_event(); }
 
-  /// All `messages` are sent and, above QoS 0, acknowledged or given up. True for a stranded robot
-  /// too: it will never send again.
+  /// Returns true if all `messages` are sent and, above QoS 0, acknowledged or given up, and for a
+  /// stranded robot, which never sends again.
   bool has_sent_everything() const;
   bool is_finished() const { return state_ == State::finished; }
   bool is_stranded() const { return state_ == State::stranded; }

@@ -30,8 +30,8 @@ struct ClientSettings {
   bool is_clean = true;           ///< CleanSession of the CONNECT that begins a session
   std::chrono::seconds sleep{0};  ///< duration in DISCONNECT; 0: it never sleeps
   Duration will_interval{0};      ///< between changes of the will; 0: none
-  bool resumes = false;   ///< takes up its session when told DISCONNECT; Nordic's client does not
-  bool vanishes = false;  ///< ends without DISCONNECT
+  bool resumes = false;           ///< resumes its session on DISCONNECT, unlike Nordic's client
+  bool vanishes = false;          ///< ends without DISCONNECT
   Duration retry_interval = retransmission_interval;
   std::size_t outstanding = max_outstanding;
   bool is_recorded = false;         ///< leaves events

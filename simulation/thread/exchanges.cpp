@@ -149,7 +149,7 @@ void Exchanges::on_publish(const Packet& packet) {
   if (sender != senders_.end()) on_heard(sender->second, packet);
 }
 
-/// Nordic's client ignores what it is told here; one that takes up sessions can't (section 6.10).
+/// Nordic's client ignores a REGISTER; one that resumes sessions must not (section 6.10).
 void Exchanges::on_register(const Packet& packet) {
   send(regack(packet.topic_id, packet.msg_id, accepted));
   const std::string name(packet.payload.begin(), packet.payload.end());
@@ -214,7 +214,7 @@ void Exchanges::give_up(const Request& request) {
       ++tally_.lost;
       return record(UpdateEvent::Kind::given_up, request.number);
     case Kind::will_topic:
-    case Kind::will_message: return;  // the next change says it all again
+    case Kind::will_message: return;  // the next change repeats both
   }
 }
 
@@ -226,7 +226,7 @@ void Exchanges::produce(TimePoint now) {
     return;
   }
   *next_update_ = std::max(*next_update_ + settings_.period, now);
-  if (is_full && settings_.messages) return;  // nothing may be lost: the robot pauses
+  if (is_full && settings_.messages) return;  // no update may be lost: the robot pauses
   ++produced_;
   Bytes payload = body_.next_message(produced_, now - first_update_);
   if (is_full) {
@@ -252,7 +252,7 @@ bool Exchanges::fill(TimePoint now) {
   return setup_.empty() && outstanding_.empty() && application_.empty();
 }
 
-/// One change at a time: WILLTOPICRESP and WILLMSGRESP have no MsgId.
+/// Allows one change at a time, as WILLTOPICRESP and WILLMSGRESP have no MsgId.
 void Exchanges::plan_will_update(TimePoint now) {
   if (!next_will_update_ || *next_will_update_ > now) return;
   *next_will_update_ = now + settings_.will_interval;
@@ -334,7 +334,7 @@ std::string Exchanges::topic_name(Topic topic) const {
          std::string(is_probe ? "probe" : name_list[topic]);
 }
 
-/// One counter for all requests; skips 0 and what is outstanding.
+/// Returns the next MsgId of all requests; skips 0 and outstanding ones.
 std::uint16_t Exchanges::next_msg_id() {
   do {
     ++last_msg_id_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a Thread robot asks and says within its session: registrations, subscriptions, updates and
+// The requests of a Thread robot within its session: registrations, subscriptions, updates and
 // changes of its will, each repeated until it is answered, and its answers to the gateway. Client
-// says when the session begins, rests and ends.
+// reports when the session begins, pauses and ends.
 #pragma once
 
 #include <cstdint>
@@ -30,37 +30,38 @@ class Exchanges {
  public:
   Exchanges(ClientSettings settings, const RobotBody& body);
 
-  /// The gateway has accepted a new session: its topic ids are unknown.
+  /// Call when the gateway has accepted a new session, whose topic ids are unknown.
   void begin(TimePoint now);
-  /// The gateway has taken up the session: topic ids stay, and what is unanswered is said again.
+  /// Call when the gateway has resumed the session: topic ids stay, and unanswered requests are
+  /// sent again.
   void resume(TimePoint now);
-  /// The session is lost, and with it what was unanswered.
+  /// Call when the session is lost, which drops unanswered requests.
   void abandon();
 
-  /// True for what the gateway begins by itself in a session; it is answered.
+  /// Returns true for a request of the gateway, which it answers.
   bool on_gateway_request(const Packet& packet);
   void on_answer(const Packet& packet, TimePoint now);
-  /// In a session that is awake: repeats, and plans the change of the will.
+  /// Call in an active session: sends repeats, and plans the change of the will.
   void on_deadline(TimePoint now);
-  /// Of repeats and of the change of the will.
+  /// Returns the deadline of repeats and of the change of the will.
   std::optional<TimePoint> deadline() const;
-  /// Says what there is room for; true when there is nothing to say and nothing unanswered.
+  /// Sends as many messages as permitted; returns true when none waits and none is unanswered.
   bool fill(TimePoint now);
 
-  /// Measures the next update when it is due; that is never before the topics are registered, or
-  /// `start_producing`.
+  /// Measures the next update when it is due, but never before the topics are registered or
+  /// `start_producing` is called.
   void produce(TimePoint now);
   void start_producing(TimePoint now) { next_update_ = first_update_ = now; }
   void on_link_repeats(std::uint64_t number, unsigned count);
   std::optional<TimePoint> next_update() const { return next_update_; }
   bool has_updates() const { return !application_.empty(); }
-  /// QoS -1: all there is.
+  /// Sends all waiting messages at QoS -1.
   void publish_unconnected();
 
   void send(Bytes datagram) { outbox_.push_back({std::move(datagram), false}); }
   std::optional<Outgoing> next_datagram();
   std::optional<UpdateEvent> next_event();
-  /// All updates are sent and, above QoS 0, acknowledged or given up.
+  /// Returns true if all updates are sent and, above QoS 0, acknowledged or given up.
   bool has_sent_everything() const;
 
   std::string will_topic() const { return topic_name(will); }

@@ -100,7 +100,7 @@ ClientSettings Fleet::settings_of(unsigned number) const {
   return settings;
 }
 
-/// Nothing without options for hops: --loss and --delay-ms tell it all then.
+/// Returns nothing without options for hops; then --loss and --delay-ms apply.
 std::vector<Hop> Fleet::path() const {
   std::vector<Hop> hops;
   const HopOptions& hop = options_.common.hop;

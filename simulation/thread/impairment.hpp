@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bad radio for one direction of one robot: decides, from a seed, what becomes of each datagram.
-// It carries nothing itself; the shell does the waiting.
+// A bad radio for one direction of one robot: decides, from a seed, whether each datagram is lost,
+// doubled or delayed. The shell sends and waits.
 #pragma once
 
 #include <chrono>
@@ -12,7 +12,7 @@
 
 namespace slamgw::sim::sn {
 
-/// One hop of the way. IEEE 802.15.4 sends a frame again, up to three times, until it sees the
+/// One hop of the path. IEEE 802.15.4 sends a frame again, up to three times, until it sees the
 /// acknowledgement (macMaxFrameRetries), so most of its losses only take time.
 struct Hop {
   double loss = 0;   ///< of each frame, and of each acknowledgement
@@ -24,7 +24,7 @@ constexpr unsigned link_transmissions = 4;
 struct ImpairmentSettings {
   double loss = 0;
   double duplicate = 0;
-  double reorder = 0;  ///< of being held back 5-50 ms, so that later datagrams overtake it
+  double reorder = 0;  ///< of a delay of 5-50 ms, so that later datagrams overtake it
   std::chrono::milliseconds delay{0};
   std::vector<Hop> path{};  ///< in addition
 };
@@ -34,8 +34,8 @@ class Impairment {
   Impairment(const ImpairmentSettings& settings, Random random)
       : settings_(settings), random_(random) {}
 
-  /// The delay of each copy that arrives; empty when the datagram is lost. Draws the same number of
-  /// random values each time, so that the n-th datagram's fate depends on the seed alone.
+  /// Returns the delay of each copy that arrives; empty when the datagram is lost. Draws the same
+  /// number of random values each time, so that the n-th datagram's fate depends on the seed alone.
   std::vector<Duration> next_fate() {
     const bool is_lost = random_.chance(settings_.loss);
     const bool is_doubled = random_.chance(settings_.duplicate);
@@ -55,12 +55,12 @@ class Impairment {
     return std::vector<Duration>(is_doubled ? 2 : 1, delay);
   }
 
-  /// Frames of the last datagram that were sent again on the way.
+  /// Returns the number of repeated frames of the last datagram.
   unsigned link_repeats() const { return link_repeats_; }
 
  private:
-  /// The time until the next node has the frame, or nothing. The sender goes on without the
-  /// acknowledgement of what has arrived; the receiver drops such copies.
+  /// Returns the time until the next node has the frame, or nothing. The sender repeats a frame
+  /// whose acknowledgement is lost; the receiver drops such copies.
   std::optional<Duration> cross(const Hop& hop, Random& random) {
     std::optional<Duration> arrived;
     Duration passed{};

@@ -30,7 +30,7 @@ Bytes ids_and_code(std::uint16_t topic_id, std::uint16_t msg_id, std::uint8_t re
   return out;
 }
 
-/// The part after Length, or nothing when Length does not agree with the datagram.
+/// Returns the part after Length, or nothing when Length does not match the datagram.
 std::optional<ByteView> strip_length(ByteView datagram) {
   if (datagram.size() >= 2 && datagram[0] >= 2 && datagram[0] == datagram.size()) {
     return datagram.subspan(1);

@@ -85,7 +85,8 @@ struct Packet {
   unsigned qos() const { return (flags & mask_qos) >> 5; }
 };
 
-/// Nothing for what no gateway sends: wrong length, unknown type, client-only types.
+/// Returns nothing for messages that a gateway never sends: wrong length, unknown or client-only
+/// type.
 std::optional<Packet> decode(ByteView datagram);
 
 }  // namespace slamgw::sim::sn

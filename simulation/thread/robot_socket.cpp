@@ -114,7 +114,7 @@ void RobotSocket::read_all() {
   for (;;) {
     error_code error;
     const std::size_t size = socket_->receive(boost::asio::buffer(buffer), 0, error);
-    if (error == boost::asio::error::connection_refused) continue;  // nobody listens there yet
+    if (error == boost::asio::error::connection_refused) continue;  // no listener yet
     if (error) return;
     const Bytes datagram(buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(size));
     for (const Duration delay : downlink_.next_fate()) {

@@ -24,13 +24,13 @@ class RobotSocket {
 
   void start();
   void stop();
-  /// Changes the robot's address (its UDP port) after `first` and then each `interval`. What is
-  /// delayed on its way from the old address still arrives from there; answers sent there are lost.
+  /// Changes the robot's address (its UDP port) after `first` and then each `interval`. Delayed
+  /// datagrams still arrive from the old address; answers sent there are lost.
   void roam(Duration first, Duration interval);
   const Client& client() const { return client_; }
   std::optional<UpdateEvent> next_event() { return client_.next_event(); }
 
-  bool is_counted_done = false;  ///< the fleet's notes
+  bool is_counted_done = false;  ///< used by the fleet
   bool is_counted_finished = false;
 
  private:
@@ -46,7 +46,7 @@ class RobotSocket {
 
   boost::asio::io_context& io_;
   boost::asio::ip::udp::endpoint gateway_;
-  std::shared_ptr<boost::asio::ip::udp::socket> socket_;  ///< shared with what is delayed on it
+  std::shared_ptr<boost::asio::ip::udp::socket> socket_;  ///< shared with delayed datagrams
   boost::asio::steady_timer timer_;
   boost::asio::steady_timer roam_timer_;
   Client client_;

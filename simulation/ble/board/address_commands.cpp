@@ -44,7 +44,7 @@ std::optional<Reply> AddressCommands::on_command(std::uint8_t opcode, ByteView p
   return run_command(commands, *this, opcode, params);
 }
 
-/// Once; only State Clear undoes it. More elements than the firmware has are taken, too.
+/// Sets the address once; only State Clear undoes it. Accepts more elements than the firmware has.
 Reply AddressCommands::local_unicast_set(ByteView params) {
   const std::uint32_t start = get_u16_le(params, 0);
   const std::uint32_t count = get_u16_le(params, 2);
@@ -91,7 +91,7 @@ Reply AddressCommands::publication_remove(ByteView params) {
   return reply_of(flash_.addresses.remove_publication(handle), handle);
 }
 
-/// Handle, type, whether the board hears it, the address, and the label of a virtual one.
+/// Returns handle, type, subscription flag, the address, and the label of a virtual one.
 Reply AddressCommands::address_get(ByteView params) {
   const Handle handle = get_u16_le(params, 0);
   const AddressTable::Slot* slot = flash_.addresses.find(handle);
@@ -104,7 +104,7 @@ Reply AddressCommands::address_get(ByteView params) {
   return reply;
 }
 
-/// The board is no proxy, so it does not hear what is meant for all proxies.
+/// The board is not a proxy, so it does not receive messages to the group of all proxies.
 bool AddressCommands::is_heard(const AddressTable::Slot& slot) const {
   if (is_unicast(slot.address)) return flash_.is_local(slot.address);
   return slot.subscriptions > 0 && slot.address != all_proxies;

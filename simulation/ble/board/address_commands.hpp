@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands about the board's own address and the addresses that it hears or sends to (0x9f to
+// The commands for the board's own address and the addresses that it receives or sends to (0x9f to
 // 0xaa).
 #pragma once
 
@@ -10,10 +10,10 @@ namespace slamgw::sim::ble {
 
 class AddressCommands {
  public:
-  /// `flash` outlives this.
+  /// `flash` must outlive this object.
   explicit AddressCommands(BoardFlash& flash) : flash_(flash) {}
 
-  /// Nothing for other commands.
+  /// Returns nothing for other commands.
   std::optional<Reply> on_command(std::uint8_t opcode, ByteView params);
 
  private:

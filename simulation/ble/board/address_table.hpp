@@ -18,8 +18,8 @@ class AddressTable {
     Address address;
     std::optional<Key> label{};  ///< of a virtual address
     std::uint16_t subscriptions = 0;
-    /// Nordic's firmware takes one off an address that was never added as a destination, too: the
-    /// count wraps, and the address stays for good.
+    /// Nordic's firmware also decrements it for an address that was never added as a destination:
+    /// the count wraps, and the address is never removed.
     std::uint16_t publications = 0;
   };
   static constexpr std::size_t max_nonvirtual = 32;
@@ -33,9 +33,9 @@ class AddressTable {
   Status remove_publication(Handle handle);
 
   const Slot* find(Handle handle) const;
-  /// Into its place again, from a state file; false when there is no such place.
+  /// Restores an entry from a state file; returns false for an invalid handle.
   bool restore(Handle handle, const Slot& slot);
-  /// The handle under which messages to this group or virtual address arrive.
+  /// Returns the handle for messages to this group or virtual address.
   std::optional<Handle> subscription(Address address) const;
   std::vector<Handle> handles() const;
 

@@ -14,7 +14,7 @@ constexpr std::uint8_t received_unicast = 0xd0;
 constexpr std::uint8_t received_subscription = 0xd1;
 constexpr std::uint8_t heartbeat_received = 0xd8;
 
-// Commands that the board carries out itself; the first two don't end in a Command Response
+// Commands that the board executes itself; the first two have no Command Response
 constexpr std::uint8_t echo = 0x02;
 constexpr std::uint8_t radio_reset = 0x0e;
 constexpr std::uint8_t enable = 0x90;
@@ -95,7 +95,7 @@ void Board::take_from_line(TimePoint now) {
   }
 }
 
-/// When the packet that has begun is whole, or all that is on the line has come.
+/// Returns when the current packet is complete, or all octets on the line have arrived.
 std::optional<TimePoint> Board::next_command_at() const {
   if (on_line_.empty()) return std::nullopt;
   const std::size_t missing =
@@ -105,7 +105,7 @@ std::optional<TimePoint> Board::next_command_at() const {
 }
 
 void Board::on_octet(std::uint8_t octet, TimePoint now) {
-  if (boots_at_) return;  // nobody listens
+  if (boots_at_) return;  // the board is not running
   if (partial_.empty() && octet == 0) return respond(0x00, {Status::invalid_length});
   partial_.push_back(octet);
   if (partial_.size() < 1 + std::size_t{partial_[0]}) return;
@@ -153,7 +153,7 @@ Reply Board::state_clear() {
   return {};
 }
 
-/// A board with storage has numbers of its own.
+/// Refuses on a board with storage, which keeps its own numbers.
 Reply Board::set_network_state(ByteView params) {
   constexpr std::size_t size = 11;
   if (params.size() != size) return {Status::invalid_length};
@@ -195,7 +195,7 @@ bool Board::is_ready_for(Address destination, TimePoint now) const {
   return hears(destination) && last_setup_ && now - *last_setup_ >= settled;
 }
 
-/// Device keys belong to their owner's address, as far as messages that come are concerned.
+/// Device keys are bound to the source address of received messages.
 std::optional<Board::Handles> Board::decrypt(const MeshMessage& message) const {
   if (!message.encryption) {
     const std::optional<Handle> key = flash_.appkeys.primary();

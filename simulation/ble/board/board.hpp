@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Nordic's serial firmware (stock serial example of the nRF5 SDK for Mesh) as its host sees it:
-// frames `len op params` in, responses and events out, tables with handles, every status code where
-// the real one gives it, in each of the releases of firmware.hpp. No port and no clock: Network
+// frames `len op params` in, responses and events out, tables with handles, and the status codes of
+// the real one, in each release of firmware.hpp. No port and no clock: Network
 // feeds it and carries what it transmits.
 #pragma once
 
@@ -23,7 +23,7 @@ struct Reception {
   MeshMessage message;
   std::uint8_t ttl = 0;  ///< on arrival
   std::int8_t rssi_dbm = 0;
-  std::optional<std::size_t> board{};  ///< that hears it; nothing: the robots do
+  std::optional<std::size_t> board{};  ///< the receiving board; nothing: the robots
 };
 
 /// Whether the board's tables and sequence number outlive a reset. Nordic's serial example is built
@@ -31,65 +31,66 @@ struct Reception {
 enum class BoardStorage : std::uint8_t { none, flash };
 
 /// Whether the host gets the board's Device Started event. It does not when the board restarts
-/// behind a port that loses octets meanwhile.
+/// while its port loses octets.
 enum class StartEvent : std::uint8_t { said, lost };
 
 class Board {
  public:
   static constexpr std::chrono::milliseconds reboot_time{100};
 
-  /// Octets from the host that are on the line; what comes besides is lost, as without flow
-  /// control.
+  /// Maximum of octets from the host on the line; more are lost, as without flow control.
   static constexpr std::size_t max_on_line = 65536;
 
-  /// `firmware` outlives this. An octet takes `octet_time` on the serial line, either way.
+  /// `firmware` must outlive this object. An octet takes `octet_time` on the serial line, either
+  /// way.
   Board(const Firmware& firmware, BoardStorage storage, Random random, Duration octet_time = {});
   Board(const Board&) = delete;
   Board& operator=(const Board&) = delete;
 
-  /// As an earlier session left it: key index 0 of both kinds, address 0x0001, the three groups.
+  /// Configures the board like an earlier session: key index 0 of both kinds, address 0x0001, the
+  /// three groups.
   void configure(const Key& net_key, const Key& app_key);
 
   void on_power_up();
-  /// Its RAM is void, and without storage the tables are, too; it starts after `downtime`.
+  /// Clears RAM, and without storage the tables; starts again after `downtime`.
   void reboot(TimePoint now, Duration downtime = reboot_time,
               StartEvent start_event = StartEvent::said);
   void on_host_bytes(ByteView bytes, TimePoint now);
   void on_radio(const Reception& reception);
   void on_beacon(const Beacon& beacon);
-  /// Only firmware 4.0 and later tells its host. `net_key`: nothing for whatever the board has.
+  /// Only firmware 4.0 and later reports it to its host. `net_key`: nothing for the board's keys.
   void on_heartbeat(Address source, const std::optional<Key>& net_key, std::uint8_t initial_ttl,
                     std::uint8_t hops);
   void on_link_signal(const LinkSignal& signal, TimePoint now);
-  /// A failed transfer shows to the host only by what does not come.
+  /// Call at the end of a transfer. A failed one causes no event for the host.
   void on_transfer_ended(std::uint64_t transfer, bool is_acknowledged);
-  /// It repeats segments, whose PDUs have new sequence numbers.
+  /// Repeats segments, whose PDUs have new sequence numbers.
   void repeat_segments(std::size_t count) {
     sender_.take_sequence(static_cast<std::uint32_t>(count));
   }
-  /// It acknowledges the segments of a message to one of its addresses, and from that address, when
-  /// it has the message's network key.
+  /// Returns the acknowledgement of a message's segments if its address and network key are the
+  /// board's. It comes from that address.
   std::optional<SegmentAcknowledgement> acknowledge_segments(const MeshMessage& message);
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
 
-  /// The next packet for the host, when it has gone over the line.
+  /// Returns the next packet for the host once it has passed the line.
   std::optional<Bytes> next_host_packet(TimePoint now) { return to_host_.pop(now); }
   std::optional<PacketSender::Transmission> next_transmission() {
     return sender_.next_transmission();
   }
   std::optional<LinkSignal> next_link_signal() { return provisioner_.next_link_signal(); }
 
-  /// A message to this address with the board's application key would become an event.
+  /// Returns true if a message to this address with the board's application key causes an event.
   bool hears(Address destination) const;
-  /// The board can hear, and its host has configured nothing for half a second: a robot may speak.
+  /// Returns true if the board receives and was not configured for half a second: robots may send.
   bool is_ready_for(Address destination, TimePoint now) const;
-  /// The gateway's unicast address; 0 while it has none.
+  /// Returns the gateway's unicast address; 0 while it has none.
   Address local_address() const { return flash_.local_start; }
 
   const BoardFlash& flash() const { return flash_; }
   bool has_storage() const { return storage_ == BoardStorage::flash; }
-  /// Before power-up.
+  /// Call before power-up.
   void restore(BoardFlash flash);
 
  private:
@@ -117,8 +118,8 @@ class Board {
   const Duration octet_time_;
   std::deque<std::uint8_t> on_line_;  ///< on their way from the host
   TimePoint next_octet_at_{};         ///< when the first of them is at the board
-  BoardFlash flash_;                  ///< in RAM, as all below, without storage
-  // Void after a reset
+  BoardFlash flash_;                  ///< without storage in RAM, as all below
+  // Cleared by a reset
   std::optional<TimePoint> boots_at_;
   StartEvent start_event_ = StartEvent::said;
   bool is_enabled_ = false;

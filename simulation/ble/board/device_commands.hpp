@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands about the board itself: version, UUID, counters, its advertiser, and those for
-// models on the board and firmware update, of which only the length is checked.
+// The commands for the board itself: version, UUID, counters, its advertiser, and those for models
+// on the board and firmware update, of which only the length is checked.
 #pragma once
 
 #include <array>
@@ -15,13 +15,13 @@ namespace slamgw::sim::ble {
 
 class DeviceCommands {
  public:
-  /// All three outlive this.
+  /// All three must outlive this object.
   DeviceCommands(const Firmware& firmware, const BoardFlash& flash, TransmitBuffer& to_host)
       : firmware_(firmware), flash_(flash), to_host_(to_host) {
     reset();
   }
 
-  /// Nothing for other commands.
+  /// Returns nothing for other commands.
   std::optional<Reply> on_command(std::uint8_t opcode, ByteView params);
   /// The UUID and the advertiser's settings are in RAM.
   void reset();
@@ -44,8 +44,7 @@ class DeviceCommands {
   const BoardFlash& flash_;
   TransmitBuffer& to_host_;
   Key uuid_{};
-  /// TX power, channel map and interval in milliseconds as the host has set them; nothing obeys
-  /// them.
+  /// TX power, channel map and interval in milliseconds as set by the host; without effect.
   std::array<std::uint8_t, 6> beacon_params_{};
 };
 

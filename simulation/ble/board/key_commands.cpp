@@ -44,7 +44,7 @@ Reply KeyCommands::subnet_update(ByteView params) {
   return status == Status::success ? reply_with(handle) : Reply{status};
 }
 
-/// The last network stays. With a network go its application keys; its device keys stay.
+/// Deletes a network with its application keys, but not its device keys. The last network stays.
 Reply KeyCommands::subnet_delete(ByteView params) {
   const Handle handle = get_u16_le(params, 0);
   if (flash_.subnets.find(handle) == nullptr || flash_.subnets.handles().size() == 1) {
@@ -71,7 +71,7 @@ Reply KeyCommands::appkey_add(ByteView params) {
   return reply_of(flash_.appkeys.add(index, subnet, key_in(params, 4)));
 }
 
-/// During a key refresh of its network only.
+/// Allowed only during a key refresh of its network.
 Reply KeyCommands::appkey_update(ByteView params) {
   const Handle handle = get_u16_le(params, 0);
   const KeyTable::Slot* appkey = flash_.appkeys.find(handle);
@@ -86,7 +86,7 @@ Reply KeyCommands::appkey_delete(ByteView params) {
   return flash_.appkeys.remove(handle) ? reply_with(handle) : Reply{Status::rejected};
 }
 
-/// The network's handle and its keys' indexes; nothing at all, not even the handle, without keys.
+/// Returns the network's handle and its keys' indexes, or no data without keys.
 Reply KeyCommands::appkey_get_all(ByteView params) {
   const Handle subnet = get_u16_le(params, 0);
   if (flash_.subnets.find(subnet) == nullptr) return {Status::rejected};
@@ -99,7 +99,7 @@ Reply KeyCommands::appkey_get_all(ByteView params) {
 
 Reply KeyCommands::appkey_count_max(ByteView) { return reply_with(flash_.appkeys.capacity()); }
 
-/// Unlike the other two tables this one refuses a known owner with the same key as well.
+/// Unlike the other two tables, this one also refuses a known owner with the same key.
 Reply KeyCommands::devkey_add(ByteView params) {
   const Address owner = get_u16_le(params, 0);
   const Handle subnet = get_u16_le(params, 2);

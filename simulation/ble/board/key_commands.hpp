@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands about network, application and device keys (0x92 to 0x9e).
+// The commands for network, application and device keys (0x92 to 0x9e).
 #pragma once
 
 #include "simulation/ble/board/board_flash.hpp"
@@ -9,10 +9,10 @@ namespace slamgw::sim::ble {
 
 class KeyCommands {
  public:
-  /// `flash` outlives this.
+  /// `flash` must outlive this object.
   explicit KeyCommands(BoardFlash& flash) : flash_(flash) {}
 
-  /// Nothing for other commands.
+  /// Returns nothing for other commands.
   std::optional<Reply> on_command(std::uint8_t opcode, ByteView params);
 
  private:

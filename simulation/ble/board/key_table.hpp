@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One of the board's tables of keys: networks, applications or devices. Of fixed size; a handle is
-// a slot, and a key gets the lowest that is free.
+// One of the board's tables of keys: networks, applications or devices. It has a fixed size; a
+// handle is a slot, and a key gets the lowest free one.
 #pragma once
 
 #include <cstdint>
@@ -35,20 +35,21 @@ class KeyTable {
   KeyTable(std::size_t capacity, Handle first_handle)
       : slots_(capacity), first_handle_(first_handle) {}
 
-  /// The index is there with the same key, on whatever subnet: `internal`, as the firmware reports
-  /// it. With another key, or no room: `rejected`. During a key refresh the former key is the same.
+  /// Adds a key. A known index with the same key, on any subnet: `internal`, as the firmware
+  /// reports it. With another key, or a full table: `rejected`. During a key refresh the former key
+  /// counts.
   Added add(std::uint16_t index, Handle subnet, const Key& key);
   /// Begins a key refresh, or repeats it; another new key is `invalid_state`. The handle is known.
   Status update(Handle handle, const Key& new_key);
-  /// Into its place again, from a state file; false when there is no such place.
+  /// Restores an entry from a state file; returns false for an invalid handle.
   bool restore(Handle handle, const Slot& slot);
   bool remove(Handle handle);
   void remove_of_subnet(Handle subnet);
   const Slot* find(Handle handle) const;
   std::vector<Handle> handles() const;
-  /// The entry with this key, old or new, on this subnet.
+  /// Returns the entry with this key, old or new, on this subnet.
   std::optional<Handle> find_key(const Key& key, Handle subnet) const;
-  /// The first used handle; the one of key index 0 if there is one.
+  /// Returns the handle of key index 0, else the first used one.
   std::optional<Handle> primary() const;
   /// In the order of handles.
   std::vector<std::uint16_t> indexes() const;

@@ -17,7 +17,7 @@ constexpr std::size_t fixed_size = 9;  // and the friendship octet
 
 }  // namespace
 
-/// The parameters, where all releases have them.
+/// The parameters at the positions of all releases.
 struct PacketSender::Request {
   Handle key;
   Address source;
@@ -37,7 +37,7 @@ struct PacketSender::Request {
         data(params.subspan(firmware.has_friendship_octet ? fixed_size + 1 : fixed_size)) {}
 };
 
-/// A packet of the right length uses a token up, also when it is refused.
+/// A packet of the right length consumes a token, also when it is refused.
 Reply PacketSender::send(ByteView params, bool is_radio_on, TimePoint now) {
   if (params.size() < (firmware_.has_friendship_octet ? fixed_size + 1 : fixed_size)) {
     return {Status::invalid_length};
@@ -80,7 +80,7 @@ Status PacketSender::check(const Request& request, bool is_radio_on) const {
   return is_radio_on ? Status::success : Status::invalid_state;
 }
 
-/// One segmented message to a destination at a time (Mesh Profile 3.6.4.1).
+/// Allows one segmented message to a destination at a time (Mesh Profile 3.6.4.1).
 Status PacketSender::check_queue(Address destination, bool is_segmented) const {
   if (!is_segmented) {
     return unsegmented_.size() < max_unsegmented ? Status::success : Status::rejected;
@@ -92,7 +92,7 @@ Status PacketSender::check_queue(Address destination, bool is_segmented) const {
   return segmented_.size() < max_segmented ? Status::success : Status::rejected;
 }
 
-/// A device key may be of a network that is there no more.
+/// Returns nothing for a device key whose network was deleted.
 std::optional<Encryption> PacketSender::encryption_of(Handle handle) const {
   const KeyTable::Slot* slot = flash_.appkeys.find(handle);
   const bool is_device_key = slot == nullptr;
@@ -123,7 +123,8 @@ void PacketSender::reserve_sequence() {
   events_.push_back(std::move(event));
 }
 
-/// The firmware reserves them in blocks and continues with the next block after a reset.
+/// Reserves sequence numbers in blocks, as the firmware, which continues with the next block after
+/// a reset.
 std::uint32_t PacketSender::take_sequence(std::uint32_t count) {
   const std::uint32_t first = next_sequence_;
   next_sequence_ += count;
@@ -134,7 +135,7 @@ std::uint32_t PacketSender::take_sequence(std::uint32_t count) {
 void PacketSender::on_transfer_ended(std::uint64_t transfer, bool is_acknowledged) {
   const auto ended = std::find_if(segmented_.begin(), segmented_.end(),
                                   [&](const Segmented& s) { return s.transfer == transfer; });
-  if (ended == segmented_.end()) return;  // the board has restarted since
+  if (ended == segmented_.end()) return;  // the board has restarted
   if (is_acknowledged) complete(ended->token);
   segmented_.erase(ended);
 }

@@ -36,7 +36,7 @@ std::optional<Reply> Provisioner::on_command(std::uint8_t opcode, ByteView param
     case 0x61: return scan(true);
     case 0x62: return scan(false);
     case 0x63: return link.provision(padded, ++last_link_, now);
-    case 0x64:  // Listen: nobody provisions the board here
+    case 0x64:  // Listen: the board is never provisioned here
     case 0x6a:  // Capabilities Set: for Listen
       return Reply{};
     case 0x66: return link.oob_use(padded, now);

@@ -21,17 +21,17 @@ struct Beacon {
 
 class Provisioner {
  public:
-  /// `firmware` outlives this.
+  /// `firmware` must outlive this object.
   Provisioner(const Firmware& firmware, Random random);
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
-  /// The board's reset: contexts, scanning and the key pair are void.
+  /// Resets contexts, scanning and the key pair, as the board's reset does.
   void reset();
 
-  /// Nothing for unknown opcodes of the range: the firmware does not answer them. Lengths are not
-  /// checked (but Auth Data's is); octets that are missing count as 0. Events that the command
-  /// causes at once come before its answer.
+  /// Returns nothing for unknown opcodes of the range, which the firmware does not answer. Only the
+  /// length of Auth Data is checked; missing octets count as 0. Immediate events of the command
+  /// precede its answer.
   std::optional<Reply> on_command(std::uint8_t opcode, ByteView params, TimePoint now);
   void on_beacon(const Beacon& beacon);
   void on_link_signal(const LinkSignal& signal, TimePoint now);

@@ -14,7 +14,7 @@ constexpr std::uint8_t auth_request = 0xc6;
 constexpr std::uint8_t ecdh_request = 0xc7;
 constexpr std::uint8_t provisioning_failed = 0xc9;
 
-/// `size` octets from `offset` on.
+/// Returns `size` octets from `offset` on.
 template <std::size_t size>
 std::array<std::uint8_t, size> octets_at(ByteView params, std::size_t offset) {
   std::array<std::uint8_t, size> out{};
@@ -57,7 +57,7 @@ Reply ProvisioningLink::provision(ByteView params, std::uint32_t link, TimePoint
   return {Status::success, {id_}};
 }
 
-/// The board does not look at what the device offers.
+/// The board ignores the capabilities of the device.
 Reply ProvisioningLink::oob_use(ByteView params, TimePoint now) {
   if (state_ != State::oob_use) return {Status::invalid_state};
   const auto method = static_cast<OobMethod>(params[1]);
@@ -128,7 +128,7 @@ void ProvisioningLink::on_signal(const LinkSignal& signal, TimePoint now) {
   switch (signal.kind) {
     case LinkSignal::Kind::opened: return on_opened(now);
     case LinkSignal::Kind::pdu: return on_pdu(signal.pdu, now);
-    case LinkSignal::Kind::open:  // only provisioners say these two here
+    case LinkSignal::Kind::open:  // only provisioners send these two
     case LinkSignal::Kind::close: return;
   }
 }
@@ -170,8 +170,7 @@ void ProvisioningLink::on_expected(Pdu type, ByteView parameters, TimePoint now)
   close(CloseReason::fail, now);
 }
 
-/// In the event the octets are those of the PDU without the algorithms; its two masks are
-/// little-endian.
+/// The event holds the octets of the PDU without the algorithms; its two masks are little-endian.
 void ProvisioningLink::on_capabilities(ByteView parameters) {
   put(context_.inputs, parameters);
   state_ = State::oob_use;
@@ -194,7 +193,7 @@ void ProvisioningLink::on_public_key(ByteView parameters) {
   shared_.events.push_back(std::move(event));
 }
 
-/// Of a wrong confirmation the host is told only that the link is closed.
+/// After a wrong confirmation, the host gets only the event that the link is closed.
 void ProvisioningLink::on_random(ByteView parameters, TimePoint now) {
   const Key peer_random = octets_at<16>(parameters, 0);
   if (confirmation(context_.authentication, peer_random, context_.auth_value) !=

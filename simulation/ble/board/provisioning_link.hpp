@@ -16,10 +16,10 @@ namespace slamgw::sim::ble {
 
 class ProvisioningLink {
  public:
-  /// Link Close is said three times before the link is closed for the host, too.
+  /// Link Close is sent three times before the host sees the link closed.
   static constexpr std::chrono::milliseconds closing_time{60};
 
-  /// What both contexts share: the board's key pair, and what they leave for host and radio.
+  /// State that both contexts share: the board's key pair, and messages for host and radio.
   struct Shared {
     const Firmware& firmware;
     Random random;
@@ -28,7 +28,7 @@ class ProvisioningLink {
     std::deque<LinkSignal> signals{};
   };
 
-  /// `shared` outlives this.
+  /// `shared` must outlive this object.
   ProvisioningLink(std::uint8_t id, Shared& shared) : id_(id), shared_(shared) {}
 
   /// The parameters of commands 0x63, 0x66, 0x67 and 0x68, with the context in front. `params` of
@@ -42,7 +42,7 @@ class ProvisioningLink {
   void on_signal(const LinkSignal& signal, TimePoint now);
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
-  /// The board's reset.
+  /// Resets the context, as the board's reset does.
   void reset();
 
  private:
@@ -59,7 +59,7 @@ class ProvisioningLink {
     complete,
     closing,
   };
-  /// Void when the link is over.
+  /// Cleared at the end of the link.
   struct Context {
     std::uint32_t link = 0;
     TimePoint due{};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a command of the host gets: a status code of Nordic's serial protocol, and data, which are
-// sent on success only. Each part of the board has a table of its commands.
+// The reply to a command of the host: a status code of Nordic's serial protocol, and data, which
+// are sent on success only. Each part of the board has a table of its commands.
 #pragma once
 
 #include <cstdint>
@@ -33,8 +33,7 @@ inline Reply reply_with(std::uint16_t value) {
   return reply;
 }
 
-/// A command of the part `Owner` of the board: how many octets of parameters it takes, and the
-/// function that carries it out.
+/// A command of the part `Owner` of the board: the range of its parameters' size, and its function.
 template <typename Owner>
 struct Command {
   std::uint8_t opcode;
@@ -43,7 +42,7 @@ struct Command {
   Reply (Owner::*run)(ByteView params);
 };
 
-/// Nothing when `opcode` is not in the table.
+/// Returns nothing when `opcode` is not in the table.
 template <typename Owner, std::size_t size>
 std::optional<Reply> run_command(const Command<Owner> (&table)[size], Owner& owner,
                                  std::uint8_t opcode, ByteView params) {

@@ -5,7 +5,7 @@
 
 namespace slamgw::sim::ble {
 
-/// Whole words.
+/// Returns the size rounded up to whole words.
 std::size_t TransmitBuffer::room_of(const Bytes& packet) {
   return header_size + (packet.size() + 3) / 4 * 4;
 }

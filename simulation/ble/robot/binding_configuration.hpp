@@ -9,10 +9,10 @@ namespace slamgw::sim::ble {
 
 class BindingConfiguration {
  public:
-  /// `configuration` outlives this.
+  /// `configuration` must outlive this object.
   explicit BindingConfiguration(NodeConfiguration& configuration) : configuration_(configuration) {}
 
-  /// Nothing for messages that are about something else.
+  /// Returns nothing for messages of other parts.
   std::optional<Answer> on_message(std::uint16_t opcode, ByteView parameters);
 
  private:

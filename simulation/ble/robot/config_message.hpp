@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the parts of the configuration server share: status codes, fields of messages, and the table
-// of messages that a part answers (Mesh Profile 1.0 section 4.3).
+// Code shared by the parts of the configuration server: status codes, fields of messages, and the
+// table of messages that a part answers (Mesh Profile 1.0 section 4.3).
 #pragma once
 
 #include <optional>
@@ -32,12 +32,12 @@ enum class ConfigStatus : std::uint8_t {
 Bytes begin_message(std::uint16_t opcode);
 Bytes begin_status(std::uint16_t opcode, ConfigStatus status);
 
-/// A model identifier at the end of a message: two octets, or company and model. Nothing when
-/// another number of octets is left.
+/// Reads a model identifier at the end of a message: two octets, or company and model. Returns
+/// nothing when another number of octets is left.
 std::optional<ModelId> model_id_at(ByteView parameters, std::size_t offset);
 void put_model_id(Bytes& out, ModelId id);
 
-/// Whether the node has that element, which is its only one, and the model.
+/// Returns true if the node has that element, which is its only one, and the model.
 ConfigStatus model_status(const NodeConfiguration& configuration, Address element, ModelId id);
 
 Key key_at(ByteView parameters, std::size_t offset);
@@ -47,7 +47,7 @@ std::pair<std::uint16_t, std::uint16_t> key_indexes(ByteView parameters);
 /// Pairs in three octets, and a single one at the end in two.
 void put_key_indexes(Bytes& out, const std::vector<std::uint16_t>& indexes);
 
-/// Nothing: the message is silently ignored, for it is unknown, of a wrong length, or forbidden.
+/// Nothing for a message that is silently ignored: unknown, of a wrong length, or prohibited.
 using Answer = std::optional<Bytes>;
 
 /// A message that the part `Owner` of the configuration server answers.
@@ -57,7 +57,7 @@ struct ConfigRequest {
   Answer (Owner::*answer)(ByteView parameters);
 };
 
-/// Nothing when `opcode` is not in the table.
+/// Returns nothing when `opcode` is not in the table.
 template <typename Owner, std::size_t size>
 std::optional<Answer> answer_request(const ConfigRequest<Owner> (&table)[size], Owner& owner,
                                      std::uint16_t opcode, ByteView parameters) {

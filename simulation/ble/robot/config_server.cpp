@@ -51,7 +51,7 @@ std::optional<Answer> ConfigServer::answer_to(std::uint16_t opcode, ByteView par
   return subscriptions_.on_message(opcode, parameters);
 }
 
-/// There is page 0 only, which is also the last.
+/// Answers with page 0, which is the only one.
 Answer ConfigServer::composition_get(ByteView parameters) const {
   if (parameters.size() != 1) return std::nullopt;
   if (parameters[0] != page_0 && parameters[0] != last_page) return std::nullopt;

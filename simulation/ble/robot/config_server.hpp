@@ -17,13 +17,13 @@ namespace slamgw::sim::ble {
 
 class ConfigServer {
  public:
-  /// The node is provisioned; both outlive this.
+  /// The node must be provisioned; both must outlive this object.
   ConfigServer(const Firmware& firmware, NodeConfiguration& configuration);
 
   struct Result {
     Answer answer;
-    bool resets_node = false;  ///< once the answer is out
-    /// The firmware has failed this assertion: there is no answer, and the robot is gone.
+    bool resets_node = false;  ///< after the answer is sent
+    /// The failed assertion of the firmware: the robot does not answer, and stops.
     std::optional<std::string> failed_assertion{};
   };
   /// To be called once.

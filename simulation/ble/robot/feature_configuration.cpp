@@ -19,7 +19,7 @@ Bytes status(std::uint16_t opcode, std::uint8_t value) {
   return out;
 }
 
-/// One octet, 0 or 1.
+/// Returns true for one octet, 0 or 1.
 bool is_switch(ByteView parameters) { return parameters.size() == 1 && parameters[0] <= 1; }
 
 }  // namespace
@@ -59,7 +59,7 @@ Answer FeatureConfiguration::default_ttl_get(ByteView parameters) {
   return status(default_ttl_status_op, configuration_.ttl);
 }
 
-/// 0, or 2 to 127 (section 4.2.7).
+/// Accepts 0 and 2 to 127 (section 4.2.7).
 Answer FeatureConfiguration::default_ttl_set(ByteView parameters) {
   if (parameters.size() != 1 || parameters[0] == 1 || parameters[0] > 127) return std::nullopt;
   configuration_.ttl = parameters[0];

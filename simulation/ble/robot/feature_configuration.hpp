@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the configuration server about the node as a whole: default TTL, relay, friend,
+// The part of the configuration server for the node as a whole: default TTL, relay, friend,
 // proxy, beacon, network transmissions (Mesh Profile 1.0 sections 4.3.2.1 to 4.3.2.14).
 #pragma once
 
@@ -9,10 +9,10 @@ namespace slamgw::sim::ble {
 
 class FeatureConfiguration {
  public:
-  /// `configuration` outlives this.
+  /// `configuration` must outlive this object.
   explicit FeatureConfiguration(NodeConfiguration& configuration) : configuration_(configuration) {}
 
-  /// Nothing for messages that are about something else.
+  /// Returns nothing for messages of other parts.
   std::optional<Answer> on_message(std::uint16_t opcode, ByteView parameters);
 
  private:

@@ -22,18 +22,18 @@ constexpr std::uint16_t known_features = 0x000f;
 
 bool is_virtual_address(Address address) { return address >= 0x8000 && address <= 0xbfff; }
 
-/// Nothing for a log that is prohibited.
+/// Returns nothing for a prohibited log.
 std::optional<std::uint32_t> from_log(std::uint8_t log, std::uint8_t max_log) {
   if (log > max_log) return std::nullopt;
   return log == 0 ? 0U : 1U << (log - 1U);
 }
 
-/// The largest power of two that is not above the value.
+/// Returns the largest power of two that is not above the value.
 std::uint8_t floor_log(std::uint32_t value) {
   return static_cast<std::uint8_t>(std::bit_width(value));
 }
 
-/// The smallest one that is not below it.
+/// Returns the smallest power of two that is not below the value.
 std::uint8_t publication_count_log(std::uint32_t count) {
   if (count == endless_count) return endless_count_log;
   if (count <= 1) return static_cast<std::uint8_t>(count);
@@ -72,7 +72,7 @@ Answer Heartbeats::publication_get(ByteView parameters) {
   return out;
 }
 
-/// The answer repeats the request, whatever its status.
+/// The answer repeats the request, with any status.
 Answer Heartbeats::publication_set(ByteView parameters) {
   if (parameters.size() != heartbeat_publication_octets) return std::nullopt;
   const Address destination = get_u16_le(parameters, 0);
@@ -143,7 +143,7 @@ Answer Heartbeats::subscription_get(ByteView parameters) {
   return out;
 }
 
-/// One that is not allowed gets no answer. When it is switched off, the count stays.
+/// Does not answer an invalid subscription. The count stays when it is switched off.
 Answer Heartbeats::subscription_set(ByteView parameters) {
   if (parameters.size() != heartbeat_subscription_octets) return std::nullopt;
   const Address source = get_u16_le(parameters, 0);
@@ -179,8 +179,8 @@ std::uint32_t Heartbeats::seconds_left() const {
   return static_cast<std::uint32_t>(left.count());
 }
 
-/// Whether the network layer lets it pass. Up to 3.0 a heartbeat subscription opens no way for its
-/// group.
+/// Returns true if the network layer accepts the destination. Up to 3.0 a heartbeat subscription
+/// does not subscribe to its group.
 bool Heartbeats::hears(Address destination, const NodeConfiguration& configuration) const {
   if (destination == all_nodes) return true;
   if (is_unicast(destination)) return destination == configuration.network->address;

@@ -15,11 +15,11 @@ class Heartbeats {
  public:
   explicit Heartbeats(const Firmware& firmware) : firmware_(&firmware) {}
 
-  /// Nothing for messages that are about something else.
+  /// Returns nothing for messages of other parts.
   std::optional<Answer> on_message(ByteView message, const NodeConfiguration& configuration,
                                    TimePoint now);
   const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
-  /// A message of the robot has left.
+  /// Call when the robot has sent a message.
   void on_transmitted();
   std::optional<TimePoint> deadline() const { return next_at_; }
   void on_deadline(TimePoint now);
@@ -30,7 +30,7 @@ class Heartbeats {
   };
   std::optional<Heartbeat> next() { return std::exchange(next_, std::nullopt); }
   bool hears(Address destination, const NodeConfiguration& configuration) const;
-  /// A heartbeat that it hears has come. `hops`: 1 without relays.
+  /// Call when it receives a heartbeat. `hops`: 1 without relays.
   void on_heartbeat(Address source, Address destination, std::uint8_t hops, TimePoint now);
   void reset() { *this = Heartbeats(*firmware_); }
 
@@ -62,7 +62,7 @@ class Heartbeats {
   std::uint32_t seconds_left() const;
 
   const Firmware* firmware_;
-  const NodeConfiguration* configuration_ = nullptr;  ///< while a message is answered
+  const NodeConfiguration* configuration_ = nullptr;  ///< set while a message is answered
   TimePoint now_{};                                   ///< likewise
   std::optional<std::string> failed_assertion_;
   Publication publication_;

@@ -29,7 +29,7 @@ constexpr std::uint8_t identity_not_supported = 0x02;
 constexpr std::uint8_t transition_to_phase_2 = 2;
 constexpr std::uint8_t transition_to_phase_3 = 3;
 
-/// Status and the message's key index, or indexes.
+/// Returns status and the message's key index, or indexes.
 Bytes key_status(std::uint16_t opcode, ConfigStatus status, ByteView indexes) {
   Bytes out = begin_status(opcode, status);
   put(out, indexes);
@@ -83,7 +83,7 @@ Answer KeyConfiguration::net_key_update(ByteView parameters) {
                     parameters.first(2));
 }
 
-/// Begins a key refresh; later only the same key is taken.
+/// Begins a key refresh; later only the same key is accepted.
 ConfigStatus KeyConfiguration::renew_net_key(std::uint16_t index, const Key& key) {
   NetKey* known = configuration_.find_net_key(index);
   if (known == nullptr) return ConfigStatus::invalid_net_key_index;
@@ -98,7 +98,7 @@ Answer KeyConfiguration::net_key_delete(ByteView parameters) {
   return key_status(net_key_status_op, remove_net_key(get_u16_le(parameters, 0)), parameters);
 }
 
-/// A key that is not there is deleted, too; the one that the message came with stays.
+/// Deletes a key. An unknown key is a success; the key of the message itself stays.
 ConfigStatus KeyConfiguration::remove_net_key(std::uint16_t index) {
   if (configuration_.find_net_key(index) == nullptr) return ConfigStatus::success;
   if (configuration_.net_keys.front().index == index) return ConfigStatus::cannot_remove;
@@ -147,7 +147,7 @@ Answer KeyConfiguration::app_key_update(ByteView parameters) {
                     parameters.first(3));
 }
 
-/// In the first phase of a key refresh only.
+/// Allowed only in the first phase of a key refresh.
 ConfigStatus KeyConfiguration::renew_app_key(std::uint16_t net_index, std::uint16_t index,
                                              const Key& key) {
   const NetKey* net_key = configuration_.find_net_key(net_index);
@@ -163,7 +163,7 @@ ConfigStatus KeyConfiguration::renew_app_key(std::uint16_t net_index, std::uint1
   return ConfigStatus::success;
 }
 
-/// A key that is not there is deleted, too.
+/// Deletes a key; an unknown key is a success.
 Answer KeyConfiguration::app_key_delete(ByteView parameters) {
   if (parameters.size() != 3) return std::nullopt;
   const auto [net_index, app_index] = key_indexes(parameters);
@@ -174,7 +174,7 @@ Answer KeyConfiguration::app_key_delete(ByteView parameters) {
                     parameters);
 }
 
-/// With a key go its bindings and publications.
+/// Removes a key with its bindings and publications.
 void KeyConfiguration::remove_app_key(std::uint16_t index) {
   std::erase_if(configuration_.app_keys, [&](const AppKey& key) { return key.index == index; });
   for (Model& model : configuration_.models) {
@@ -240,7 +240,7 @@ void KeyConfiguration::finish_refresh(NetKey& net_key) {
   }
 }
 
-/// Robots have no proxy, so they do not advertise their identity, in whatever network.
+/// Robots have no proxy, so they do not advertise their identity in any network.
 Answer KeyConfiguration::identity_get(ByteView parameters) {
   if (parameters.size() != 2) return std::nullopt;
   Bytes out = key_status(identity_status_op, ConfigStatus::success, parameters);

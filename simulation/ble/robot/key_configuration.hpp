@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the configuration server about network and application keys and their refresh (Mesh
+// The part of the configuration server for network and application keys and their refresh (Mesh
 // Profile 1.0 sections 4.3.2.31 to 4.3.2.44).
 #pragma once
 
@@ -9,10 +9,10 @@ namespace slamgw::sim::ble {
 
 class KeyConfiguration {
  public:
-  /// `configuration` outlives this.
+  /// `configuration` must outlive this object.
   explicit KeyConfiguration(NodeConfiguration& configuration) : configuration_(configuration) {}
 
-  /// Nothing for messages that are not about keys.
+  /// Returns nothing for messages of other parts.
   std::optional<Answer> on_message(std::uint16_t opcode, ByteView parameters);
 
  private:

@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::uint8_t health_current_status = 0x04;
 
-/// The model that publishes this message.
+/// Returns the model that publishes this message.
 std::optional<ModelId> publisher_of(ByteView message) {
   if (!message.empty() && message[0] == health_current_status) return health_server;
   const std::optional<Vendor> opcode = vendor_opcode(message);
@@ -19,7 +19,7 @@ std::optional<ModelId> publisher_of(ByteView message) {
   return sensor_update_client;
 }
 
-/// The model that understands this message.
+/// Returns the model that understands this message.
 std::optional<ModelId> receiver_of(ByteView message) {
   if (const auto opcode = two_octet_opcode(message)) {
     const bool is_on_off = *opcode >= on_off_get && *opcode <= on_off_set_unacknowledged;
@@ -110,7 +110,7 @@ void Node::on_link_signal(const LinkSignal& signal, TimePoint now) {
       return;
     case LinkSignal::Kind::pdu: return answer_link(signal.pdu, now);
     case LinkSignal::Kind::close: return end_link();
-    case LinkSignal::Kind::opened: return;  // only devices say this
+    case LinkSignal::Kind::opened: return;  // only devices send this
   }
 }
 
@@ -214,8 +214,8 @@ void Node::configure(const MeshMessage& request, TimePoint now) {
   if (result.resets_node) reset(now);
 }
 
-/// Back to an unprovisioned device (Mesh Profile 1.0 section 4.3.2.53); its sequence numbers go on,
-/// as it may come back to the same address.
+/// Makes the node an unprovisioned device (Mesh Profile 1.0 section 4.3.2.53). Its sequence numbers
+/// continue, as it may get the same address again.
 void Node::reset(TimePoint now) {
   configuration_ = NodeConfiguration();
   heartbeats_.reset();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The mesh stack of one robot: beacons while it is unprovisioned, its end of a provisioning link,
-// then keys, sequence numbers and replay protection, and the configuration server. What the robot's
-// models say and understand is Robot. No radio and no clock: Network carries.
+// then keys, sequence numbers and replay protection, and the configuration server. Robot has the
+// models. No radio and no clock: Network delivers messages.
 #pragma once
 
 #include <deque>
@@ -18,7 +18,7 @@ namespace slamgw::sim::ble {
 class Node {
  public:
   static constexpr std::chrono::seconds beacon_interval{1};
-  /// The robot begins when its configuration has not changed for so long.
+  /// The robot begins when its configuration has not changed for this long.
   static constexpr std::chrono::seconds settling_time{1};
 
   struct Settings {
@@ -26,8 +26,8 @@ class Node {
     Key uuid{};
     unsigned number = 1;  ///< of the robot, from 1
     std::optional<Key> static_oob;
-    /// Not provisioned but in the mesh from the start, with this address and whatever keys the
-    /// board has; takes no configuration.
+    /// In the mesh from the start without provisioning, with this address and the keys of the
+    /// board; accepts no configuration.
     std::optional<Address> fixed_address;
   };
 
@@ -36,56 +36,56 @@ class Node {
   void on_start(TimePoint now);
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
-  /// The UUID to be sent as an unprovisioned device's beacon.
+  /// Returns the UUID to send as an unprovisioned device's beacon.
   std::optional<Key> next_beacon();
 
-  /// True when `open` is for this device, or the link is its own.
+  /// Returns true when `open` is for this device, or the link is its own.
   bool takes(const LinkSignal& signal) const;
   void on_link_signal(const LinkSignal& signal, TimePoint now);
   std::optional<LinkSignal> next_link_signal();
 
-  /// It acknowledges the segments of this message: the network key and the address are its own, and
-  /// replay protection lets them pass.
+  /// Returns true if it acknowledges the segments of this message: network key and address are its
+  /// own, and replay protection accepts them.
   bool acknowledges(const MeshMessage& message) const;
-  /// It understands an acknowledgement of its own segments, and replay protection lets it pass.
+  /// Returns true if it accepts an acknowledgement of its own segments.
   bool would_accept(Address source, const SegmentAcknowledgement& acknowledgement) const {
     return (settings_.fixed_address || configuration_.has_net_key(acknowledgement.net_key)) &&
            heard_.would_accept(source, acknowledgement.sequence);
   }
-  /// True when the robot's models shall see it; configuration messages are answered here.
+  /// Returns true for a message to the robot's models; configuration messages are answered here.
   bool on_message(const MeshMessage& message, TimePoint now);
   std::optional<MeshMessage> next_answer();
-  /// Gives a model's message its source, keys and sequence number; false when the node can't send
-  /// it.
+  /// Sets source, keys and sequence number of a model's message; returns false when the node can't
+  /// send it.
   bool prepare(MeshMessage& message);
 
-  /// A message of the node has left.
+  /// Call when the node has sent a message.
   void on_transmitted() { heartbeats_.on_transmitted(); }
   std::optional<Heartbeats::Heartbeat> next_heartbeat();
-  /// A heartbeat of another node has come. Returns false when this node does not hear it.
+  /// Call when a heartbeat of another node arrives. Returns false when this node does not hear it.
   void on_heartbeat(const Node& source, const Heartbeats::Heartbeat& heartbeat, std::uint8_t hops,
                     TimePoint now);
   bool is_relay() const { return !is_gone() && address() != 0 && configuration_.relay == 1; }
 
-  /// The assertion that its firmware has failed, once: from then on the node is gone.
+  /// Returns the failed assertion of its firmware, once: from then on the node is stopped.
   const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
 
-  /// That it sends under; nothing for the keys that the board has.
+  /// Returns the network key that it sends under; nothing for the keys of the board.
   std::optional<Key> net_key() const;
 
-  /// What the configuration lets the robot publish at this time.
+  /// Returns the publications that the configuration permits at this time.
   Robot::Publications publications(TimePoint now) const;
-  /// 0 while unprovisioned.
+  /// Returns 0 while unprovisioned.
   Address address() const;
   unsigned number() const { return settings_.number; }
 
   const NodeConfiguration& configuration() const { return configuration_; }
   std::uint32_t next_sequence() const { return next_sequence_; }
-  /// Switched off and on: what it heard is forgotten, what it was told is not.
+  /// Switches off and on: clears the replay list, but not the configuration.
   void power_cycle();
-  /// By hand, as its owner does: an unprovisioned device again, whose sequence number begins anew.
+  /// Resets by hand, as its owner does: an unprovisioned device, whose sequence number restarts.
   void reset_by_hand(TimePoint now);
-  /// Before the start, from a state file.
+  /// Call before the start, with the content of a state file.
   void restore(NodeConfiguration configuration, std::uint32_t next_sequence);
 
  private:

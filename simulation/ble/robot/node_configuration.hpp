@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot's mesh stack keeps in its flash (Mesh Profile 1.0 section 4.2): keys, models, their
-// bindings, publications and subscriptions. Plain values; ConfigServer changes them, Node obeys
-// them.
+// The flash of a robot's mesh stack (Mesh Profile 1.0 section 4.2): keys, models, their bindings,
+// publications and subscriptions. Plain values; ConfigServer changes them, Node applies them.
 #pragma once
 
 #include <cstdint>
@@ -41,7 +40,7 @@ struct ModelPublication {
   bool has_friendship_credential = false;
   std::uint8_t ttl = 0;
   std::uint8_t period = 0;      ///< steps and resolution as on air (section 4.2.2.2)
-  std::uint8_t retransmit = 0;  ///< kept, not obeyed
+  std::uint8_t retransmit = 0;  ///< stored without effect
 
   bool operator==(const ModelPublication&) const = default;
 };
@@ -79,8 +78,7 @@ struct AppKey {
 struct NodeConfiguration {
   static constexpr std::size_t max_net_keys = 2;
   static constexpr std::size_t max_app_keys = 8;
-  static constexpr std::size_t max_groups =
-      32;  ///< that its models are subscribed to, all together
+  static constexpr std::size_t max_groups = 32;  ///< maximum of subscriptions of all models
 
   std::optional<ProvisioningData> network;  ///< nothing: not provisioned
   Key device_key{};
@@ -88,24 +86,24 @@ struct NodeConfiguration {
   std::vector<AppKey> app_keys;
   std::vector<Model> models = factory_models();
   std::uint8_t ttl = default_ttl;  ///< of its answers, and of publications that name none
-  // Kept, not obeyed:
+  // Stored without effect:
   std::uint8_t relay = 1;
   std::uint8_t relay_retransmit = 0;
   std::uint8_t secure_network_beacon = 1;
   std::uint8_t network_transmit = 0;
 
   static std::vector<Model> factory_models();
-  /// Provisioned; the network's key is its first.
+  /// Makes the node provisioned; the network's key is its first.
   void join(const ProvisioningData& data, const Key& new_device_key);
   Model* find_model(ModelId id);
   const Model* find_model(ModelId id) const;
   NetKey* find_net_key(std::uint16_t index);
   const NetKey* find_net_key(std::uint16_t index) const;
   const AppKey* find_app_key(std::uint16_t index) const;
-  /// The network that has this key, the old or the new one; null when none of this node has it.
+  /// Returns the network with this key, old or new; null when the node has none.
   const NetKey* network_of(const Key& key) const;
   bool has_net_key(const Key& key) const { return network_of(key) != nullptr; }
-  /// With what it sends in the network, and with that network's application keys.
+  /// Returns the key for sending in the network and with its application keys.
   Key sending_key(const NetKey& net_key) const;
   Key sending_key(const AppKey& app_key) const;
 

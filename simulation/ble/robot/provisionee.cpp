@@ -53,7 +53,7 @@ std::optional<Bytes> Provisionee::on_expected(Pdu type, ByteView parameters) {
 }
 
 /// Algorithm, public key, method, action and size: the first two must be 0 (table 5.28), action and
-/// size are for kinds of OOB that robots have not. Nordic's device takes the static method although
+/// size are for kinds of OOB that robots lack. Nordic's device accepts the static method although
 /// it has not offered it.
 Bytes Provisionee::on_start(ByteView parameters) {
   const auto method = static_cast<OobMethod>(parameters[2]);

@@ -14,7 +14,7 @@ class Provisionee {
  public:
   struct Identity {
     KeyPair key_pair;
-    std::optional<Key> static_oob;  ///< demanded when there
+    std::optional<Key> static_oob;  ///< required if set
   };
   struct Result {
     ProvisioningData data;
@@ -23,10 +23,10 @@ class Provisionee {
 
   Provisionee(const Identity& identity, const Key& random) : identity_(identity), random_(random) {}
 
-  /// The answer, if there is one. A wrong or unexpected PDU is answered with Failed, after which
-  /// nothing is taken any more.
+  /// Returns the answer, if any. A wrong or unexpected PDU is answered with Failed; later PDUs are
+  /// ignored.
   std::optional<Bytes> on_pdu(ByteView pdu);
-  /// Once Complete was the answer.
+  /// Returns the data once the answer was Complete.
   const std::optional<Result>& result() const { return result_; }
 
  private:

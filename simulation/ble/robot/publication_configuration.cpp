@@ -12,8 +12,8 @@ constexpr std::uint16_t set_virtual_op = 0x801a;
 constexpr std::size_t published_address_at = 2;
 constexpr std::uint8_t max_publication_ttl = 127;
 
-/// Nordic's firmware answers with memory that was never written when the model does not publish
-/// periodically. Hosts must not look at it.
+/// Nordic's firmware answers with uninitialised memory when the model does not publish
+/// periodically. Hosts must ignore it.
 constexpr std::uint8_t undefined_period = 0x5a;
 
 /// Key index and flag, TTL, period, retransmissions.
@@ -71,7 +71,7 @@ Answer PublicationConfiguration::set(Address element, const ModelPublication& pu
     ModelPublication& current = configuration_.find_model(id)->publication;
     const bool had_credential = current.has_friendship_credential;
     current = publication;
-    if (publication.address == 0) {  // off; only the flag outlives it
+    if (publication.address == 0) {  // off; only the flag is kept
       current = {};
       current.has_friendship_credential = had_credential;
     }
@@ -100,7 +100,7 @@ Answer PublicationConfiguration::get(ByteView parameters) {
   return status(model_status(configuration_, element, *id), element, *id);
 }
 
-/// What the model publishes now, or zeros with an error.
+/// Returns the publication of the model, or zeros with an error.
 Bytes PublicationConfiguration::status(ConfigStatus status, Address element, ModelId id) const {
   ModelPublication publication;
   if (status == ConfigStatus::success) publication = configuration_.find_model(id)->publication;

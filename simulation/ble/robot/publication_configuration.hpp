@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the configuration server about what models publish (Mesh Profile 1.0
+// The part of the configuration server for publications of models (Mesh Profile 1.0
 // sections 4.3.2.15 to 4.3.2.18).
 #pragma once
 
@@ -10,13 +10,13 @@ namespace slamgw::sim::ble {
 
 class PublicationConfiguration {
  public:
-  /// Both outlive this.
+  /// Both must outlive this object.
   PublicationConfiguration(const Firmware& firmware, NodeConfiguration& configuration)
       : firmware_(firmware), configuration_(configuration) {}
 
-  /// Nothing for messages that are about something else.
+  /// Returns nothing for messages of other parts.
   std::optional<Answer> on_message(std::uint16_t opcode, ByteView parameters);
-  /// What the firmware asserted when the last message failed it.
+  /// Returns the assertion that failed on the last message.
   const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
 
  private:

@@ -8,14 +8,14 @@
 namespace slamgw::sim::ble {
 namespace {
 
-/// How often a robot looks again while the board is not ready, or its way is blocked.
+/// Interval of retries while the board is not ready, or the transport is busy.
 constexpr std::chrono::milliseconds look_again{20};
 constexpr std::size_t vendor_opcode_octets = 3;
 
 /// Health Current Status: test 0, company 0x0059, no fault.
 Bytes healthy_status() { return {0x04, 0x00, 0x59, 0x00}; }
 
-/// Nordic's pattern for STATUS is one state octet.
+/// Nordic's convention for STATUS is one state octet.
 Bytes status_message(Vendor status) { return vendor_message(status, Bytes{0x00}); }
 
 }  // namespace
@@ -23,7 +23,7 @@ Bytes status_message(Vendor status) { return vendor_message(status, Bytes{0x00})
 Robot::Robot(const RobotSettings& settings, const RobotBody& body)
     : settings_(settings), body_(body) {}
 
-/// Robots are switched on one after the other.
+/// Robots start one after another.
 void Robot::on_start(TimePoint now) {
   const unsigned number = settings_.number - 1;
   next_update_ = now + std::chrono::milliseconds{7 * number % 200};
@@ -54,7 +54,7 @@ void Robot::on_command(std::string_view type, ByteView payload) {
   events_.push_back({UpdateEvent::Kind::command, 0, Bytes(payload.begin(), payload.end()), type});
 }
 
-/// A robot of another mesh has said this: the number of its id, then its update.
+/// An update of a robot of another mesh: the number of its id, then the update.
 void Robot::on_relayed(ByteView parameters) {
   if (parameters.size() < 2) return;
   const std::string sender = fmt::format("0x{:04x}", get_u16_le(parameters, 0));
@@ -115,8 +115,8 @@ void Robot::produce(const Publications& publications, TimePoint now) {
   tick(*publications.sensor_update, now);
 }
 
-/// The access layer refuses a second SET, the transport a second segmented message, and the
-/// thesis's robots do not keep what is refused.
+/// The access layer refuses a second SET, the transport a second segmented message. The thesis's
+/// robots drop refused updates.
 void Robot::tick(const Publication& to, TimePoint now) {
   const Bytes update = body_.next_message(produced_, now - first_update_);
   if (reliable_) {
@@ -249,7 +249,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::min_com_get: return answer(message, status_message(Vendor::min_com_status));
     case Vendor::min_com_status:
     case Vendor::sensor_update_status:
-      if (!is_unicast(message.destination)) return;  // Nordic's reliable publish wants it so
+      if (!is_unicast(message.destination)) return;  // as Nordic's reliable publish requires
       if (!is_status_for_open(opcode, parameters)) return;
       if (reliable_->number > 0) {
         ++tally_.acknowledged;

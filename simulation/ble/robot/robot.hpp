@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One robot on BLE Mesh: three vendor models, an on/off server and a health server. No radio and no
-// clock: Network carries what it transmits and tells it whether the board can hear.
+// clock: Network delivers its messages and reports whether the board can receive.
 #pragma once
 
 #include <cstdint>
@@ -26,8 +26,8 @@ struct RobotSettings {
   bool is_acknowledged = false;  ///< SET with repeats until STATUS, else SET_UNRELIABLE
   bool is_numbered = false;      ///< its SETs have a transaction number, and STATUS names it
   bool has_segment_timing = false;
-  /// Nothing: no update is measured while one is under way, so that `messages` are complete. Else
-  /// one is measured each period, and `messages` counts those that could not be sent, too.
+  /// Nothing: no update is measured while one is in flight, so that `messages` are complete. Else
+  /// one is measured each period, and `messages` includes those that could not be sent.
   std::optional<OnBusy> on_busy{};
   bool obeys = false;
   bool is_recorded = false;               ///< leaves events
@@ -44,9 +44,9 @@ class Robot {
   struct Publication {
     Address address = 0;
     std::uint8_t ttl = default_ttl;
-    Duration period{};  ///< of models that publish by themselves; 0: they don't
+    Duration period{};  ///< of periodic publications; 0: none
   };
-  /// Where the robot's models publish to; one that has nothing here is silent.
+  /// Destinations of the robot's models; a model without one does not publish.
   struct Publications {
     std::optional<Publication> min_com;
     std::optional<Publication> sensor_update;
@@ -57,19 +57,20 @@ class Robot {
 
   void on_start(TimePoint now);
   void on_deadline(const Publications& publications, TimePoint now);
-  /// A message that the mesh stack has decrypted and found addressed to this robot.
+  /// Call for a decrypted message to this robot.
   void on_message(const MeshMessage& message, TimePoint now);
-  /// An unacknowledged update got lost on the air.
+  /// Call when an unacknowledged update is lost on the air.
   void on_update_dropped() { ++tally_.lost; }
-  /// The segments of its last message are not acknowledged, so the transport repeats them in vain.
+  /// Call when the segments of its last message are not acknowledged, so that the transport repeats
+  /// them.
   void on_unacknowledged_segments(const MeshMessage& message, TimePoint now);
-  /// Its firmware has failed an assertion: it does nothing any more.
+  /// Call when its firmware has failed an assertion, which stops the robot.
   void on_failed_assertion();
   TimePoint deadline() const;
   std::optional<Outgoing> next_transmission();
   std::optional<UpdateEvent> next_event();
 
-  /// Its stack has joined a mesh; 0: has left it.
+  /// Call with its address when its stack joins a mesh, and with 0 when it leaves.
   void set_address(Address address) { settings_.address = address; }
   bool has_sent_everything() const;
   const Tally& tally() const { return tally_; }
@@ -80,7 +81,7 @@ class Robot {
     MeshMessage message;
     Vendor status;
     std::uint64_t number;     ///< of an update; else 0
-    Bytes status_parameters;  ///< what STATUS must have for it; empty: anything
+    Bytes status_parameters;  ///< required parameters of its STATUS; empty: any
     Duration interval;
     TimePoint repeat_at;
     TimePoint gives_up_at;

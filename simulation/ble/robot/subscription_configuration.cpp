@@ -75,8 +75,8 @@ ConfigStatus SubscriptionConfiguration::apply(Address element, Address group, Mo
   return ConfigStatus::success;
 }
 
-/// Nordic's firmware has as many subscription lists as models, and asserts that a model that is
-/// cleared has no more subscriptions than that. False when it fails.
+/// Clears a model's subscriptions. Nordic's firmware asserts that they are not more than its
+/// models; returns false when that fails.
 bool SubscriptionConfiguration::clear(Model& model) {
   const std::size_t lists = configuration_.models.size();
   if (model.subscriptions.size() > lists) {
@@ -97,7 +97,7 @@ bool SubscriptionConfiguration::has_room_for(Address group) const {
   return groups.size() <= NodeConfiguration::max_groups;
 }
 
-/// The status has the unassigned address where the others repeat theirs.
+/// The status has the unassigned address where other messages repeat theirs.
 Answer SubscriptionConfiguration::remove_all(ByteView parameters) {
   const std::optional<ModelId> id = model_id_at(parameters, 2);
   if (!id) return std::nullopt;

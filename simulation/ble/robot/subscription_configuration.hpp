@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the configuration server about what models are subscribed to (Mesh Profile 1.0
+// The part of the configuration server for subscriptions of models (Mesh Profile 1.0
 // sections 4.3.2.19 to 4.3.2.30).
 #pragma once
 
@@ -9,13 +9,13 @@ namespace slamgw::sim::ble {
 
 class SubscriptionConfiguration {
  public:
-  /// `configuration` outlives this.
+  /// `configuration` must outlive this object.
   explicit SubscriptionConfiguration(NodeConfiguration& configuration)
       : configuration_(configuration) {}
 
-  /// Nothing for messages that are about something else.
+  /// Returns nothing for messages of other parts.
   std::optional<Answer> on_message(std::uint16_t opcode, ByteView parameters);
-  /// What the firmware asserted when the last message failed it.
+  /// Returns the assertion that failed on the last message.
   const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
 
  private:
