@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Preloaded into the daemon by the soak. Moves its wall clock by the seconds in the file MOVED_CLOCK
-// (8 octets). The kernel waits by the real clock, so the ends of waits are moved back. The monotonic
-// clock is not changed.
+// Preloaded into the daemon by the soak. Moves its wall clock by the seconds in the file
+// MOVED_CLOCK (8 octets). The kernel waits by the real clock, so the ends of waits are moved back.
+// The monotonic clock is not changed.
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -59,8 +59,8 @@ int sem_timedwait(sem_t* restrict semaphore, const struct timespec* restrict unt
   return real(semaphore, &end);
 }
 
-// Only the daemon's MQTT client waits like this for a time of the wall clock. Times of the monotonic
-// clock are years earlier. A step of the clock during the wait counts, as in the kernel.
+// Only the daemon's MQTT client waits like this for a time of the wall clock. Times of the
+// monotonic clock are years earlier. A step of the clock during the wait counts, as in the kernel.
 int pthread_cond_timedwait(pthread_cond_t* restrict condition, pthread_mutex_t* restrict mutex,
                            const struct timespec* restrict until) {
   static int (*real)(pthread_cond_t*, pthread_mutex_t*, const struct timespec*);
