@@ -150,6 +150,11 @@ class RobotSession {
   void begin_clean(TimePoint now);
   /// Call when another gateway serves the robot: what the robot has subscribed is known there only.
   void on_given_up();
+  /// Returns true for a session that was only kept: its robot has no subscriptions here, was not
+  /// heard, and this gateway never held the session. If the broker has none, nothing needs one.
+  bool is_unused() const {
+    return filters_.empty() && heard_at_ == TimePoint{} && held_since_ == TimePoint{};
+  }
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
   /// Returns false if no filter matches the topic, and the broker's session has no others.
   bool may_want(const std::string& topic) const;

@@ -205,7 +205,10 @@ void RobotSessions::on_attached(const std::string& robot, bool is_present, const
   }
   RobotSession* session = find(robot);
   if (!session || session->state() != RobotSession::State::opening) return;
+  // On MQTT 3.1.1, only another CONNECT could end it.
+  const bool is_unused = is_v5_ && !is_present && session->is_unused();
   session->on_attached(is_present, is_v5_, now);
+  if (is_unused) return forget(robot);
   settle(robot, *session, now);
 }
 

@@ -333,6 +333,34 @@ TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNoTimer) {
   EXPECT_EQ(sessions.deadline(), std::nullopt);
 }
 
+/// A client that only sent CONNECT has a presence, but never had a session. A flood of such clients
+/// must not fill the broker with connections after a restart.
+TEST_F(RobotSessionRulesUp, EndsAKeptSessionThatTheBrokerDidNotHave) {
+  sessions.keep("r1", {}, {}, now);
+  pass({});
+  forget_actions();
+  sessions.on_attached("r1", false, now);
+  const auto closed = drain<CloseSession>();
+  ASSERT_EQ(closed.size(), 1U);
+  EXPECT_TRUE(closed[0].is_forgotten);
+  EXPECT_EQ(sessions.held(), 0U);
+
+  sessions.keep("r1", {}, {}, now);
+  pass({});
+  sessions.on_attached("r1", true, now);
+  EXPECT_TRUE(drain<CloseSession>().empty()) << "commands may wait in it";
+  EXPECT_EQ(sessions.held(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, HoldsAKeptSessionOfARobotWithSubscriptions) {
+  sessions.subscribe("r1", "ntnu-slam/server/r1/cmd", Qos::at_least_once, true, now);
+  sessions.keep("r1", {}, {}, now);
+  pass({});
+  sessions.on_attached("r1", false, now);
+  EXPECT_TRUE(drain<CloseSession>().empty());
+  EXPECT_EQ(sessions.held(), 1U);
+}
+
 // --- Rule 11: the broker is away -----------------------------------------------------------------
 
 TEST_F(RobotSessionRulesUp, Rule11_OpensSessionsOfHeardRobotsFirstWhenTheBrokerIsBack) {
