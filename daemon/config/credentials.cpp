@@ -11,6 +11,12 @@ namespace slamgw {
 namespace {
 
 constexpr std::string_view shape = R"({"username": "...", "password": "..."})";
+constexpr std::size_t max_octets = 65535;  // MQTT 3.1.1 section 3.1.3
+
+/// Returns true for a text that MQTT and its libraries, which take C strings, can carry.
+bool is_carried(const std::string& text) {
+  return text.size() <= max_octets && text.find('\0') == text.npos;
+}
 
 std::optional<Credentials> parse_credentials(const std::string& text, const std::string& file,
                                              Problems& problems) {
@@ -26,10 +32,11 @@ std::optional<Credentials> parse_credentials(const std::string& text, const std:
     const auto* word = member.value.get_ptr<const std::string*>();
     if (!is_username && member.key != "password")
       add(member.place.line, member.key, "unknown key");
-    else if (word == nullptr || (is_username && word->empty()))
+    else if (word == nullptr || !is_carried(*word) || (is_username && word->empty()))
       add(member.place.line, member.key,
-          is_username ? "is not a text of at least one character"
-                      : "is not a text (not shown: it is secret)");
+          is_username ? "is not a text of 1 to 65535 octets without null characters"
+                      : "is not a text of at most 65535 octets without null characters (not shown: "
+                        "it is secret)");
     else
       (is_username ? credentials.username : credentials.password) = *word;
     missing.erase(member.key);

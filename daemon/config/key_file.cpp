@@ -28,7 +28,9 @@ RobotKeys parse_key_file(const std::string& text, const std::string& file, Probl
   const auto members = read_group(text, file, R"({"CLIENT ID": "HEX DIGITS", ...})", problems);
   if (!members) return keys;
   const auto add = [&](const JsonNode& member, std::string wrong) {
-    problems.push_back({file, member.place.line, member.key, std::move(wrong)});
+    // A name in the form of a key is one, where name and key were exchanged.
+    const std::string shown = parse_key(member.key) ? "(not shown)" : member.key;
+    problems.push_back({file, member.place.line, shown, std::move(wrong)});
   };
   for (const JsonNode& member : *members) {
     const auto* hex = member.value.get_ptr<const std::string*>();

@@ -211,6 +211,24 @@ TEST(ParseConfig, ReadsCredentialsBesideTheFile) {
   EXPECT_EQ(parsed.config.broker.credentials->username, "u");
 }
 
+TEST(ParseConfig, RejectsCredentialsThatMqttCannotCarry) {
+  const auto problems_of = [](const std::string& credentials) {
+    FakeFiles files;
+    files.files["/etc/slam-gateway/c.json"] = {credentials, 0600};
+    return Parsed(R"({"broker": {"credentials_file": "c.json"}})", {"pi", ""}, files)
+        .lines_of_problems;
+  };
+  const std::string place = "/etc/slam-gateway/c.json:1: ";
+  EXPECT_TRUE(problems_of(R"({"username": "a\u0000b", "password": "p"})")
+                  .starts_with(place + "username: is not a text of 1 to 65535 octets"));
+  EXPECT_TRUE(problems_of(R"({"username": "u", "password": "a\u0000b"})")
+                  .starts_with(place + "password: is not a text of at most 65535 octets"));
+  const std::string longest(65535, 'x');
+  EXPECT_EQ(problems_of(R"({"username": "u", "password": ")" + longest + "\"}"), "");
+  EXPECT_TRUE(problems_of(R"({"username": "u", "password": ")" + longest + "x\"}")
+                  .starts_with(place + "password: is not a text of at most 65535 octets"));
+}
+
 TEST(ParseConfig, FallsBackToTheSystemdCredential) {
   FakeFiles files;
   EXPECT_FALSE(Parsed("{}", {"pi", "/run/creds"}, files).config.broker.credentials);

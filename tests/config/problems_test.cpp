@@ -21,6 +21,7 @@ Problems problems_of(std::string_view text) {
   files.files["keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0600};
   files.files["group-keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0640};
   files.files["short-keys"] = {"{\n\"r1\": \"0011hush\"}", 0600};
+  files.files["exchanged-keys"] = {R"({"00112233445566778899aabbccddeeff": "hush"})", 0600};
   files.files["level-keys"] = {R"({"a/b": "00112233445566778899aabbccddeeff"})", 0600};
   files.files["key"] = {"key 2", 0600};
   files.errors["secret"] = {false, true, "Permission denied"};
@@ -184,6 +185,8 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:1: mqttsn.dtls.keys_file: ", "(mode 0640); type: sudo chmod 600 group-keys"},
         Case{R"({"mqttsn": {"dtls": {"keys_file": "short-keys"}}})",
              "short-keys:2: r1: ", "(not shown: it is secret); allowed: 32 to 128 hex digits"},
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "exchanged-keys"}}})",
+             "exchanged-keys:1: (not shown): ", "is not a key"},
         Case{R"({"mqttsn": {"dtls": {"keys_file": "level-keys"}}})",
              "level-keys:1: a/b: ", "allowed: one topic level"},
         Case{R"({"mqttsn": {"dtls": {"keys_file": "list"}}})", "list:1: syntax: ", "HEX DIGITS"},
