@@ -113,17 +113,21 @@ void Uplink::forget(ClientSession& session) {
   session.inbound_qos2.clear();
 }
 
+/// Returns the name behind the client's topic id, as the client knows it; empty if there is none.
+/// Marks a registered topic as one that the client publishes to.
+std::string Uplink::name_of(ClientSession& session, const Publish& publish) const {
+  if (publish.topic_id_type != TopicIdType::normal)
+    return rules_.topic_of(session.client_id, publish.topic_id_type, publish.topic_id).value_or("");
+  TopicTable::Topic* const known = session.topics.find(publish.topic_id);
+  if (!known) return {};
+  known->is_own = true;
+  return SpareBuffers<std::string>::copy(known->name);
+}
+
 Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const Publish& publish,
                                                  TimePoint now) {
   if (publish.topic_id_type == TopicIdType::reserved) return ReturnCode::not_supported;
-  std::string topic;
-  if (publish.topic_id_type != TopicIdType::normal) {
-    topic =
-        rules_.topic_of(session.client_id, publish.topic_id_type, publish.topic_id).value_or("");
-  } else if (TopicTable::Topic* known = session.topics.find(publish.topic_id)) {
-    known->is_own = true;
-    topic = SpareBuffers<std::string>::copy(known->name);
-  }
+  std::string topic = name_of(session, publish);
   if (topic.empty()) {
     output_.count(Count::unknown_topic_ids);
     return ReturnCode::invalid_topic_id;
@@ -275,13 +279,15 @@ void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const 
 void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode code) {
   if (code == ReturnCode::congestion) output_.count(Count::receipts_refused);
   if (output_.is_traced) {
-    output_.emit(MessageStep{.kind = StepKind::refused,
-                             .mesh = Mesh::thread,
-                             .robot = session.robot,
-                             .qos = qos_of(publish),
-                             .wire = wire_facts(publish),
-                             .bytes = publish.payload.size(),
-                             .why = std::string(reason_of(code))});
+    output_.emit(MessageStep{
+        .kind = StepKind::refused,
+        .mesh = Mesh::thread,
+        .robot = session.robot,
+        .topic = to_broker_name(rules_.policy.scheme(), session, name_of(session, publish)),
+        .qos = qos_of(publish),
+        .wire = wire_facts(publish),
+        .bytes = publish.payload.size(),
+        .why = std::string(reason_of(code))});
   }
   if (code == ReturnCode::congestion && settings_.is_full_silent()) return;
   output_.send(session, Puback{publish.topic_id, publish.msg_id, code});

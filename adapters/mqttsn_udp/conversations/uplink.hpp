@@ -43,6 +43,7 @@ class Uplink : Conversation {
   bool may_listen_to(const ClientSession& session, const std::string& topic) const;
   std::string own_root(const ClientSession& session) const;
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
+  std::string name_of(ClientSession& session, const Publish& publish) const;
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
                                            TimePoint now);
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);

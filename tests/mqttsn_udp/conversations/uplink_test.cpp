@@ -77,6 +77,17 @@ TEST(SnGateway, ReportsRepeatsAlwaysAndOtherStepsWhileTraced) {
   EXPECT_EQ(rig.steps[2].receipt, (Receipt{Mesh::thread, 3}));
 }
 
+TEST(SnGateway, NamesTheTopicOfARefusedMessageWhileTraced) {
+  Settings settings;
+  settings.predefined_topics = {{7, "ntnu-slam/robot/r2/adv", {}}};
+  UplinkRig rig(settings);
+  rig.gateway.on_trace(true);
+  rig.send(1, Publish{false, WireQos::one, false, TopicIdType::predefined, 7, 9, {}});
+  ASSERT_EQ(rig.steps.size(), 1U);
+  EXPECT_EQ(rig.steps[0].topic, "ntnu-slam/robot/r2/adv");
+  EXPECT_EQ(rig.steps[0].why, "it may not publish to this topic");
+}
+
 TEST(SnGateway, ReportsEachTransmissionWhileTraced) {
   UplinkRig rig;
   rig.subscribe(1, "ntnu-slam/server/r1/cmd");
