@@ -278,6 +278,22 @@ void need_rights(const Installation& installation, const char* verb) {
     throw Failure(fmt::format("{} needs root; type: sudo slam-gatewayctl {} FILE", verb, verb));
 }
 
+/// Throws Failure if a daemon runs with this configuration. Call while the service is stopped: such
+/// a daemon is not the service, and would overwrite restored files.
+void refuse_running_daemon(const Installation& installation) {
+  const std::string& socket = installation.parsed().config.control_socket;
+  try {
+    const auto status = Connection(socket).ask({{"command", "status"}});
+    if (fs::weakly_canonical(string_at(status, "configuration")) !=
+        fs::weakly_canonical(installation.configuration()))
+      return;
+  } catch (const Silence&) {  // it runs, but hangs
+  } catch (const Failure&) {
+    return;
+  }
+  throw Failure("stop slam-gatewayd first: it runs at " + socket + ", and not as the service");
+}
+
 // ---- the report
 
 using nlohmann::ordered_json;
@@ -422,11 +438,15 @@ std::string restore(const Installation& installation, const std::string& file,
   std::string report;
   {
     const ServicePause pause(installation);
+    refuse_running_daemon(installation);
     report = replace_files(unpacked.path(), targets, installation);
   }
-  if (installation.is_service()) run_program({"systemctl", "start", "--no-block", service_unit});
+  const bool is_started =
+      installation.is_service() &&
+      run_program({"systemctl", "start", "--no-block", service_unit}).status == 0;
   return report + words_on_new_name(manifest) +
-         "Restored; the service starts now. Look at: sudo slam-gatewayctl doctor\n";
+         (is_started ? "Restored; the service starts now. Look at: sudo slam-gatewayctl doctor\n"
+                     : "Restored; start slam-gatewayd now.\n");
 }
 
 std::string without_secrets(std::string_view text) {

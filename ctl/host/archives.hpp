@@ -20,7 +20,8 @@ std::string backup(const Installation& installation, const std::string& file);
 /// Keeps the present files beside them under a name with the time. When a step fails, they come
 /// back. An archive with any other file,
 /// a link or a device is a Failure, and changes nothing. Calls `may_replace` with the names of
-/// present files that differ.
+/// present files that differ. Throws Failure on any fault, and while a daemon runs with this
+/// configuration that is not the service.
 std::string restore(const Installation& installation, const std::string& file,
                     const std::function<bool(const std::string& replaced)>& may_replace);
 

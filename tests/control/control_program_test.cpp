@@ -492,6 +492,25 @@ TEST_F(ControlProgramIo, DoctorReadsConfigurationThatDaemonUses) {
   EXPECT_NE(run({"doctor"}).err.find("name it with --config"), std::string::npos);
 }
 
+TEST_F(ControlProgramIo, RestoresNothingWhileDaemonRuns) {
+  const std::string configuration = directory / "g.json";
+  const std::string archive = directory / "backup.tar.gz";
+  write_file(configuration,
+             json{{"control", {{"socket", path}}}, {"store", {{"directory", directory / "state"}}}}
+                 .dump());
+  ASSERT_EQ(run({"backup", archive, "--config", configuration}).status, 0);
+  start();
+  handler.status_answer["configuration"] = configuration;
+  const Ended refused = run({"restore", "--yes", archive, "--config", configuration});
+  EXPECT_EQ(refused.status, 1) << refused.out;
+  EXPECT_NE(refused.err.find("stop slam-gatewayd first"), std::string::npos) << refused.err;
+  handler.status_answer["configuration"] = directory / "another.json";
+  const Ended restored = run({"restore", "--yes", archive, "--config", configuration});
+  EXPECT_EQ(restored.status, 0) << restored.err;
+  EXPECT_NE(restored.out.find("Restored; start slam-gatewayd now.\n"), std::string::npos);
+  EXPECT_EQ(restored.out.find("service"), std::string::npos) << restored.out;
+}
+
 TEST_F(ControlProgramIo, FailsToForgetUnknownName) {
   start();
   EXPECT_EQ(run({"forget", "old"}).out, "old is forgotten\n");
