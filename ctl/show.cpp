@@ -629,9 +629,8 @@ std::string fleet(const json& fleet, const Screen& screen) {
     std::string trouble;
     const bool is_here = text_at(robot, "gateway") == text_at(fleet, "gateway");
     if (served != robot.end() && *served == false)
-      trouble = fmt::format(" ({})",
-                            screen.paint("down", is_here ? "its session at the broker is not held"
-                                                         : "that gateway is gone"));
+      trouble = fmt::format(" ({})", is_here ? "no session at the broker"
+                                             : screen.paint("down", "that gateway is gone"));
     if (is_true(robot, "contested"))
       trouble += fmt::format(" ({})", screen.paint("contested", std::string(contested_words)));
     out += fmt::format("{} {} {}{}\n", pad(cut_end(text_at(robot, "robot"), id), id),

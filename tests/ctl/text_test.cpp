@@ -209,8 +209,11 @@ TEST(CtlShow, ShowsGatewaysAndRobotsOfFleet) {
             "\n"
             "ROBOT    GATEWAY SINCE\n"
             "lego-1   room-a  30s (contested: another client uses its name)\n"
-            "lego-2   room-a  30s (its session at the broker is not held)\n"
+            "lego-2   room-a  30s (no session at the broker)\n"
             "r\\x1b[2J room-bb 30m (that gateway is gone)\n");
+  EXPECT_NE(ctl::show::fleet(fleet, {true, noon}).find(" 30s (no session at the broker)\n"),
+            std::string::npos)
+      << "no fault, so without colour";
 }
 
 TEST(CtlShow, MarksRobotsThatAreDeafOrContested) {
