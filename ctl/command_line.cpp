@@ -53,9 +53,9 @@ std::string suggestion(const CLI::App& app, const std::string& word) {
   return 2 * least <= word.size() ? "did you mean " + nearest + "?" : "there are: " + verbs_of(app);
 }
 
-/// Names a missing or misspelt verb; CLI11 only says that a verb is required. The first word that
-/// is neither an option nor an option's value is the verb; after a group such as `ble` or `store`,
-/// the second such word is a verb too.
+/// Names a missing or misspelt verb, or an unknown option before it; CLI11 only says that a verb is
+/// required. The first word that is neither an option nor an option's value is the verb; after a
+/// group such as `ble` or `store`, the second such word is a verb too.
 std::optional<std::string> complaint_about_verb(const CLI::App& app,
                                                 const std::vector<std::string>& words) {
   const CLI::App* group = &app;
@@ -63,9 +63,10 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
   for (std::size_t i = 0; i < words.size(); ++i) {
     if (words[i].starts_with("-")) {
       if (words[i] == "--help" || words[i] == "-h" || words[i] == "--version") return std::nullopt;
-      if (words[i] == "--socket" || words[i] == "--config" || words[i] == "--broker" ||
-          words[i] == "--user")
-        ++i;
+      if (!app.get_option_no_throw(words[i].substr(0, words[i].find('='))))
+        return fmt::format("there is no option '{}' before a command (slam-gatewayctl {}--help)",
+                           text_at({{"word", words[i]}}, "word"), before);
+      if (words[i] == "--socket") ++i;
       continue;
     }
     const auto known = group->get_subcommands(

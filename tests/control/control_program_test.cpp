@@ -415,6 +415,10 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
   EXPECT_NE(run({"--json", "store"}).err.find("a command is missing; there are: list, export"),
             std::string::npos);
   EXPECT_NE(run({}).err.find("a command is missing; there are: status"), std::string::npos);
+  for (const auto& arguments : std::vector<std::vector<std::string>>{
+           {"--nope"}, {"--nope=1", "status"}, {"store", "--nope"}})
+    EXPECT_NE(run(arguments).err.find("no option '--nope"), std::string::npos)
+        << testing::PrintToString(arguments);
   EXPECT_EQ(run({"--help"}).status, 0);
   EXPECT_EQ(run({"ble", "--help"}).status, 0);
   EXPECT_EQ(run({"--version"}).out, "slam-gatewayctl " SLAMGW_VERSION "\n");
