@@ -84,8 +84,13 @@ class Examination {
   void configuration() {
     const ParseResult& read = facts_.configuration;
     for (const Problem& problem : read.problems)
-      add("configuration", Health::problem, slamgw::to_string(problem),
-          "fix that line, then: sudo slam-gatewayd --check-config");
+      if (facts_.closed_keys.contains(problem.key))
+        add("configuration", Health::unknown,
+            problem.key + " is not checked: you may not read its file",
+            "type the command with sudo");
+      else
+        add("configuration", Health::problem, slamgw::to_string(problem),
+            "fix that line, then: sudo slam-gatewayd --check-config");
     for (const Problem& warning : read.warnings)
       add("configuration", Health::warning, slamgw::to_string(warning));
     if (read.problems.empty()) add("configuration", Health::well, "read without problems");
@@ -811,6 +816,8 @@ bool has_problem(const std::vector<Finding>& findings) {
 HostFacts gather_facts(const Installation& installation, const std::string& socket) {
   HostFacts facts;
   facts.configuration = installation.parsed();
+  for (const NamedFile& file : named_files(facts.configuration.config))
+    if (access(file.path.c_str(), R_OK) != 0 && errno == EACCES) facts.closed_keys.insert(file.key);
   facts.own_version = SLAMGW_VERSION;
   try {
     Connection connection(socket);

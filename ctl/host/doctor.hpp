@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -51,6 +52,8 @@ struct BluetoothFacts {
 
 struct HostFacts {
   ParseResult configuration;
+  /// Keys of the configuration whose files this user may not read.
+  std::set<std::string> closed_keys;
   nlohmann::json status;       ///< the daemon's; null when it does not answer
   std::string status_failure;  ///< why the daemon does not answer
   bool is_running = true;      ///< a program listens at the daemon's socket

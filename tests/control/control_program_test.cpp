@@ -496,6 +496,25 @@ TEST_F(ControlProgramIo, DoctorReadsConfigurationThatDaemonUses) {
   EXPECT_NE(run({"doctor"}).err.find("name it with --config"), std::string::npos);
 }
 
+TEST_F(ControlProgramIo, DoctorChecksNoFileThatItsUserMayNotRead) {
+  const std::string keys = directory / "keys.json";
+  write_file(directory / "g.json",
+             R"({"mqttsn": {"dtls": {"listen": ["[::1]:47194"], "keys_file": "keys.json"}}})");
+  write_file(keys, "{}");
+  chmod(keys.c_str(), 0);
+  chmod(directory.path().c_str(), 0755);
+  const std::vector<std::string> as_nobody = {"setpriv", "--reuid=65534", "--regid=65534",
+                                              "--clear-groups"};
+  const Ended result = run({"doctor", "--config", directory / "g.json"},
+                           geteuid() == 0 ? as_nobody : std::vector<std::string>{});
+  if (result.status == 127 || result.err.find("setpriv") == 0) GTEST_SKIP() << result.err;
+  EXPECT_EQ(result.out.find("keys.json cannot be read"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("unknown  configuration: mqttsn.dtls.keys_file is not checked: you may "
+                            "not read its file\n         -> type the command with sudo\n"),
+            std::string::npos)
+      << result.out;
+}
+
 TEST_F(ControlProgramIo, RestoresNothingWhileDaemonRuns) {
   const std::string configuration = directory / "g.json";
   const std::string archive = directory / "backup.tar.gz";
