@@ -97,7 +97,7 @@ std::variant<Order, Exit> parse_command_line(int argc, const char* const* argv) 
   Order order;
   CLI::App app("Asks and directs the running slam-gatewayd", "slam-gatewayctl");
   app.add_option("--socket", order.socket, "The daemon's control socket")->capture_default_str();
-  app.add_flag("--json", order.json, "One JSON document (watch: one a line)");
+  app.add_flag("--json", order.json, "One JSON document; one a line where there are several");
   app.set_version_flag("--version", "slam-gatewayctl " SLAMGW_VERSION);
   app.fallthrough();
   app.require_subcommand(1);
