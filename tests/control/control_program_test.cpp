@@ -31,7 +31,8 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "robots": {"online": 5, "asleep": 1, "offline": 2, "known": 8},
       "messages": {"up": 10, "down": 2, "dropped": 3, "stored": 4, "rejected": 5},
       "store": {"depth": 6, "bytes": 2048, "max_bytes": 1048576,
-                "filled_by": {"robot": "r1", "bytes": 1024}},
+                "filled_by": {"robot": "r1", "bytes": 1024}, "dead_letters": 2,
+                "dead_letter_bytes": 512, "dead_letters_nearly_full": true},
       "retained": {"topics": 20, "max": 4096, "most": {"robot": "r2", "topics": 16}},
       "memory_rss_bytes": 3145728})");
   const Ended result = run({"status"});
@@ -50,6 +51,7 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"
       "Store     6 messages, 2.0 KiB of 1.0 MiB\n"
       "          nearly full: r1 has stored 1.0 KiB\n"
+      "          2 dead letters, 512 B, nearly no room for more: see slam-gatewayctl store list\n"
       "Retained  20 of 4096 topics, most by r2: 16\n");
 }
 
