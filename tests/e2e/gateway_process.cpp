@@ -70,10 +70,10 @@ std::string GatewayProcess::mqttsn_address() const {
   return fmt::format("127.0.0.1:{}", mqttsn_port_);
 }
 
-Finished run_program(const std::vector<std::string>& arguments) {
+Finished run_program(const std::vector<std::string>& arguments, std::chrono::milliseconds limit) {
   const TempDir directory;
   ChildProcess process(arguments, directory / "out", directory / "err");
-  const auto status = process.wait();
+  const auto status = process.wait(limit);
   return {status, read_file(directory / "out"), read_file(directory / "err")};
 }
 

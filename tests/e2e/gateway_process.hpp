@@ -48,13 +48,14 @@ class GatewayProcess {
   std::unique_ptr<ChildProcess> process_;
 };
 
-/// Runs a program to its end.
+/// The end of a program; no status if it ran longer than allowed.
 struct Finished {
   std::optional<int> status;
   std::string out;
   std::string err;
 };
-Finished run_program(const std::vector<std::string>& arguments);
+Finished run_program(const std::vector<std::string>& arguments,
+                     std::chrono::milliseconds limit = patience);
 
 /// A running `slam-gateway-sim`.
 class SimulatorProcess {

@@ -34,7 +34,7 @@ Finished check_fleet(MqttVersion version, const std::vector<std::string>& option
       "env",           only, SLAMGW_FLEET_CHECK, std::filesystem::path(SLAMGW_SIM).parent_path(),
       "--outstanding", "1"};
   arguments.insert(arguments.end(), options.begin(), options.end());
-  return run_program(arguments);
+  return run_program(arguments, 4 * patience);  // robots repeat for up to half a minute
 }
 
 std::string state_of(const GatewayProcess& gateway, const std::string& robot) {

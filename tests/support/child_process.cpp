@@ -57,8 +57,8 @@ bool ChildProcess::is_running() {
   return false;
 }
 
-std::optional<int> ChildProcess::wait() {
-  eventually([this] { return !is_running(); });
+std::optional<int> ChildProcess::wait(std::chrono::milliseconds limit) {
+  eventually([this] { return !is_running(); }, limit);
   return status_;
 }
 

@@ -4,9 +4,12 @@
 
 #include <sys/types.h>
 
+#include <chrono>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "tests/support/eventually.hpp"
 
 namespace slamgw::test {
 
@@ -24,9 +27,9 @@ class ChildProcess {
 
   void send_signal(int signal);
   bool is_running();
-  /// Exit status once it has ended (128 + signal when killed); waits up to the test's patience,
-  /// else nothing.
-  std::optional<int> wait();
+  /// Returns the exit status once the program has ended (128 + signal when killed); nothing if it
+  /// runs longer than `limit`.
+  std::optional<int> wait(std::chrono::milliseconds limit = patience);
   pid_t pid() const { return pid_; }
 
  private:
