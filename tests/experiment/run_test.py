@@ -94,10 +94,10 @@ class Runs(unittest.TestCase):
         self.addCleanup(self.directory.cleanup)
         self.is_stopped = False
 
-    def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False, settle_s=0.0):
+    def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False, settle_s=0.0, said=None):
         """Returns (status, result.json, printed text)."""
         asked = main.Asked(messages, 200, "update", 1, wait_s, 1, "csv", "0.1.0", settle_s=settle_s)
-        said = io.StringIO()
+        said = said or io.StringIO()
         with contextlib.redirect_stderr(said):
             run = Run(catalogue.find("ble-unreliable"), "ble", site, self.directory.name, asked, Programs(),
                       lambda: self.is_stopped, axis)
@@ -231,9 +231,8 @@ class Runs(unittest.TestCase):
         class Closed(io.StringIO):
             def write(self, _):
                 raise OSError(5, "Input/output error")
-        progress = Progress("ring", Closed())
-        progress.show(1, 10, 2, 0)
-        progress.say("all is well")
+        status, result, _ = self.run_on(Site(lambda site: arrive(site, 10)), said=Closed())
+        self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (0, True, 10))
 
     def test_two_runs_do_not_write_into_one_folder(self):
         recorder = folder.Recorder(self.directory.name)
