@@ -162,7 +162,7 @@ class Acts:
         return None if (yield from self.command(robot, OUTCOME_S)) else "it gets no command afterwards"
 
     def hostile(self):
-        """A client with write access below fleet/ can neither stop nor command robots by its messages there."""
+        """A client with write access below fleet/ and gateway/ can neither stop nor command robots by what it says as other gateways."""
         fleet, stranger = f"{self.fleet.prefix}/fleet", self.client("stranger")
         stranger.connect()
         if not (yield from until(lambda: stranger.is_connected)):
@@ -173,27 +173,36 @@ class Acts:
         if not (yield from until(lambda: all(victim.is_served() for victim in victims))):
             return "a robot with planted messages gets no session"
         numbers = [len(victim.acknowledged) for victim in victims]
-        life = {"v": 1, "b": "00000000000000aa"}
-        beat = {**life, "k": "beat", "sent": 1, "period": 500, "count": 0, "digest": "0" * 16}
-        end, failure = time.monotonic() + FLOOD_S, None
+        end, failure, flooded = time.monotonic() + FLOOD_S, None, {}
         while time.monotonic() < end and not failure:
-            stranger.publish(f"{fleet}/all/x", json.dumps({**beat, "sent": int(time.monotonic() * 1000)}).encode(), qos=0)
-            for epoch, robot in enumerate(self.fleet.robots[:8] + victims, int(time.monotonic())):
-                claim = {**life, "k": "claim", "robot": robot.name, "epoch": epoch, "from": ""}
-                stranger.publish(f"{fleet}/all/x", json.dumps(claim).encode(), qos=0)
-            stranger.publish(f"{fleet}/all/x", b"[" * 100000, qos=0)
-            stranger.publish(f"{fleet}/all/gw-0", b'{"hears":{"plant0":[1,-1]}}', qos=0)
+            flooded = self.flood(stranger, fleet, victims)
             yield from pause(0.2)
             for victim in victims:
                 if not (yield from self.command(victim)):
                     failure = f"{victim.name} gets no command"
         if not failure and any(len(victim.acknowledged) <= before for victim, before in zip(victims, numbers)):
             failure = "a robot's messages were not acknowledged"
-        for topic in planted:
+        for topic in [*planted, *flooded]:
             stranger.publish(topic, b"", retain=True)
         yield from until(lambda: not stranger.unconfirmed)
         stranger.end()
         return failure
+
+    def flood(self, stranger, fleet, victims):
+        """Publishes once on all topics that gateways read of others: what two invented gateways say, one of them nonsense. Returns the topics
+        of both."""
+        root, now = f"{self.fleet.prefix}/gateway", time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        asleep = json.dumps({"state": "asleep", "mesh": "thread", "since": now}).encode()
+        online = json.dumps({"state": "online", "version": "0", "since": now, "connected": str(time.monotonic())}).encode()
+        said = {}
+        for robot in self.fleet.robots[:8] + victims:
+            said |= {f"{root}/stranger/robots/{robot.name}": asleep, f"{root}/odd/robots/{robot.name}": b"[" * 1000}
+        said |= {f"{root}/stranger/state": online, f"{root}/odd/state": b"[" * 100000}
+        hears = {f"{fleet}/all/odd": b"[" * 100000, f"{fleet}/all/gw-0": b'{"up":true,"rows":[["plant0",-1,1]]}'}
+        notes = {f"{fleet}/robots/{victim.name}{tail}": random.randbytes(300) for victim in victims for tail in ("", "/waiting")}
+        for topic, payload in {**said, **hears, **notes}.items():
+            stranger.publish(topic, payload, qos=0)
+        return said
 
     def plant(self, stranger, fleet):
         """Publishes invalid messages, and gateways' messages about another robot, with the victims' names. All names are equally long."""
