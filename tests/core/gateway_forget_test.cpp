@@ -43,6 +43,7 @@ class GatewayForget : public testing::Test {
     if (message.retain && text.empty()) retained.erase(message.topic);
     if (message.retain && !text.empty()) retained[message.topic] = text;
     const bool is_probe = message.topic.ends_with("/probe");
+    if (is_probe) probed.insert(message.topic);
     if (is_probe && (may_read_commands || !message.topic.starts_with("p/server/")))
       gateway.on_broker_message(message, now);
   }
@@ -58,6 +59,7 @@ class GatewayForget : public testing::Test {
   bool may_read_commands = true;
   std::map<std::string, std::string> retained;
   std::vector<std::string> notices;
+  std::set<std::string> probed;     ///< topics of the gateway's test messages
   std::set<std::string> forgotten;  ///< reported to the fleet
 };
 
@@ -157,6 +159,7 @@ TEST_F(GatewayForget, ReportsNoGivenUpRobotToTheFleet) {
 
 TEST_F(GatewayForget, ReportsNoMissingRightWhereItHasAll) {
   broker_is(true);
+  EXPECT_EQ(probed, (std::set<std::string>{"p/gateway/g/probe", "p/server/g/probe"}));
   pass(11s);
   EXPECT_TRUE(gateway.missing_rights().empty());
   EXPECT_TRUE(notices.empty());
