@@ -230,6 +230,11 @@ TEST_F(StoreDamage, LosesNothingWhereTheListOfErasedRecordsIsDamaged) {
   overwrite(segment() + ".erased", 80, std::string(8, '\xee'));
   StoreUser user(directory.path());
   EXPECT_EQ(user.await<StoreOpened>()->count, 51u);
+  const auto loaded = user.load(0);
+  expect_intact(*loaded, 100);
+  const std::vector<std::uint64_t> rows = rows_of(*loaded);
+  EXPECT_EQ(rows.size(), 51u) << "one of the erased messages is back";
+  EXPECT_EQ(std::ranges::count_if(rows, [](std::uint64_t row) { return row > 50; }), 50);
   EXPECT_EQ(user.notices(), "") << "nothing is lost";
 }
 
