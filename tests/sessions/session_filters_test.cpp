@@ -36,7 +36,8 @@ TEST_F(RobotSessionRulesUp, RenewsSubscriptionsThatThePresentSessionShouldHave) 
   EXPECT_EQ(subscribed(), (std::vector{mailbox, std::string("ntnu-slam/server/r1/+")}));
 }
 
-TEST_F(RobotSessionRulesUp, TakesACommandForAFilterThatItsSessionMayLack) {
+/// The broker sends such a command for the gateway's filter alone.
+TEST_F(RobotSessionRulesUp, TakesACommandForAFilterThatItsSessionMayLackAsUnasked) {
   sessions.subscribe("r1", "ntnu-slam/server/r1/run", Qos::at_least_once, true, now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", true, now);
@@ -44,7 +45,9 @@ TEST_F(RobotSessionRulesUp, TakesACommandForAFilterThatItsSessionMayLack) {
   const std::uint32_t by_gateway[] = {RobotSession::command_id};
   sessions.on_message("r1", {"ntnu-slam/server/r1/run", to_bytes("start"), Qos::at_least_once},
                       by_gateway, now);
-  EXPECT_EQ(fenced().size(), 1U);
+  const auto taken = fenced();
+  ASSERT_EQ(taken.size(), 1U);
+  EXPECT_TRUE(taken[0].is_unasked);
 }
 
 TEST_F(RobotSessionRulesUp, RenewsSubscriptionsWhenTheBrokerLostTheSession) {
