@@ -249,6 +249,8 @@ TEST_F(ControlServerIo, CreatesSocketForOwnerAndGroupAndRemovesIt) {
   ASSERT_EQ(stat(path.c_str(), &status), 0);
   EXPECT_TRUE(S_ISSOCK(status.st_mode));
   EXPECT_EQ(status.st_mode & 0777, 0660U);
+  EXPECT_EQ(status.st_uid, geteuid());
+  EXPECT_EQ(status.st_gid, getegid());
   server.reset();
   EXPECT_FALSE(std::filesystem::exists(path));
 }
