@@ -83,13 +83,14 @@ void Mosquitto::resume() { process_->send_signal(SIGCONT); }
 std::string Mosquitto::uri() const { return fmt::format("mqtt://127.0.0.1:{}", port_); }
 
 Subscriber::Subscriber(const Mosquitto& broker, const std::string& filter,
-                       const std::string& format, const std::string& version) {
+                       const std::string& format, const std::string& version,
+                       const std::vector<std::string>& more) {
   // With -d the program prints SUBACK. Messages are the lines that begin with MSG.
-  process_ = std::make_unique<ChildProcess>(
-      std::vector<std::string>{"stdbuf", "-oL", "mosquitto_sub", "-d", "-h", "127.0.0.1", "-p",
-                               std::to_string(broker.port()), "-V", version, "-q", "1", "-t",
-                               filter, "-F", "MSG " + format},
-      directory_ / "out", directory_ / "err");
+  std::vector<std::string> command = more;
+  command.insert(command.begin(), {"stdbuf", "-oL", "mosquitto_sub", "-d", "-h", "127.0.0.1", "-p",
+                                   std::to_string(broker.port()), "-V", version, "-q", "1", "-t",
+                                   filter, "-F", "MSG " + format});
+  process_ = std::make_unique<ChildProcess>(command, directory_ / "out", directory_ / "err");
   if (!eventually(
           [this] { return read_file(directory_ / "out").find("SUBACK") != std::string::npos; })) {
     throw std::runtime_error("mosquitto_sub does not subscribe: " + read_file(directory_ / "err"));

@@ -40,9 +40,11 @@ class Mosquitto {
 /// `mosquitto_sub` for one filter; one line a message.
 class Subscriber {
  public:
-  /// `format`: mosquitto_sub's -F; the default is topic and payload in hex.
+  /// `format`: mosquitto_sub's -F; the default is topic and payload in hex. It subscribes at QoS 1,
+  /// unless `more` options say otherwise.
   Subscriber(const Mosquitto& broker, const std::string& filter,
-             const std::string& format = "%t %x", const std::string& version = "mqttv311");
+             const std::string& format = "%t %x", const std::string& version = "mqttv311",
+             const std::vector<std::string>& more = {});
   std::vector<std::string> lines() const;
 
  private:
