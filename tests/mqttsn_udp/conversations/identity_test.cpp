@@ -9,10 +9,13 @@
 namespace slamgw::mqttsn {
 namespace {
 
+constexpr std::uint16_t topic_of_r2 = 7;
+
 Settings requiring(RequireIdentity required) {
   Settings settings;
   settings.require_identity = required;
   settings.allow_unconnected_publish = true;
+  settings.predefined_topics = {{topic_of_r2, "ntnu-slam/robot/r2/adv", {}}};
   return settings;
 }
 
@@ -46,7 +49,7 @@ TEST(Identity, IsProvenByTheHandshakeAlone) {
   EXPECT_EQ(rig.counter("unvalidated"), 0U) << "the handshake has validated the address";
 }
 
-TEST(Identity, MayNotConnectOrPingAsAnotherClient) {
+TEST(Identity, MayNotConnectPingOrPublishAsAnotherClient) {
   Rig rig(RequireIdentity::none);
   for (int i = 0; i < 3; ++i) {
     rig.send(1, Connect{false, true, protocol_id, 60, "r2"});
@@ -64,15 +67,14 @@ TEST(Identity, MayNotConnectOrPingAsAnotherClient) {
   rig.broker("ntnu-slam/server/r2/cmd");
   EXPECT_TRUE(rig.is_silent(1));
 
-  const auto publish_for = [&](unsigned n, const char* topic) {
-    Publish publish;
-    publish.qos = WireQos::minus_one;
-    publish.topic_id_type = TopicIdType::short_name;
-    publish.topic_id = static_cast<std::uint16_t>(topic[0] << 8 | topic[1]);
-    publish.payload = to_bytes("hi");
-    rig.send(n, publish);
+  const auto publish_unconnected = [&](TopicIdType type, std::uint16_t topic) {
+    rig.send(1, Publish{false, WireQos::minus_one, false, type, topic, 0, to_bytes("hi")});
   };
-  publish_for(1, "ab");
+  publish_unconnected(TopicIdType::predefined, topic_of_r2);
+  EXPECT_TRUE(rig.reports.empty());
+  EXPECT_EQ(rig.counter("unconnected_refused"), 1U);
+  constexpr std::uint16_t ab = 'a' << 8 | 'b';
+  publish_unconnected(TopicIdType::short_name, ab);
   EXPECT_EQ(rig.reports.size(), 1U) << "the topic of no robot is allowed";
 }
 
@@ -167,7 +169,9 @@ TEST(Identity, EndsSessionsWhoseKeyIsRemovedOrAdded) {
   rig.proven[3] = "r2";
   rig.send(3, Connect{false, false, protocol_id, 60, "r2"});
   rig.pass_s(3);
-  EXPECT_NE(rig.sent_to(3).size(), 1U) << "its kept session still has the message";
+  EXPECT_EQ(rig.last_to(3), "REGISTER id=1 msg=1 topic=a/x");
+  rig.send(3, Regack{1, 1, ReturnCode::accepted});
+  EXPECT_TRUE(rig.last_to(3).ends_with("data=6869")) << "its kept session still has the message";
 }
 
 TEST(Identity, IsRequiredAfterARestart) {
