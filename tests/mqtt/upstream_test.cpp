@@ -22,6 +22,7 @@
 namespace slamgw {
 namespace {
 
+using namespace std::chrono_literals;
 using test::eventually;
 using test::FakeBroker;
 using test::Mosquitto;

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Findings of `slam-gatewayctl doctor` from given facts of a host.
-#include "ctl/host/doctor.hpp"
-
-#include <nlohmann/json.hpp>
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "ctl/host/archives.hpp"
+#include "ctl/host/doctor.hpp"
+#include "ctl/show.hpp"
 
 namespace slamgw::ctl {
 namespace {
