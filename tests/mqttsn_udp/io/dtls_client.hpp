@@ -21,7 +21,8 @@ struct Network {
   double loss = 0;
   bool reorders = false;  ///< swaps each pair of datagrams to the gateway
   unsigned seed = 1;
-  bool packs = false;  ///< sends a flight of the handshake as one datagram
+  bool packs = false;              ///< sends a flight of the handshake as one datagram
+  bool loses_last_flight = false;  ///< of the gateway, once
 };
 
 class DtlsClient {
@@ -122,6 +123,7 @@ class DtlsClient {
 
   std::vector<Bytes> sent;
   std::size_t longest_received = 0;
+  unsigned last_flights = 0;  ///< datagrams of the gateway that begin with ChangeCipherSpec
 
  private:
   static unsigned tell_key(SSL* ssl, const char*, char* identity, unsigned max, std::uint8_t* key,
@@ -140,7 +142,10 @@ class DtlsClient {
     boost::system::error_code error;
     while (const std::size_t size = socket_.receive(boost::asio::buffer(buffer), 0, error)) {
       longest_received = std::max(longest_received, size);
-      if (is_lost()) continue;
+      const bool is_last_flight = buffer[0] == SSL3_RT_CHANGE_CIPHER_SPEC;
+      last_flights += is_last_flight ? 1 : 0;
+      const bool is_first = is_last_flight && last_flights == 1;
+      if (is_lost() || (is_first && network_.loses_last_flight)) continue;
       BIO_write(SSL_get_rbio(ssl_.get()), buffer.data(), static_cast<int>(size));
       return;
     }

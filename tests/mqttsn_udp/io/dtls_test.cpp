@@ -175,16 +175,15 @@ TEST_P(DtlsOnABadNetwork, ConnectsARobotAndForwardsEachMessageOnce) {
 }
 
 TEST(Dtls, RepeatsItsLastFlight) {
-  for (unsigned seed = 1; seed <= 8; ++seed) {
-    DtlsRig rig;
-    DtlsClient robot(rig, "r1", key_of_r1, Network{0.3, false, seed, true});
-    EXPECT_TRUE(robot.has_connection(std::chrono::seconds(60))) << seed;
-  }
+  DtlsRig rig;
+  DtlsClient robot(rig, "r1", key_of_r1, Network{.packs = true, .loses_last_flight = true});
+  EXPECT_TRUE(robot.has_connection(std::chrono::seconds(60)));
+  EXPECT_GE(robot.last_flights, 2U);
 }
 
 INSTANTIATE_TEST_SUITE_P(Networks, DtlsOnABadNetwork,
                          testing::Values(Network{0.2, false, 1}, Network{0.2, true, 2},
-                                         Network{0, true, 3}));
+                                         Network{0, true, 3}, Network{0.2, false, 4, true}));
 
 TEST(Dtls, IgnoresReplayedRecords) {
   DtlsRig rig;
