@@ -117,6 +117,11 @@ constexpr std::size_t max_note_octets = 65536;
 constexpr std::chrono::seconds sign_of_life_interval{1};
 /// Remembered addresses that have shown that they receive; each takes about 60 octets.
 constexpr std::size_t max_validated_addresses = 65536;
+/// Wrong answers of an address after which no answer validates it, and how long they count at most.
+/// A blind sender who tries MsgIds then hits with a chance of 16 in 32767 a day at one address. Who
+/// forges enough addresses for all 4096 records needs 65536 answers for two hits a day.
+constexpr unsigned max_wrong_answers = 16;
+constexpr std::chrono::hours wrong_answer_memory{24};
 /// Messages waiting for a client whose address has not shown that it receives: what a robot
 /// is sent while it answers its first REGISTER.
 constexpr std::size_t max_queued_unvalidated = 16;

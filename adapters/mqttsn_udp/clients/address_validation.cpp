@@ -26,6 +26,18 @@ void AddressValidation::validate(const IpAddress& address) {
   oldest_first_.pop_front();
 }
 
+void AddressValidation::on_answer(const IpAddress& address, bool is_right, TimePoint now) {
+  if (is_validated(address)) return;
+  if (now - wrong_since_ >= limits::wrong_answer_memory) {
+    wrong_answers_.fill(0);
+    wrong_since_ = now;
+  }
+  std::uint8_t& wrong = wrong_answers_[place_of(address)];
+  if (wrong >= limits::max_wrong_answers) return;
+  if (is_right) return validate(address);
+  ++wrong;
+}
+
 void AddressValidation::on_received(const IpAddress& address, std::size_t octets) {
   if (is_validated(address)) return;
   std::uint32_t& allowance = allowances_[place_of(address)];

@@ -15,6 +15,7 @@
 #include <unordered_set>
 
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
+#include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -29,6 +30,9 @@ class AddressValidation {
   /// Call when the address has shown that it receives. At most `limits::max_validated_addresses`
   /// are kept; the oldest address then has to show it again.
   void validate(const IpAddress& address);
+  /// Call for each REGACK, PUBACK and PUBREC. `is_right`: it fits a request that was sent to this
+  /// address only. Validates the address then, unless it has given too many wrong answers.
+  void on_answer(const IpAddress& address, bool is_right, TimePoint now);
 
   /// Here and below, `octets` count the message without IP and UDP headers.
   void on_received(const IpAddress& address, std::size_t octets);
@@ -53,6 +57,8 @@ class AddressValidation {
   static std::size_t place_of(const IpAddress& address) { return Hash{}(address) % places; }
 
   std::array<std::uint32_t, places> allowances_{};  // octets
+  std::array<std::uint8_t, places> wrong_answers_{};
+  TimePoint wrong_since_{};  // all wrong answers are forgotten together
   std::unordered_set<IpAddress, Hash> validated_;
   std::deque<IpAddress> oldest_first_;
 };

@@ -254,26 +254,30 @@ void Downlink::on_address(ClientSession& session) {
     restart_message_ids(session.delivery, random_());
 }
 
-/// Validates the client's address, if the answered MsgId was sent to this address only.
-void Downlink::on_answer(ClientSession& session, std::uint16_t msg_id) {
-  if (!session.peer || !is_since_restart(session.delivery, msg_id)) return;
-  output_.validation.validate(session.peer->endpoint.address);
-  clients_.set_answered(session);
+/// Validates the client's address, if the answer fits an open request (`is_asked`) whose MsgId was
+/// sent to this address only. Any other answer may be a guess, and counts as wrong.
+void Downlink::on_answer(ClientSession& session, std::uint16_t msg_id, bool is_asked,
+                         TimePoint now) {
+  if (!session.peer) return;
+  const bool is_right = is_asked && is_since_restart(session.delivery, msg_id);
+  output_.validation.on_answer(session.peer->endpoint.address, is_right, now);
+  if (is_right && output_.is_validated(session)) clients_.set_answered(session);
 }
 
 void Downlink::learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
   const auto& open = session.delivery.publishing;
-  if (!open || open->attempt.msg_id != msg_id) return;
-  on_answered(session.delivery, open->attempt, now);
-  on_answer(session, msg_id);
+  const bool is_asked = open && open->attempt.msg_id == msg_id;
+  if (is_asked) on_answered(session.delivery, open->attempt, now);
+  if (msg_id != 0) on_answer(session, msg_id, is_asked, now);  // 0: it is about QoS 0
 }
 
 void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint now) {
-  const auto is_open = [&](const Registering& open) {
-    return open.attempt.msg_id == regack.msg_id;
-  };
-  if (std::ranges::none_of(session.delivery.registering, is_open)) return;  // R68
-  on_answer(session, regack.msg_id);
+  const auto& registering = session.delivery.registering;
+  const auto open = std::ranges::find_if(
+      registering, [&](const Registering& asked) { return asked.attempt.msg_id == regack.msg_id; });
+  const bool is_open = open != registering.end();
+  on_answer(session, regack.msg_id, is_open && open->topic_id == regack.topic_id, now);
+  if (!is_open) return;  // R68
   const auto topic = registration_.on_regack(session, regack, now);
   if (topic) output_.mark_changed(session);
   switch (regack.code) {
@@ -323,9 +327,9 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
 /// PUBREC means that the client has taken over the message.
 void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint now) {
   Delivery& delivery = session.delivery;
+  learn_from_answer(session, pubrec.msg_id, now);
   if (std::ranges::count(delivery.abandoned, pubrec.msg_id) > 0) return;
   if (release_.on_pubrec(session, pubrec.msg_id)) return;
-  learn_from_answer(session, pubrec.msg_id, now);
   const auto received = take_unacknowledged(delivery, pubrec.msg_id);
   if (!received) return output_.send(session, Pubrel{pubrec.msg_id});  // R92
   finish(session, *received, CommandResult::delivered, "", now);

@@ -101,7 +101,7 @@ class Downlink : Conversation {
   bool may_send(const ClientSession& session) const;
   bool is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const;
   void learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now);
-  void on_answer(ClientSession& session, std::uint16_t msg_id);
+  void on_answer(ClientSession& session, std::uint16_t msg_id, bool is_asked, TimePoint now);
   bool send_next(ClientSession& session, TimePoint now);
   void resume_withheld(ClientSession& session, TimePoint now);
   void publish(ClientSession& session, Outgoing outgoing, TimePoint now);

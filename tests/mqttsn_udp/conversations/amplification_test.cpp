@@ -150,6 +150,83 @@ TEST(Amplification, RejectsGuessedAcknowledgementsAsProof) {
   EXPECT_LT(victim.out(), 3 * victim.in);
 }
 
+/// The ids in a REGISTER or PUBLISH of the gateway; 0 in other packets.
+struct Request {
+  std::uint16_t topic_id = 0;
+  std::uint16_t msg_id = 0;
+};
+Request last_request(const SnRig& rig) {
+  const Packet packet = *decode(rig.datagrams.back().bytes);
+  if (const auto* sent = std::get_if<Register>(&packet)) return {sent->topic_id, sent->msg_id};
+  if (const auto* sent = std::get_if<Publish>(&packet)) return {sent->topic_id, sent->msg_id};
+  return {};
+}
+
+bool is_proven(Victim& victim) {
+  return victim.rig.gateway.snapshot("somebody", victim.rig.now)->is_validated;
+}
+
+/// A blind sender knows everything but the MsgId. A new CONNECT does not begin the count again.
+TEST(Amplification, RejectsAllMsgIdsInTurnAsProof) {
+  constexpr std::uint16_t again_after = 100;
+  for (const unsigned qos : {0U, 1U, 2U}) {
+    Victim victim;
+    Request open;
+    const auto begin = [&] {
+      victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+      victim.send(Subscribe{
+          false, static_cast<WireQos>(qos), TopicIdType::short_name, 7, {}, short_id("ab")});
+      if (qos == 0) victim.subscribe(all_robots);
+      victim.rig.broker(qos == 0 ? "ntnu-slam/robot/r1/update" : "ab", "0011", qos);
+      open = last_request(victim.rig);
+    };
+    begin();
+    for (std::uint16_t guess = 1; guess <= highest_msg_id; ++guess) {
+      if (guess == again_after) begin();
+      if (qos == 0) victim.send(Regack{open.topic_id, guess, ReturnCode::accepted});
+      if (qos == 1) victim.send(Puback{open.topic_id, guess, ReturnCode::accepted});
+      if (qos == 2) victim.send(Pubrec{guess});
+    }
+    EXPECT_GT(open.msg_id, again_after) << "the gateway awaits an answer that will be guessed";
+    EXPECT_FALSE(is_proven(victim)) << "QoS " << qos;
+    EXPECT_EQ(victim.rig.counter("clients_unanswered"), 1U);
+  }
+}
+
+TEST(Amplification, RejectsARegackWithAnotherTopicIdAsProof) {
+  Victim victim;
+  victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+  victim.subscribe(all_robots);
+  victim.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
+  const Request open = last_request(victim.rig);
+  const auto other_id = static_cast<std::uint16_t>(open.topic_id + 1);
+  victim.send(Regack{other_id, open.msg_id, ReturnCode::accepted});
+  EXPECT_FALSE(is_proven(victim));
+}
+
+/// Late acknowledgements, as of requests that were given up.
+TEST(Amplification, AcceptsAProofAfterWrongAnswersAndLaterAfterTooMany) {
+  for (const unsigned wrong : {limits::max_wrong_answers - 1, limits::max_wrong_answers}) {
+    Victim client;
+    client.send(Connect{false, true, 1, 0xffff, "somebody"});
+    client.subscribe(all_robots);
+    for (unsigned i = 0; i < wrong; ++i) client.send(Puback{1, 5, ReturnCode::accepted});
+    for (unsigned i = 0; i < 100; ++i) client.send(Puback{1, 0, ReturnCode::invalid_topic_id});
+    std::size_t seen = 0;
+    std::vector<std::string> got;
+    client.rig.broker("ntnu-slam/robot/r1/update", "1", 1);
+    answer_all(client.rig, seen, got);
+    EXPECT_EQ(is_proven(client), wrong < limits::max_wrong_answers);
+    client.rig.pass(limits::wrong_answer_memory);
+    client.send(Connect{false, true, 1, 0xffff, "somebody"});
+    client.subscribe(all_robots);
+    client.rig.broker("ntnu-slam/robot/r2/update", "2", 1);
+    answer_all(client.rig, seen, got);
+    EXPECT_TRUE(is_proven(client)) << "wrong answers are forgotten";
+    EXPECT_EQ(got.back(), "2");
+  }
+}
+
 TEST(Amplification, RejectsMsgIdsGuessedFromAnotherAddressAsProof) {
   Victim attack;
   SnRig& rig = attack.rig;
