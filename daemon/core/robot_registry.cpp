@@ -87,8 +87,9 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   return robot;
 }
 
+/// A message of QoS -1 outside robots' topics has no robot.
 Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
-  Robot* robot = find_or_add(report.robot);
+  Robot* robot = report.robot.empty() ? nullptr : find_or_add(report.robot);
   if (!robot) return nullptr;
   if (report.is_will) return robot;
   robot->numbers.on_up(report.payload.size(), now.mono);

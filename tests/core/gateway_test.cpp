@@ -33,6 +33,20 @@ TEST_F(GatewayTest, ShowsTrafficDecoded) {
   EXPECT_EQ(passed[0].event.update->robot.y_cm, -20);
 }
 
+/// A client without a session (QoS -1) may publish to a predefined topic outside robots' trees.
+TEST_F(GatewayTest, SendsAMessageOfNoRobotUpAndTracksNoRobot) {
+  say(Report{.mesh = Mesh::thread,
+             .robot = "",
+             .topic = "x/common",
+             .payload = to_bytes("hi"),
+             .receipt = no_receipt});
+  const auto uploads = drain<Upload>();
+  ASSERT_EQ(uploads.size(), 1u);
+  EXPECT_EQ(uploads[0].message.topic, "x/common");
+  EXPECT_EQ(gateway.traffic().up, 1u);
+  EXPECT_TRUE(gateway.registry().robots().empty());
+}
+
 TEST_F(GatewayTest, PublishesUnreadableUpdatesUnderRejectedAndReportsABurstOnce) {
   int notices = 0;
   for (int i = 0; i < 5; ++i) {
