@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which DTLS handshake gives way to a new one. Handshakes under way are bounded in all, at one
 // address, and in one network. When no place is free, the oldest handshake of the fullest address
-// ends, so an attacker with many handshakes shuts out no robot. And which one has taken too long.
-// Pure.
+// ends, so an attacker with many handshakes at few addresses shuts out no robot. And which one has
+// taken too long. Pure.
 #pragma once
 
 #include <algorithm>
