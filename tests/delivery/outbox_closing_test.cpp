@@ -230,7 +230,7 @@ TEST_F(OutboxClosingTest, BlamesNoMessageWhenTheConnectionBreaksByItself) {
   test::expect_promises_kept(*this, topic_of, 200);
 }
 
-/// A connection that ends soon after its begin shows a bad line, not a bad message.
+/// A connection that ends soon after its start shows a bad line, not a bad message.
 TEST_F(OutboxClosingTest, BlamesNoMessageOnABadLine) {
   for (int i = 0; i < 300; ++i) {
     for (int robot = 0; robot < 8; ++robot) say("r/" + std::to_string(robot) + "/t");

@@ -126,7 +126,7 @@ TEST_F(RobotSessionRulesUp, Rule7_RefusesStaleCommandsFromTheMailbox) {
   EXPECT_EQ(as_text(stale[0].message.payload), "old");
 }
 
-TEST_F(RobotSessionRulesUp, Rule7_DatesALossNoticedAfterAStandstillFromItsBegin) {
+TEST_F(RobotSessionRulesUp, Rule7_DatesALossNoticedAfterAStandstillFromItsBeginning) {
   attach(true);
   sessions.on_tick(now.mono);
   forget_actions();

@@ -665,7 +665,7 @@ TEST_F(StoreDamage, SegmentsOfAnotherStoreAreLeftAloneAndReported) {
   EXPECT_NE(user.notices().find("belong to another store"), std::string::npos) << user.notices();
 }
 
-/// All records fail their checksums; none may look like the begin of a long one.
+/// All records fail their checksums; none may look like the beginning of a long one.
 TEST_F(StoreDamage, ReadsSwappedSegmentsQuickly) {
   for (std::uint64_t first = 1; first < 40000; first += 20000) {
     StoreUser user(directory.path());

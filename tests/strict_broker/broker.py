@@ -30,7 +30,7 @@ class Broker:
         self.ends = {}  # by client id: the timer that ends the session
         self.assigned = 0
 
-    # Begin and end of connections
+    # Start and end of connections
 
     def open_session(self, connection, packet):
         """Handles a CONNECT. Returns True when a session is resumed."""

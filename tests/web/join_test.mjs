@@ -23,7 +23,7 @@ function modelWith(stats) {
   return model;
 }
 
-test('the first step has a button if the gateway accepts requests, else a command to type', () => {
+test('the first step has a button if the gateway accepts requests, else a command', () => {
   const first = (counters) => steps(modelWith(board(counters))).find(({ title }) => title === 'First robot');
   assert.equal(first({ sent: 1 }).command, 'sudo slam-gatewayctl ble permit-join');
   assert.deepEqual([first({ join_requests: 0 }).command, first({ join_requests: 0 }).hasButton], ['', true]);

@@ -142,7 +142,7 @@ test('messages of all robots are in the order of time, and count up in each chan
     messages.filter(({ channel }) => channel === id).forEach(({ sequence }, i) => assert.equal(sequence, i));
 });
 
-test('topics are distinct names that ROS 2 allows, and the channel has the robot’s own name', () => {
+test('topics are distinct names that ROS 2 allows; channels have the robots’ own names', () => {
   const ids = ['lego-1', 'lego_1', '5', 'robot_5', 'ø', 'a.b'];
   const { channels } = read(ids.map((id) => robotNamed(id)));
   const poses = [...channels.values()].filter(({ topic }) => topic.endsWith('/pose'));

@@ -88,7 +88,7 @@ test("a command of this page whose outcome is lost ends without one", () => {
   assert.equal(page.ended.length, 2);
 });
 
-test('a page that may read outcomes only assigns them to its own commands', () => {
+test('a page with read access to outcomes alone matches them with its own commands', () => {
   const page = new Page();
   page.click('01000100', 0);
   page.end('delivered', 9);

@@ -49,7 +49,7 @@ class WebPlaces : public testing::Test {
   }
 };
 
-TEST_F(WebPlaces, OneAddressMayTakeQuarter) {
+TEST_F(WebPlaces, OneAddressMayTakeAQuarter) {
   take(one, 4);
   EXPECT_EQ(places.room_for(one), Room::share_is_taken);
   EXPECT_FALSE(places.make_room_for(one));

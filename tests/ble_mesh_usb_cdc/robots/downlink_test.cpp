@@ -95,7 +95,7 @@ TEST_F(Downlink, RunIsAnOnOffSetWithANewTidEachTimeAndTheSameForRepeats) {
   EXPECT_EQ(outcomes().size(), 1u);
 }
 
-TEST_F(Downlink, SendsOneCommandAtTimeInOrder) {
+TEST_F(Downlink, SendsOneCommandAtATimeInOrder) {
   rig.command("nr1/a", to_bytes("1"));
   rig.command("nr1/b", to_bytes("2"));
   EXPECT_EQ(sent().size(), 1u);

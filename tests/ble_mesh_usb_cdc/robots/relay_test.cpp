@@ -131,7 +131,7 @@ TEST_F(Relaying, IgnoresRetainedUpdates) {
   EXPECT_TRUE(heard().empty());
 }
 
-TEST_F(Relaying, RelaysTenUpdatesSecondAndLatestOfEachSenderInTurn) {
+TEST_F(Relaying, RelaysTenUpdatesASecondAndTheLatestOfEachSenderInTurn) {
   for (int second = 0; second < 2; ++second) {
     for (int i = 0; i < 10; ++i) {
       for (const char* robot : {"a", "b", "c", "d"}) say(robot, near);
@@ -156,7 +156,7 @@ TEST_F(Relaying, QueuesOnlyNewestUpdateOfSender) {
   EXPECT_EQ(rig.counter("relays_superseded"), 1u);
 }
 
-TEST_F(Relaying, SendsOneSegmentedUpdateAtTimeWithoutDelayingOthers) {
+TEST_F(Relaying, SendsOneSegmentedUpdateAtATimeWithoutDelayingOthers) {
   say("a", with_obstacle);
   say("b", most);
   for (int i = 0; i < 25; ++i) {

@@ -3,7 +3,7 @@
 
 
 def contradictions(views, name):
-    """Yields (begin, seconds, gateways, earliest begin) of each time that a robot was `online` at several gateways. `views`: (time, topic,
+    """Yields (begin, seconds, gateways, earliest start) of each time that a robot was `online` at several gateways. `views`: (time, topic,
     payload, is_retained) of one observer in their order, without a topic where it was cut off. Retained messages at its return may be as
     old as the cut."""
     online, begin, cut = {}, None, 0.0

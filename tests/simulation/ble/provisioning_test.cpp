@@ -172,7 +172,7 @@ TEST(Provisioning, GivesEachCommandItsStatus) {
   EXPECT_EQ(host.tell("01 6c"), "");
 }
 
-TEST(Provisioning, ClosesUnansweredLinkAfterMinute) {
+TEST(Provisioning, ClosesUnansweredLinkAfterAMinute) {
   MeshHost host(MeshHost::unprovisioned());
   host.command(MeshHost::provision_command(1, Bytes(16, 0x77), 0x0100));
   host.run(seconds{59});

@@ -113,7 +113,7 @@ for (const robots of [6, 50, 300]) {
   });
 }
 
-test('of 300 robots of one mesh, those with a problem come first, and a field finds each', { skip: isShort }, async () => {
+test('of 300 robots of one mesh, those with a problem come first; a field finds each', { skip: isShort }, async () => {
   const presence = (i) => [`ntnu-slam/gateway/crowded/robots/m${i}`, JSON.stringify({ state: i === 77 ? 'offline' : 'online', mesh: 'ble', address: `0x${(0x200 + i).toString(16)}`, rssi_dbm: -50 - i % 40, ttl: 3, ...(i % 3 ? { hops: i % 3 - 1 } : {}) })];
   await world.publishMany([['ntnu-slam/gateway/crowded/state', '{"state":"online"}'], ['ntnu-slam/gateway/crowded/stats', '{"meshes":{"ble":{"state":"up"}}}'], ...Array.from({ length: 300 }, (_, i) => presence(i))]);
   const page = await world.open({ view: 'robots' });

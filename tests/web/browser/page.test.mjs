@@ -481,7 +481,7 @@ pageTest('the table and the picture show which robot is on which gateway over wh
   await shot(page, 'robots.png');
 });
 
-pageTest('* the picture shows the neighbours of a Thread border router, and which one is a robot', { view: 'robots' }, async (page) => {
+pageTest('* the picture shows the neighbours of a Thread border router, and its robots', { view: 'robots' }, async (page) => {
   const document = JSON.parse(readFileSync(new URL('../../vectors/thread_border_router.json', import.meta.url)));
   const at = 'ntnu-slam/gateway/pi/';
   await world.publish(at + 'state', '{"state":"online"}', '-r');
@@ -706,7 +706,7 @@ pageTest('* a button lets new BLE robots join: one by name, then any', { view: '
 
 // ---- the page of one robot
 
-pageTest('a robot’s page is opened from the table by the keyboard, and has a URL of its own', { view: 'robots' }, async (page) => {
+pageTest('the keyboard opens a robot’s page from the table; the page has a URL of its own', { view: 'robots' }, async (page) => {
   await until(page, () => document.querySelectorAll('#table tbody tr').length >= 6);
   await page.locator('#table tbody tr', { has: page.locator('td:first-child', { hasText: /^robot1$/ }) }).focus();
   await page.keyboard.press('Enter');
@@ -745,7 +745,7 @@ for (const [robot, mesh] of [['robot1', 'Thread'], ['robot5', 'BLE Mesh']]) {
   });
 }
 
-pageTest('a name with a quotation mark is quoted in the lines to copy, and one that deceives is in none', {}, async (page) => {
+pageTest('lines to copy quote a name with a quotation mark and omit one that deceives', {}, async (page) => {
   await world.update("it's", 1, 2);
   await world.update('r\u043ebot1', 1, 2);
   await page.goto(`${world.url}#/robot/it's`);
@@ -769,7 +769,7 @@ pageTest('invalid documents on the topics harm nothing', {}, async (page) => {
   await until(page, () => document.querySelector('#link').textContent === 'Live');
 });
 
-pageTest('of more than a thousand robots the least recently heard makes room, and the page says that there are more', {}, async (page) => {
+pageTest('of 1200 robots the page shows 1000, reports the rest and keeps those that send', {}, async (page) => {
   await until(page, () => [...window.slamgw.model.robots.keys()].filter((id) => /^robot\d$/.test(id)).length === 6);
   await world.publishMany(Array.from({ length: 1200 }, (_, i) => [`ntnu-slam/robot/crowd${i}/adv`, 'x']));
   await until(page, () => window.slamgw.model.robots.size === 1000 && window.slamgw.model.leftOut.size >= 206);
@@ -879,7 +879,7 @@ test('the metrics of nineteen thousand robots do not hold up the page', async ()
 
 // ---- absent brokers and gateways
 
-pageTest('* without the broker commands are refused at once; afterwards the page is live again', { unlocked: true }, async (page) => {
+pageTest('* without the broker commands are refused at once; then the page is live again', { unlocked: true }, async (page) => {
   await manyPoints(page);
   await world.publish('ntnu-slam/gateway/ghost/state', '{"state":"online"}', '-r');
   await until(page, () => window.slamgw.model.gateways.has('ghost'));
@@ -927,7 +927,7 @@ pageTest('* robots of a dead gateway are unknown since its death', { view: 'robo
   await until(page, () => window.slamgw.model.robots.get('robot1').state === 'online');
 });
 
-pageTest('a clock that is 3 h ahead is reported, and robots of its gateway have the right age', { view: 'robots' }, async (page) => {
+pageTest('a clock 3 h ahead is reported, and robots of its gateway have the right age', { view: 'robots' }, async (page) => {
   const ahead = new Date(Date.now() + 3 * 3600e3).toISOString();
   await world.publish('ntnu-slam/gateway/fast/state', JSON.stringify({ state: 'online', since: ahead }), '-r');
   await world.publish('ntnu-slam/gateway/fast/robots/early', JSON.stringify({ state: 'online', mesh: 'ble', since: ahead, last_seen: ahead }), '-r');
