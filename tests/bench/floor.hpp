@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The common part of the floors that are programs of their own: their command line from
+// The common part of the floors that are programs of their own. It has their command line from
 // slam-gateway-bench, and the line of JSON that they print.
 #pragma once
 

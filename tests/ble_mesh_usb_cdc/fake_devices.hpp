@@ -48,8 +48,8 @@ struct FakeDevice {
 
   bool keeps_subscriptions = false;   ///< they survive provisioning, a firmware fault
   bool shares_subscriptions = false;  ///< all models have one list of groups
-  /// A failed assertion stops it, as Nordic's code: after Subscription Delete All or Overwrite of
-  /// a model with many groups, or a TTL from 128 to 254.
+  /// A failed assertion stops it, as Nordic's code. It fails after Subscription Delete All or
+  /// Overwrite of a model with many groups, or a TTL from 128 to 254.
   bool has_stopped = false;
 
   // Faults.

@@ -368,7 +368,7 @@ TEST(LifeReplay, WritesRecordedCommandsWithStaticOobAndEachRelease) {
   }
 }
 
-/// Runs a session through the recorded provisioning of one release: each of its commands must be
+/// Runs a session through the recorded provisioning of one release. Each of its commands must be
 /// one that the recorded host wrote and the board accepted.
 class ProvisioningReplay {
  public:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// BleMesh on a BoardRadio, wired to a FakeBoard on one virtual clock: the machine's octets reach
+// BleMesh on a BoardRadio, wired to a FakeBoard on one virtual clock. The machine's octets reach
 // the board at once, and the board's answers arrive `latency` later.
 #pragma once
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh above radio.hpp on a radio that is not Nordic's board: it reports neither TTL nor signal
+// The mesh above radio.hpp on a radio that is not Nordic's board. It reports neither TTL nor signal
 // strength, does not reveal device keys, keeps its address, and sends longer messages.
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The promises of every run of the outbox, with any failures: no acknowledged message is missing
-// (a dead letter is not missing), messages of each topic that was never refused come in order, and
-// a message repeats at most once for each interruption.
+// The promises of every run of the outbox, with any failures. No acknowledged message is missing (a
+// dead letter is not missing). Messages of each topic that was never refused come in order. A
+// message repeats at most once for each interruption.
 #pragma once
 
 #include <gtest/gtest.h>

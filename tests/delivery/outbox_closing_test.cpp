@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that closes the connection instead of refusing a message: the outbox finds the message
+// A broker that closes the connection instead of refusing a message. The outbox finds the message
 // by sending it alone, makes it a dead letter, and delivers all others.
 #include <gtest/gtest.h>
 

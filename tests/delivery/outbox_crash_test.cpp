@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One script of an outage, run many times: the process is killed after each step in turn, or the
+// One script of an outage, run many times. The process is killed after each step in turn, or the
 // store fails at each write in turn.
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// config/mosquitto.example.conf as an operator takes it over: with its passwords and its access
+// config/mosquitto.example.conf as an operator takes it over. With its passwords and its access
 // control list the gateway works, and other users are restricted to their topics.
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Upstream, robots of both meshes look alike: the same robots on either mesh publish the same
+// Upstream, robots of both meshes look alike. The same robots on either mesh publish the same
 // payloads on the same topics, and the same commands reach them.
 #include <gtest/gtest.h>
 

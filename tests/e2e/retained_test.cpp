@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Retained messages about the gateway and its robots, and the counters, through faults and all
-// kinds of exit: a later subscriber must not receive an outdated state.
+// kinds of exit. A later subscriber must not receive an outdated state.
 #include <gtest/gtest.h>
 #include <signal.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every kind of simulated Thread robot against the daemon and a real Mosquitto: robots that sleep,
-// move, change their will, vanish or never connect, and a fleet on a bad radio.
+// Every kind of simulated Thread robot against the daemon and a real Mosquitto. Robots sleep, move,
+// change their will, vanish or never connect. One fleet is on a bad radio.
 #include <gtest/gtest.h>
 
 #include <signal.h>

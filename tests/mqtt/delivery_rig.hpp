@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Robots' messages on their way through the outbox to a broker, with a store on disk, wired as in
-// the daemon; for tests with real and with misbehaving brokers.
+// the daemon. For tests with real and with misbehaving brokers.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that violates the protocol: the daemon does not crash, its memory stays bounded, it
+// A broker that violates the protocol. The daemon does not crash, and its memory stays bounded. It
 // loses no message that was acknowledged to a robot, and delivers all once the broker behaves.
 #include <gtest/gtest.h>
 #include <malloc.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands over a radio that loses a fifth of the datagrams each way, on a virtual clock; and the
+// Commands over a radio that loses a fifth of the datagrams each way, on a virtual clock. Also the
 // gateway's estimate of a client's round trip (RFC 6298).
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The store on a failing disk or with damaged files: it loses nothing when the disk fails for a
-// moment; it delivers all readable messages of a damaged file and reports the rest as lost.
+// The store on a failing disk or with damaged files. It loses nothing when the disk fails for a
+// moment. It delivers all readable messages of a damaged file and reports the rest as lost.
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 

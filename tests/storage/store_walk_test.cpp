@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Damage at random places in files of a process that was killed or stopped: each message is loaded
-// unchanged, is a dead letter, or is reported as lost, and the reported numbers are right.
+// Damage at random places in files of a process that was killed or stopped. Each message is loaded
+// unchanged, is a dead letter, or is reported as lost. The reported numbers are right.
 // SLAMGW_WALKS=n walks longer than the default.
 #include <gtest/gtest.h>
 

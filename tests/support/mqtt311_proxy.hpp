@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broker that speaks MQTT 3.1.1 only: a TCP proxy on loopback before a real one, which passes
+// A broker that speaks MQTT 3.1.1 only: a TCP proxy on loopback before a real one. It passes
 // connections whose CONNECT has protocol level 4 and rejects the others.
 #pragma once
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// otbr-agent on a bus, as ot-br-posix 2026.08 answers there: its properties one by one, with the
-// types of its source (src/dbus/server/introspect.xml), and errors for properties without a value.
+// otbr-agent on a bus, as ot-br-posix 2026.08 answers there. It returns its properties one by one,
+// with the types of its source (src/dbus/server/introspect.xml). It returns errors for properties
+// without a value.
 #pragma once
 
 #include <cstdint>

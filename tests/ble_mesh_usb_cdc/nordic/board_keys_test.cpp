@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Nordic's board reports to the program that opens its port, by its recordings: all messages
-// that it receives, and keys only while a robot joins (docs/security.md).
+// The messages and keys that Nordic's board reports to the program that opens its port, by its
+// recordings. It reports all messages that it receives, and keys only while a robot joins
+// (docs/security.md).
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Boards that forget their sequence numbers, seen through BleMesh: robots drop messages from an
-// address with numbers that they have heard, so each life of the board sends from another address.
+// Boards that forget their sequence numbers, seen through BleMesh. Robots drop messages from an
+// address with numbers that they have heard. So each life of the board sends from another address.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Serial lines that lose or add octets, and boards that are slow or busy: the state of the link and
-// the messages for the operator.
+// Serial lines that lose or add octets, and boards that are slow or busy. Tests check the state of
+// the link and the messages for the operator.
 #include <gtest/gtest.h>
 
 #include <random>

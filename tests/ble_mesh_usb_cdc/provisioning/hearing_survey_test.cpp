@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The survey of which robots hear which: its requests, its results, and that it neither stops a
-// robot, nor leaves heartbeats on, nor delays more urgent messages.
+// The survey of which robots hear which: its requests and its results. It neither stops a robot,
+// nor leaves heartbeats on, nor delays more urgent messages.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Distinguishes new SETs from repeats: each acknowledged message is delivered, for robots that use
-// reliable publish with any period of their own, on a lossy radio.
+// Distinguishes new SETs from repeats. Each acknowledged message is delivered on a lossy radio, for
+// robots that use reliable publish with any period of their own.
 #include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
 
 #include <gtest/gtest.h>

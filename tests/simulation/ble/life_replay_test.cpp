@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated board and robot replay the recorded life of a gateway, a board and a robot: from
-// power on through start-up, provisioning, configuration and commands to the robot's removal.
+// A simulated board and robot replay the recorded life of a gateway, a board and a robot. The
+// recording begins at power on. Start-up, provisioning, configuration, commands and the robot's
+// removal follow.
 #include <gtest/gtest.h>
 
 #include "tests/simulation/ble/replay_host.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scripted host in front of the whole simulated mesh, on a virtual clock: sends commands,
+// A scripted host in front of the whole simulated mesh, on a virtual clock. It sends commands,
 // collects events, and can provision a robot with its own ECDH.
 #pragma once
 
