@@ -4,8 +4,8 @@
 An act draws its lengths from the run's seed before it begins, so that a seed always makes the same acts in the same order.
 
 Bounds for messages that arrive twice because of an act:
-- The connection to the broker ended: messages in flight may have been acknowledged, and are sent again. At most the window.
-- kill -9 of the daemon: also delivered rows that were not deleted yet, at most a batch, and for each robot the message whose
+- The connection to the broker ended: at most the window. Messages in flight may have been acknowledged, and are sent again.
+- kill -9 of the daemon: also delivered rows that were not deleted yet, at most a batch. For each robot, also the message whose
   acknowledgement was lost with the daemon.
 - The board restarted or was unplugged: for each of its robots a message whose STATUS was lost.
 - The store was damaged: rows whose entry in the list of erased records is lost, at most a segment of them.

@@ -5,10 +5,10 @@ Pure: lists in, complaints out. Called by judge.
 Robot and type identify a command. Most commands have a unique type. Those of type `cmd`, which robots obey, are far enough apart for
 each robot that an outcome belongs to the last one before it.
 
-No outcome is allowed if the broker, or the gateway's session there, died with the command (Gap); if the daemon was killed when it
-    arrived; or if no robot has that name and the gateway was away, because no session at the broker keeps it.
-Two outcomes are allowed if the connection to the broker ended, so that the same message was published again; or after a kill -9 in
-    between, when the daemon repeats its last outcomes, perhaps with other numbers.
+No outcome is allowed in three cases. The broker, or the gateway's session there, died with the command (Gap). The daemon was killed
+    when it arrived. No robot has that name and the gateway was away: no session at the broker keeps it.
+Two outcomes are allowed in two cases. The connection to the broker ended, and the same message was published again. The daemon was
+    killed with -9 in between, and repeats its last outcomes, perhaps with other numbers.
 An outcome is late by its own account, or on arrival while nothing was broken.
 
 The robots' record has each command that reached a robot, including repeats on the radio. `delivered` needs one that the robot got

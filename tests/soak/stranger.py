@@ -29,7 +29,8 @@ class Stranger:
             self.send(connect_packet(f"stranger{number}"))
 
     def send_poison(self, prefix):
-        """Sends each POISON as a client id, as a topic of its own and of no robot, and as a filter; then a message with each topic id."""
+        """Sends each POISON as a client id, as a topic of its own and of no robot, and as a filter. Then sends a message with each
+        topic id."""
         self.send_crowd(1)
         for number, text in enumerate(POISON, 1):
             msg_id = number.to_bytes(2, "big")

@@ -4,7 +4,7 @@
 Mosquitto writes a QoS 0 copy to a subscriber's socket before it acknowledges the message to its publisher. The kernel keeps
 written octets for the reader when the broker dies. This subscriber never writes after its SUBSCRIBE, so that the connection
 ends without a reset, and it reads to the end. While it is connected (World has the daemon connect after it) it gets every
-acknowledged message, and the broker itself never repeats a message to it.
+acknowledged message. The broker itself never repeats a message to it.
 
 A subscriber with QoS 0 cannot see the publisher's QoS. So a second subscriber, the Witness, receives all messages with QoS 2 and
 acknowledges them. It may lose messages when the broker dies.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MQTT packets of both versions: decodes a client's octets into a Packet, or rejects them with a reason where the specification
-forbids them; encodes a broker's Packets into octets. Pure. Section numbers are those of MQTT 5."""
+"""MQTT packets of both versions. Decodes a client's octets into a Packet, or rejects them with a reason where the specification
+forbids them. Encodes a broker's Packets into octets. Pure. Section numbers are those of MQTT 5."""
 import dataclasses
 import enum
 import struct

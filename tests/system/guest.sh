@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # A throw-away Debian that runs one command. Sourced by tests/system/run, which sets $work, $suite and $arch, together with
-# container.sh or machine.sh: these define its content (extra_packages, tree_options) and how it boots (make_guest,
-# boot).
+# container.sh or machine.sh. These define its content (extra_packages, tree_options) and how it boots (make_guest, boot).
 # shellcheck shell=bash disable=SC2154
 
 say() { printf '\n== %s\n' "$*" >&2; }

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # The guest of guest.sh as a virtual machine (QEMU): Debian's own kernel, with modules, udev, USB and 802.15.4. Emulated
-# without KVM: then its clock counts its instructions (4 ns each, 250 millions in a second) while it works, so that
-# nothing in it times out because this machine is slow or busy. It is booted once; memory
-# and devices are kept, and each run begins there, with a disk of its own on top.
+# without KVM: then its clock counts its instructions (4 ns each, 250 millions in a second) while it works. So nothing in it times
+# out because this machine is slow or busy. It is booted once; memory and devices are kept, and each run begins there, with a disk of
+# its own on top.
 # shellcheck shell=bash disable=SC2034,SC2054,SC2154
 
 extra_packages=,linux-image-$arch,initramfs-tools,udev,wpan-tools,sudo,adduser

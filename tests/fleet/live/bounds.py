@@ -44,8 +44,9 @@ class Bounds:
     # that answer another gateway may have the command, so the gateway neither sends it nor reports an outcome.
 
     def may_have_no_outcome(self, at, places, breaks=()):
-        """`at`: of the command. `places`: (since when, gateway) of its robot. The command arrived at once; or, if it waited for an absent
-        gateway, at a later move of the session that another move followed too soon. `breaks`: when the broker broke the session."""
+        """`at`: of the command. `places`: (since when, gateway) of its robot. The command arrived at once, or it waited for an
+        absent gateway. Then it arrived at a later move of the session that another move followed too soon. `breaks`: when the broker
+        broke the session."""
         changes = sorted(self.changes(places) + [(when, when) for when in breaks])
         if any(begin - ROUND_TRIP_S <= at <= end for begin, end in changes):
             return True
@@ -54,8 +55,8 @@ class Bounds:
         return any(begin < other <= end + ROUND_TRIP_S for begin, end in came for other, _ in changes)
 
     def changes(self, places):
-        """Returns (from, to) of each time in which the session moved or broke: when the robot went to a gateway, and when its gateway, or a
-        node, failed or came back."""
+        """Returns (from, to) of each time in which the session moved or broke. It moved when the robot went to a gateway. It broke
+        when its gateway, or a node, failed or came back."""
         found = [(since, since + self.change_s) for since, _ in places]
         for absence in self.absences:
             if absence.what.startswith("node") or any(at_it and since <= absence.end and absence.begin <= until + HURRY_S
@@ -69,8 +70,8 @@ class Bounds:
         return self.loses_all and any(absence.what == "node killed" and absence.begin - HURRY_S <= at <= absence.end + self.settle_s
                                       for absence in self.absences)
 
-    # 3. A message that was under way to a broker when the connection broke may arrive twice, once more for each break, because it is
-    # unknown whether the first copy arrived. The same holds when a robot repeats a message at another or restarted gateway.
+    # 3. A message that was under way to a broker when the connection broke may arrive twice, once more for each break. It is unknown
+    # whether the first copy arrived. The same holds when a robot repeats a message at another or restarted gateway.
 
     def copies(self, tries, first, last):
         """Returns (the number of gateway processes that got the message, a return of the robot counts again; the number of breaks).
@@ -86,7 +87,7 @@ class Bounds:
         before the first one does: a broker still reads the socket that the gateway has closed."""
         return self.breaks(gateway, min(said, first), first, last)
 
-    # 4. A message may be overtaken at a roam: a gateway that is cut off keeps it on disk and acknowledges it, and the robot moves on.
+    # 4. A message may be overtaken at a roam. A gateway that is cut off keeps it on disk and acknowledges it, and the robot moves on.
 
     def may_be_overtaken(self, gateway, other, sent, arrived):
         return gateway != other and self.was_disturbed(gateway, sent, arrived)
@@ -107,15 +108,15 @@ class Bounds:
         return (seconds - self.away_s(gateways, begin, begin + seconds) <= longest and
                 any(at <= begin and earliest <= at + longest for at in returns))
 
-    # 7. A command on the air when its robot moves, or when its gateway fails, ends as `timeout` and may have been obeyed: its
+    # 7. A command on the air when its robot moves, or when its gateway fails, ends as `timeout` and may have been obeyed. Its
     # acknowledgement reaches no gateway. A `refused` command is never obeyed.
 
     def may_be_obeyed_despite_timeout(self, gateway, obeyed, reported, moves):
         """`moves`: when the robot went to another gateway."""
         return any(obeyed <= move <= reported for move in moves) or self.was_disturbed(gateway, obeyed, reported)
 
-    # 8. Each time that another gateway serves a BLE robot, one message of each of its models may be published twice: the one under way to
-    # the broker, or the one whose STATUS the robot has missed. BLE robots cannot address a message to one gateway.
+    # 8. Each time that another gateway serves a BLE robot, one message of each of its models may be published twice. It is the one
+    # under way to the broker, or the one whose STATUS the robot has missed. BLE robots cannot address a message to one gateway.
 
     def changes_of_ble(self, shown, gateways):
         """`shown`: when a gateway began to show a robot of another gateway. A gateway that was stopped does so before it reads."""
@@ -158,8 +159,8 @@ class Bounds:
                    if sent <= each.end and each.good_until - HURRY_S <= first and each.good_until <= last)
 
     def away_s(self, gateways, begin, end):
-        """Returns how long, from `begin` to `end`, one of the gateways or a node was down, or a gateway had no connection that lasts until
-        its SUBACK."""
+        """Returns how long, from `begin` to `end`, one of the gateways was away. A gateway is away while it or a node is down, and
+        while it has no connection that lasts until its SUBACK."""
         times = [(absence.begin, absence.end) for absence in self.absences
                  if any(self.concerns(absence, gateway) for gateway in gateways)]
         for gateway in gateways:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of a run: distinct ones with unique types to any robot; and streams of equal ones, `run 1`, to some robots twice and to
-others five times a second. Judges each: exactly one outcome, and obeyed at most once. Used by run, acts and judge."""
+"""The commands of a run. Any robot gets distinct ones with unique types. Some robots get streams of equal ones, `run 1`, twice a
+second, and others five times a second. Judges each: exactly one outcome, and obeyed at most once. Used by run, acts and judge."""
 import bisect
 import json
 from collections import Counter, defaultdict

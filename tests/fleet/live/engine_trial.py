@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks what robots' sessions need from an engine: a client id that connects at another node takes over its session with
-subscriptions and waiting messages, and the former connection is closed. Used by run --engine-only."""
+"""Checks what robots' sessions need from an engine. A client id that connects at another node takes over its session with
+subscriptions and waiting messages. The former connection is closed. Used by run --engine-only."""
 import functools
 import shutil
 import time

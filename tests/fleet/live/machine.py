@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures whether the machine was too slow: how long threads of gateways and brokers waited for a processor, and how long a round of
-this process took. The fleet is not to blame for such delays. Used by run."""
+"""Measures whether the machine was too slow. One measure is how long threads of gateways and brokers waited for a processor. The
+other is how long a round of this process took. The fleet is not to blame for such delays. Used by run."""
 import contextlib
 import pathlib
 

@@ -67,9 +67,9 @@ class Stream:
         return list(zip(begins, [*(begin for begin, _ in self.missed), FOREVER]))
 
     def without_repetitions(self, copies):
-        """Returns the copies of one message without the broker's repetitions. A copy with DUP is a repetition if this observer got the
-        message on an earlier connection, or at all if the broker repeats within one. Otherwise it is the message itself, or a second
-        one whose DUP is the publisher's: RabbitMQ before 3.12 passes that flag on."""
+        """Returns the copies of one message without the broker's repetitions. A copy with DUP is a repetition if this observer got
+        the message on an earlier connection. If the broker repeats within a connection, any former copy is enough. Otherwise it is
+        the message itself, or a second one whose DUP is the publisher's: RabbitMQ before 3.12 passes that flag on."""
         own = []
         for copy in copies:
             is_repetition = copy.is_dup and any(self.repeats_in_a_connection or one.connection < copy.connection for one in own)
@@ -144,8 +144,9 @@ def late_in(stream):
 
 
 def late_notes(streams):
-    """Returns (robot, number, number before which it should have come) of messages that came behind later ones at each live observer
-    with them; at each kept one if no live one has them. Also returns how many are not judged, because they came only with DUP."""
+    """Returns (robot, number, number before which it should have come) of late messages. A message is late if it came behind later
+    ones at each live observer with it. If no live observer has it, the kept ones decide. Also returns how many are not judged,
+    because they came only with DUP."""
     live = [late_in(stream) for stream in streams if not stream.is_kept]
     kept = [late_in(stream) for stream in streams if stream.is_kept]
     seen = {(robot, number) for stream in streams for robot, number, _ in notes_of(stream.copies)}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The random faults of a run, one at a time: gateways and nodes are killed or stopped, links to the broker are cut, boards are unplugged.
-Faults of explicit options come first. Used by run."""
+"""The random faults of a run, one at a time. Gateways and nodes are killed or stopped, links to the broker are cut, and boards are
+unplugged. Faults of explicit options come first. Used by run."""
 import signal
 import time
 from collections import Counter
