@@ -276,7 +276,9 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   const auto open = std::ranges::find_if(
       registering, [&](const Registering& asked) { return asked.attempt.msg_id == regack.msg_id; });
   const bool is_open = open != registering.end();
-  on_answer(session, regack.msg_id, is_open && open->topic_id == regack.topic_id, now);
+  const bool may_lack_topic_id = regack.topic_id == 0 && regack.code != ReturnCode::accepted;
+  const bool is_asked = is_open && (open->topic_id == regack.topic_id || may_lack_topic_id);
+  on_answer(session, regack.msg_id, is_asked, now);
   if (!is_open) return;  // R68
   const auto topic = registration_.on_regack(session, regack, now);
   if (topic) output_.mark_changed(session);

@@ -204,6 +204,15 @@ TEST(Amplification, RejectsARegackWithAnotherTopicIdAsProof) {
   EXPECT_FALSE(is_proven(victim));
 }
 
+TEST(Amplification, AcceptsARefusalWithoutTopicIdAsProof) {
+  Victim client;
+  client.send(Connect{false, true, 1, 0xffff, "somebody"});
+  client.subscribe(all_robots);
+  client.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
+  client.send(Regack{0, last_request(client.rig).msg_id, ReturnCode::not_supported});
+  EXPECT_TRUE(is_proven(client));
+}
+
 /// Late acknowledgements, as of requests that were given up.
 TEST(Amplification, AcceptsAProofAfterWrongAnswersAndLaterAfterTooMany) {
   for (const unsigned wrong : {limits::max_wrong_answers - 1, limits::max_wrong_answers}) {
