@@ -84,7 +84,8 @@ class Examination {
   void configuration() {
     const ParseResult& read = facts_.configuration;
     for (const Problem& problem : read.problems)
-      if (facts_.closed_keys.contains(problem.key))
+      if (facts_.closed_keys.contains(problem.key) &&
+          problem.text.find("cannot be read") != problem.text.npos)
         add("configuration", Health::unknown,
             problem.key + " is not checked: you may not read its file",
             "type the command with sudo");
