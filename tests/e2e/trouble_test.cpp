@@ -138,17 +138,19 @@ TEST(Trouble, InvalidDatagramsAreCountedAndHarmNoRobot) {
   EXPECT_GT(counters["malformed"], sent / 2) << counters;
 }
 
-/// A busy loop runs, or wakes up, at any time. The daemon rests between its attempts.
+/// A busy loop runs, or wakes up, most of the time. The daemon rests between its attempts.
 TEST(Trouble, RestsWithoutBrokerAndBoard) {
   GatewayProcess gateway(
       json{{"broker", {{"uri", "mqtt://127.0.0.1:" + std::to_string(free_tcp_port())}}},
            {"ble_mesh", {{"enabled", true}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("cannot reach broker"); })) << gateway.log();
-  EXPECT_TRUE(eventually([&] {
+  int rests = 0;
+  for (int i = 0; i < 50; ++i) {
     const auto before = sleeps(gateway.process().pid());
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    return before && sleeps(gateway.process().pid()) == before;
-  }));
+    if (before && sleeps(gateway.process().pid()) == before) ++rests;
+  }
+  EXPECT_GE(rests, 25);
 }
 
 }  // namespace
