@@ -320,6 +320,7 @@ for (const [robot, mesh] of [['robot1', 'Thread'], ['robot5', 'BLE Mesh']]) {
     await choose(page, robot);
     await clickRoom(page, -30, 25);
     await outcome(page, 'delivered');
+    await eventually('the command', () => sent.lines.length > 0);
     sent.stop();
     const [, hex] = sent.lines[0].split(' ');
     const octets = Buffer.from(hex, 'hex');
@@ -336,6 +337,7 @@ pageTest('Stop and Start reach the robot as `run`', { unlocked: true }, async (p
   await outcome(page, 'stop: delivered');
   await page.click('#start');
   await outcome(page, 'start: delivered');
+  await eventually('both commands', () => sent.lines.length >= 2);
   sent.stop();
   assert.deepEqual(sent.lines.map((line) => Buffer.from(line.split(' ')[1], 'hex').toString()), ['stop', 'start']);
 });
@@ -733,6 +735,7 @@ for (const [robot, mesh] of [['robot1', 'Thread'], ['robot5', 'BLE Mesh']]) {
     await until(page, () => /run: stop.*delivered/.test(document.querySelector('#commands tbody tr').textContent));
     await page.click('#robot-start');
     await until(page, () => /run: start.*delivered/.test(document.querySelector('#commands tbody tr').textContent));
+    await eventually('all commands', () => sent.lines.length >= 3);
     sent.stop();
     assert.deepEqual(sent.lines.map((line) => line.split(' ')[1]), ['f4ff2200', '73746f70', '7374617274']);
     await until(page, (id) => window.slamgw.model.robots.get(id).day?.online.at(-1) > 0 && /^online \d+ %/.test(document.querySelector('#day-words').textContent), robot);
