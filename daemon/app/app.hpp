@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The composition root of the daemon. main.cpp sees none of its parts: their headers take a
-// compiler long.
+// The composition root of the daemon. Hides the headers of its parts, which are slow to compile.
 #pragma once
 
 #include <string>

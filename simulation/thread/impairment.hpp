@@ -59,8 +59,8 @@ class Impairment {
   unsigned link_repeats() const { return link_repeats_; }
 
  private:
-  /// Returns the time until the next node has the frame, or nothing. The sender repeats a frame
-  /// whose acknowledgement is lost; the receiver drops such copies.
+  /// Returns the time until the next node has the frame; nothing if it never arrives. If the
+  /// acknowledgement is lost, the sender repeats the frame, and the receiver drops the copy.
   std::optional<Duration> cross(const Hop& hop, Random& random) {
     std::optional<Duration> arrived;
     Duration passed{};

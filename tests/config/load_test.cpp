@@ -203,14 +203,14 @@ TEST_F(LoadConfig, ReadsCredentialFromSystemd) {
 TEST_F(LoadConfig, FindsFilesThatServiceUserCannotRead) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can check the access of another user";
   std::filesystem::permissions(directory_, std::filesystem::perms(0755));
-  EXPECT_FALSE(may_user_read("nobody", write("closed.json", "{}", 0600)));
-  EXPECT_TRUE(may_user_read("nobody", write("open.json", "{}", 0644)));
-  EXPECT_TRUE(may_user_read("nobody", directory_ / "missing.json"))
+  const std::string user = "nobody";  // Debian's user without rights
+  EXPECT_FALSE(may_user_read(user, write("closed.json", "{}", 0600)));
+  EXPECT_TRUE(may_user_read(user, write("open.json", "{}", 0644)));
+  EXPECT_TRUE(may_user_read(user, directory_ / "missing.json"))
       << "a missing file is not a matter of rights";
   EXPECT_TRUE(may_user_read("no-such-user", directory_ / "closed.json"));
   std::filesystem::permissions(directory_, std::filesystem::perms(0700));
-  EXPECT_FALSE(may_user_read("nobody", directory_ / "open.json"))
-      << "it may not enter the directory";
+  EXPECT_FALSE(may_user_read(user, directory_ / "open.json")) << "it may not enter the directory";
 }
 
 TEST_F(LoadConfig, RefusesDropInDirectoryThatItCannotRead) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Feeds any octets of a serial port to the decoders: frames, events, COBS and frames of old robots.
+// Feeds random octets, as if from the serial port, to the decoders of Nordic's frames and events,
+// of COBS, and of the older robots' frames.
 #include <cstdlib>
 
 #include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"

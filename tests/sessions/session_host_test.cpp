@@ -305,7 +305,7 @@ class OneSessionHost : public testing::Test {
 };
 
 TEST_F(OneSessionHost, NamesTheClientIdsThatTheBrokerRefuses) {
-  test::Mosquitto broker({}, "somebody", "secret");
+  test::Mosquitto broker({}, "operator", "secret");
   a.up(broker.port(), MqttVersion::v5);
   for (int i = 0; i < 20; ++i) a.hear("r" + std::to_string(i));
   ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); }));

@@ -91,7 +91,7 @@ TEST(Amplification, FloodGuardLimitsAnswersToRefusedConnects) {
 TEST(Amplification, EndsAStreamToAnAddressThatNeverAnswers) {
   for (const WireQos qos : {WireQos::zero, WireQos::one}) {
     Victim victim;
-    victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+    victim.send(Connect{false, true, 1, 0xffff, "client-1"});
     victim.subscribe(all_robots, qos);
     for (int i = 0; i < 3000; ++i) {
       victim.rig.broker("ntnu-slam/robot/r" + std::to_string(i % 20) + "/update",
@@ -99,7 +99,7 @@ TEST(Amplification, EndsAStreamToAnAddressThatNeverAnswers) {
       victim.rig.pass(std::chrono::milliseconds(200));
     }
     EXPECT_LT(victim.out(), 3 * victim.in);
-    EXPECT_LE(victim.rig.gateway.queued_for("somebody"), limits::max_queued_unvalidated);
+    EXPECT_LE(victim.rig.gateway.queued_for("client-1"), limits::max_queued_unvalidated);
   }
 }
 
@@ -139,7 +139,7 @@ TEST(Amplification, SendsALongMessageOnlyAfterAProbe) {
 
 TEST(Amplification, RejectsGuessedAcknowledgementsAsProof) {
   Victim victim;
-  victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+  victim.send(Connect{false, true, 1, 0xffff, "client-1"});
   victim.subscribe(all_robots);
   for (std::uint16_t guess = 1; guess <= 200; ++guess) {
     victim.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
@@ -163,7 +163,7 @@ Request last_request(const SnRig& rig) {
 }
 
 bool is_proven(Victim& victim) {
-  return victim.rig.gateway.snapshot("somebody", victim.rig.now)->is_validated;
+  return victim.rig.gateway.snapshot("client-1", victim.rig.now)->is_validated;
 }
 
 /// A blind sender knows everything but the MsgId. A new CONNECT does not begin the count again.
@@ -173,7 +173,7 @@ TEST(Amplification, RejectsAllMsgIdsInTurnAsProof) {
     Victim victim;
     Request open;
     const auto begin = [&] {
-      victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+      victim.send(Connect{false, true, 1, 0xffff, "client-1"});
       victim.send(Subscribe{
           false, static_cast<WireQos>(qos), TopicIdType::short_name, 7, {}, short_id("ab")});
       if (qos == 0) victim.subscribe(all_robots);
@@ -195,7 +195,7 @@ TEST(Amplification, RejectsAllMsgIdsInTurnAsProof) {
 
 TEST(Amplification, RejectsARegackWithAnotherTopicIdAsProof) {
   Victim victim;
-  victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+  victim.send(Connect{false, true, 1, 0xffff, "client-1"});
   victim.subscribe(all_robots);
   victim.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
   const Request open = last_request(victim.rig);
@@ -206,7 +206,7 @@ TEST(Amplification, RejectsARegackWithAnotherTopicIdAsProof) {
 
 TEST(Amplification, AcceptsARefusalWithoutTopicIdAsProof) {
   Victim client;
-  client.send(Connect{false, true, 1, 0xffff, "somebody"});
+  client.send(Connect{false, true, 1, 0xffff, "client-1"});
   client.subscribe(all_robots);
   client.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
   client.send(Regack{0, last_request(client.rig).msg_id, ReturnCode::not_supported});
@@ -217,7 +217,7 @@ TEST(Amplification, AcceptsARefusalWithoutTopicIdAsProof) {
 TEST(Amplification, AcceptsAProofAfterWrongAnswersAndLaterAfterTooMany) {
   for (const unsigned wrong : {limits::max_wrong_answers - 1, limits::max_wrong_answers}) {
     Victim client;
-    client.send(Connect{false, true, 1, 0xffff, "somebody"});
+    client.send(Connect{false, true, 1, 0xffff, "client-1"});
     client.subscribe(all_robots);
     for (unsigned i = 0; i < wrong; ++i) client.send(Puback{1, 5, ReturnCode::accepted});
     for (unsigned i = 0; i < 100; ++i) client.send(Puback{1, 0, ReturnCode::invalid_topic_id});
@@ -227,7 +227,7 @@ TEST(Amplification, AcceptsAProofAfterWrongAnswersAndLaterAfterTooMany) {
     answer_all(client.rig, seen, got);
     EXPECT_EQ(is_proven(client), wrong < limits::max_wrong_answers);
     client.rig.pass(limits::wrong_answer_memory);
-    client.send(Connect{false, true, 1, 0xffff, "somebody"});
+    client.send(Connect{false, true, 1, 0xffff, "client-1"});
     client.subscribe(all_robots);
     client.rig.broker("ntnu-slam/robot/r2/update", "2", 1);
     answer_all(client.rig, seen, got);
@@ -240,7 +240,7 @@ TEST(Amplification, RejectsMsgIdsGuessedFromAnotherAddressAsProof) {
   Victim attack;
   SnRig& rig = attack.rig;
   const auto own = [&](const Packet& packet) { rig.send(2, packet); };  // the attacker's address
-  own(Connect{false, false, 1, 0xffff, "somebody"});
+  own(Connect{false, false, 1, 0xffff, "client-1"});
   own(Subscribe{false, WireQos::one, TopicIdType::normal, 7, all_robots, 0});
   rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
   for (std::size_t i = 0; i < rig.datagrams.size(); ++i) {  // the probe's and the topic's REGISTER
@@ -249,7 +249,7 @@ TEST(Amplification, RejectsMsgIdsGuessedFromAnotherAddressAsProof) {
   }
   const auto open = std::get<Publish>(*decode(rig.datagrams.back().bytes));
   rig.datagrams.clear();
-  attack.send(Connect{false, false, 1, 0xffff, "somebody"});
+  attack.send(Connect{false, false, 1, 0xffff, "client-1"});
   for (int i = 0; i < 500; ++i) {
     rig.broker("ntnu-slam/robot/r" + std::to_string(i) + "/update", "0011", 1);
     for (int j = 0; j < 4; ++j) {
@@ -355,16 +355,16 @@ TEST(Amplification, SendsLessThanThreeTimesTheOctetsOfARandomSequence) {
 TEST(Amplification, RejectsPingsWithTheClientIdAsProof) {
   for (const WireQos qos : {WireQos::zero, WireQos::one}) {
     Victim victim;
-    victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+    victim.send(Connect{false, true, 1, 0xffff, "client-1"});
     victim.subscribe(all_robots, qos);
     for (int i = 0; i < 300; ++i) {
-      victim.send(Pingreq{"somebody"});
+      victim.send(Pingreq{"client-1"});
       for (int j = 0; j < 5; ++j)
         victim.rig.broker("ntnu-slam/robot/r1/update", std::string(100, 'x'), 1);
       victim.rig.pass_s(1);
       ASSERT_LT(victim.out(), 3 * victim.in);
     }
-    EXPECT_FALSE(victim.rig.gateway.snapshot("somebody", victim.rig.now)->is_validated);
+    EXPECT_FALSE(victim.rig.gateway.snapshot("client-1", victim.rig.now)->is_validated);
   }
 }
 

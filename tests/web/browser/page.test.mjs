@@ -366,7 +366,7 @@ pageTest('without a token set the program publishes no command of a page', () =>
 
 pageTest('a wrong token is reported, and three end the connection', {}, async (page) => {
   await page.click('#unlock');
-  await page.fill('#token', 'a-wrong-token-of-somebody');
+  await page.fill('#token', 'a-token-that-is-not-valid');
   await page.click('#token-form .main');
   await until(page, () => document.querySelector('#token-words').textContent === 'unknown token');
   assert.equal(await page.evaluate(() => window.slamgw.model.maySend), false);
