@@ -82,7 +82,7 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
 }
 
 void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
-  link_ = {.is_up = true, .source = up.source};
+  link_ = {.is_up = true, .is_starting = false, .source = up.source};
   provisioner_.on_link_up(up, now);
   emit(LinkChange{Mesh::ble, true, up.detail + ", " + provisioner_.lives().description()});
   are_mostly_deaf_ = false;
@@ -93,6 +93,7 @@ void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
 void BleMesh::on_link_down(const LinkIsDown& down, TimePoint now) {
   emit(LinkChange{Mesh::ble, false, down.why});
   link_.down_reason = down.why;
+  link_.is_starting = false;
   const bool was_up = std::exchange(link_.is_up, false);
   for (auto& [address, robot] : robots_)
     downlink_.end_all(robot, "the BLE link went down: " + down.why, now);

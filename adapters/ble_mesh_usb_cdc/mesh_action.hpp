@@ -36,6 +36,7 @@ using MeshActions = ActionQueue<MeshAction>;
 /// The state of the link to the radio, from the radio's events. BleMesh keeps it.
 struct LinkState {
   bool is_up = false;
+  bool is_starting = true;  ///< the radio has not said yet whether the link is up
   std::string down_reason = "not started";
   std::uint16_t source = 0;  ///< the address that the radio sends from
 };

@@ -77,9 +77,9 @@ class AddressBook {
 
 /// A board after start-up: its own values, and the handles and addresses that it was given.
 struct StartedBoard {
-  SerialVersion version = SerialVersion::sdk_3_1;
-  std::string uuid = {};                             ///< in hex; empty if the board did not answer
-  std::uint16_t source = 0;                          ///< the address to send from
+  SerialVersion version = SerialVersion::sdk_1_0;  ///< until it is known, the one that takes least
+  std::string uuid = {};                           ///< in hex; empty if the board did not answer
+  std::uint16_t source = 0;                        ///< the address to send from
   std::optional<std::uint32_t> dropped_events = {};  ///< since its reset, if reported
   std::uint16_t subnet_handle = 0;
   std::uint16_t appkey_handle = 0;

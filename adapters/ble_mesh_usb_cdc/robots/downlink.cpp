@@ -14,7 +14,8 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
                       {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
-  if (!link_.is_up) return refuse("the BLE link is down (slam-gatewayctl status says why)");
+  if (!link_.is_up && !link_.is_starting)
+    return refuse("the BLE link is down (slam-gatewayctl status says why)");
   auto command =
       make_command(settings_, type, message.payload, ++last_tid_, radio_.max_send_bytes());
   if (!command.has_value()) return refuse(command.error().why);
@@ -26,7 +27,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
 
 bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message, TimePoint now) {
   if (robot.is_online && !link_.is_up) robot.misses_retained = true;
-  if (!robot.is_online || !link_.is_up || !gate_.is_open_for(robot)) return false;
+  if (!robot.is_online || !may_send_to(robot)) return false;
   if (robot.retained_given.contains(message.topic)) return false;
   if (robot.retained_given.size() < max_retained)
     return robot.retained_given.insert(message.topic).second;
@@ -63,13 +64,17 @@ std::vector<WaitingMessage> Downlink::give_up(Robot& robot, TimePoint now) {
 
 /// While the gate is closed, nothing is sent: another gateway may command the robot, and a repeat
 /// from here must not overtake that command.
+bool Downlink::may_send_to(const Robot& robot) const {
+  return link_.is_up && gate_.is_open_for(robot);
+}
+
 std::optional<TimePoint> Downlink::deadline(const Robot& robot) const {
   if (robot.commands.size() == 0) return std::nullopt;
-  return robot.commands.deadline(gate_.is_open_for(robot));
+  return robot.commands.deadline(may_send_to(robot));
 }
 
 void Downlink::transmit_due(Robot& robot, TimePoint now) {
-  if (robot.commands.size() == 0 || !gate_.is_open_for(robot)) return;
+  if (robot.commands.size() == 0 || !may_send_to(robot)) return;
   const auto next = robot.commands.next_transmission(now);
   if (!next) return;
   if (is_traced_) {

@@ -23,8 +23,9 @@ class Downlink : private MeshPart {
   /// See BleMesh.
   void begin_tids_after(std::uint8_t tid) { last_tid_ = tid; }
 
-  /// Queues a command of this type for `robot`, or ends it as refused. Drops a retained command
-  /// that the robot does not wait for.
+  /// Queues a command of this type for `robot`, or ends it as refused. Commands wait for the radio
+  /// until it has said whether the link is up: at the daemon's start they come before that. Drops a
+  /// retained command that the robot does not wait for.
   void on_command(Robot& robot, std::string_view type, const BrokerMessage& message, CommandId id,
                   TimePoint now);
   /// The robot sent a STATUS. Returns true if it is the answer to a command.
@@ -46,6 +47,7 @@ class Downlink : private MeshPart {
 
  private:
   bool may_take_retained(Robot& robot, const BrokerMessage& message, TimePoint now);
+  bool may_send_to(const Robot& robot) const;
   void transmit_due(Robot& robot, TimePoint now);
   void conclude(const Robot& robot, EndedCommands ended);
 

@@ -156,6 +156,35 @@ TEST_F(Downlink, RefusesWhileTheLinkIsDownAndWhenItGoesDown) {
   EXPECT_EQ(outcomes()[2].result, CommandResult::refused);
 }
 
+class DownlinkAtTheStart : public ::testing::Test {
+ protected:
+  DownlinkAtTheStart() {
+    rig.mesh.on_start();
+    rig.command("nr1/x", to_bytes("1"));
+    rig.run_for(300ms);
+  }
+
+  MeshRig rig;
+};
+
+TEST_F(DownlinkAtTheStart, CommandWaitsForTheRadio) {
+  rig.open();
+  rig.run_for(1s);
+  ASSERT_TRUE(rig.is_up());
+  EXPECT_TRUE(rig.all<CommandOutcome>().empty());
+  ASSERT_FALSE(rig.sent_to(first_robot).empty());
+  EXPECT_EQ(rig.sent_to(first_robot)[0], "c5590031");
+}
+
+TEST_F(DownlinkAtTheStart, CommandIsRefusedWhenThePortCannotBeOpened) {
+  rig.mesh.on_port_closed("no such file", rig.now);
+  rig.run_for(1ms);
+  const auto outcomes = rig.all<CommandOutcome>();
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].result, CommandResult::refused);
+  EXPECT_NE(outcomes[0].why.find("no such file"), std::string::npos);
+}
+
 /// A message does not show whether the broker retains it. A subscription makes the broker send it
 /// again, which would start a robot that was stopped since.
 TEST_F(Downlink, DoesNotSubscribeAgainWithLinkWhenNothingWasMissed) {
