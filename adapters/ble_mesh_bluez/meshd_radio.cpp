@@ -65,7 +65,10 @@ void MeshdRadio::on_event(MeshdEvent& event, TimePoint now) {
 }
 
 void MeshdRadio::on(const MeshdCame&, TimePoint now) {
-  if (stage_ != Stage::absent) go_down("bluetooth-meshd has restarted");
+  if (stage_ != Stage::absent)
+    go_down("bluetooth-meshd has restarted");
+  else if (!down_reason_.empty())
+    go_down("bluetooth-meshd is back and prepares the gateway's node");
   begin(now);
 }
 
@@ -154,36 +157,43 @@ void MeshdRadio::ask_for_source(std::uint16_t addresses) {
   actions_.push(SourceWanted{encode_node(*node_), addresses});
 }
 
-void MeshdRadio::use_source(std::uint16_t source, std::uint16_t, TimePoint) {
+void MeshdRadio::use_source(std::uint16_t source, std::uint16_t, TimePoint now) {
   source_ = source;
-  if (stage_ == Stage::awaiting_source) return make_node();
+  if (stage_ == Stage::awaiting_source) return make_node(now);
   if (stage_ != Stage::awaiting_disk) return;
   if (own_device_key_) requests_.push(AcceptToken{});
-  attach();
+  attach(now);
 }
 
-void MeshdRadio::make_node() {
+void MeshdRadio::make_node(TimePoint now) {
   stage_ = Stage::importing;
+  step_due_ = now + node_time_limit;
   call(Import{node_->uuid, *own_device_key_, keys_->keys.net_key, keys_->iv_index, source_},
-       [this](const MeshdAnswer& answer, TimePoint now) {
-         if (!answer.is_success()) pause(reason(answer), retry_after, now);
+       [this](const MeshdAnswer& answer, TimePoint then) {
+         if (!answer.is_success()) pause(reason(answer), retry_after, then);
        });
 }
 
 void MeshdRadio::on(const JoinComplete& complete, TimePoint) {
   if (stage_ != Stage::importing) return;
+  step_due_.reset();
   node_->token = complete.token;
   ask_for_source(max_sources);
 }
 
-void MeshdRadio::attach() {
+void MeshdRadio::attach(TimePoint now) {
   stage_ = Stage::attaching;
+  step_due_ = now + node_time_limit;
   call(Attach{*node_->token},
-       [this](const MeshdAnswer& answer, TimePoint now) { on_attached(answer, now); });
+       [this](const MeshdAnswer& answer, TimePoint then) { on_attached(answer, then); });
 }
 
 void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
   if (answer.error == not_found) {
+    if (own_device_key_) {
+      node_.reset();
+      return refuse_node("does not know the gateway's new node", now);
+    }
     actions_.push(Notice{Severity::warning,
                          "bluetooth-meshd has lost the gateway's node: the gateway creates a new "
                          "one at another address",
@@ -198,10 +208,19 @@ void MeshdRadio::on_attached(const MeshdAnswer& answer, TimePoint now) {
   stage_ = Stage::preparing;
   call(GetAddresses{}, [this](const MeshdAnswer& property, TimePoint then) {
     if (!property.is_success()) return pause(reason(property), retry_after, then);
-    if (property.address != source_) return leave("the gateway has another address now");
+    if (property.address != source_) {
+      if (own_device_key_) return refuse_node("gives the gateway's new node another address", then);
+      return leave("the gateway has another address now");
+    }
     plan();
     do_step(then);
   });
+}
+
+/// A meshd that does not serve the node that it has just made would not serve the next one either,
+/// and each one costs disk writes. So the gateway waits.
+void MeshdRadio::refuse_node(const std::string& what, TimePoint now) {
+  pause("bluetooth-meshd " + what, 10 * retry_after, now);
 }
 
 void MeshdRadio::leave(const std::string& why, bool is_restart) {
@@ -285,14 +304,17 @@ void MeshdRadio::plan_refresh() {
 
 void MeshdRadio::do_step(TimePoint now) {
   ++copies_;
-  if (steps_.front().answer != 0) step_due_ = now + step_time_limit;
+  step_due_ = now + (steps_.front().answer != 0 ? step_time_limit : node_time_limit);
   call(steps_.front().call,
        [this](const MeshdAnswer& answer, TimePoint then) { on_step_answer(answer, then); });
 }
 
 void MeshdRadio::on_step_answer(const MeshdAnswer& answer, TimePoint now) {
   if (steps_.empty()) return;
-  if (answer.error == already_exists) return leave("bluetooth-meshd has other keys");
+  if (answer.error == already_exists) {
+    if (own_device_key_) return refuse_node("has other keys for the gateway's new node", now);
+    return leave("bluetooth-meshd has other keys");
+  }
   if (!answer.is_success()) return pause(reason(answer), retry_after, now);
   if (steps_.front().answer == 0) end_step(now);
 }
@@ -450,6 +472,7 @@ void MeshdRadio::answer_device(const std::string& refusal, TimePoint) {
 
 void MeshdRadio::on(const AddNodeComplete& added, TimePoint) {
   if (!join_ || join_->device.uuid != added.uuid) return;
+  join_->has_joined = true;
   call(ExportKeys{},
        [this, uuid = added.uuid, address = added.address](const MeshdAnswer& answer, TimePoint) {
          if (!join_ || join_->device.uuid != uuid) return;  // given up since
@@ -462,7 +485,7 @@ void MeshdRadio::on(const AddNodeComplete& added, TimePoint) {
 }
 
 void MeshdRadio::on(const AddNodeFailed& failed, TimePoint) {
-  if (!join_ || join_->device.uuid != failed.uuid) return;
+  if (!join_ || join_->device.uuid != failed.uuid || join_->has_joined) return;
   if (!join_->refusal.empty()) return end_join({.failure = join_->refusal});
   end_join(
       {.failure = "bluetooth-meshd gave up: " + failed.why, .may_have_joined = join_->has_address});
@@ -498,13 +521,14 @@ std::optional<TimePoint> MeshdRadio::deadline() const {
 void MeshdRadio::on_deadline(TimePoint now) {
   if (retry_at_ && now >= *retry_at_) return begin(now);
   if (step_due_ && now >= *step_due_) {
+    const bool awaits_meshd = steps_.empty() || steps_.front().answer == 0;
+    if (awaits_meshd) return pause(no_answer, retry_after, now);
     if (copies_ < max_copies) return do_step(now);
     // After a power cut meshd may send with lower sequence numbers than its own node remembers.
     if (!own_device_key_)
       return leave(
           "bluetooth-meshd's node does not take its configuration: the gateway makes another one");
-    return pause("bluetooth-meshd's new node does not take its configuration", 10 * retry_after,
-                 now);
+    return refuse_node("does not configure the gateway's new node", now);
   }
   if (stage_ != Stage::up) return;
   if (answer_due_ && now >= *answer_due_) return pause(no_answer, retry_after, now);

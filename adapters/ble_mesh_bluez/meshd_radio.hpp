@@ -50,6 +50,8 @@ class MeshdRadio final : public Radio {
   static constexpr Duration rescan_after = std::chrono::seconds{2};
   static constexpr Duration retry_after = std::chrono::seconds{2};
   static constexpr Duration step_time_limit = std::chrono::seconds{3};
+  /// To make a node, to attach to it, and for each call that prepares it.
+  static constexpr Duration node_time_limit = std::chrono::seconds{10};
   /// Without an answer to a message, or to the question for the IV index, for this time, the link
   /// is down: meshd would send what it is given once it runs again. sd-bus alone waits for 25 s.
   static constexpr Duration answer_time_limit = std::chrono::seconds{3};
@@ -127,6 +129,7 @@ class MeshdRadio final : public Radio {
     std::optional<TimePoint> due = {};  ///< nothing: not begun
     bool has_static_oob = false;
     bool has_address = false;
+    bool has_joined = false;  ///< its keys are awaited
     std::string refusal = {};
   };
 
@@ -148,8 +151,9 @@ class MeshdRadio final : public Radio {
   void forget();
   void begin_node(TimePoint now);
   void ask_for_source(std::uint16_t addresses);
-  void make_node();
-  void attach();
+  void make_node(TimePoint now);
+  void attach(TimePoint now);
+  void refuse_node(const std::string& what, TimePoint now);
   void on_attached(const MeshdAnswer& answer, TimePoint now);
   void leave(const std::string& why, bool is_restart = false);
   void plan();

@@ -38,7 +38,7 @@ void FakeMeshd::call(const CallMeshd& wanted) {
     std::visit([&](const auto& call) { take(call, answer); }, wanted.call);
   const bool is_import = std::holds_alternative<Import>(wanted.call) && answer.is_success();
   events.push_back(std::move(answer));
-  if (is_import) events.push_back(JoinComplete{*unaccepted_});
+  if (is_import && !does_not_complete) events.push_back(JoinComplete{*unaccepted_});
 }
 
 FakeNode* FakeMeshd::node(MeshdAnswer& answer) {
@@ -102,7 +102,8 @@ void FakeMeshd::restart() {
 void FakeMeshd::take(const ImportSubnet& call, MeshdAnswer& answer) {
   FakeNode* own = node(answer);
   if (own == nullptr) return;
-  if (own->subnet && *own->subnet != call.net_key) return void(answer.error = already_exists);
+  if (has_other_keys || (own->subnet && *own->subnet != call.net_key))
+    return void(answer.error = already_exists);
   demand(call.net_key == own->net_key, "the subnet has the node's key");
   own->subnet = call.net_key;
 }

@@ -48,7 +48,9 @@ class FakeMeshd {
   // Faults.
   bool is_without_controller = false;  ///< has its bus name, but no interfaces
   bool does_not_answer = false;
-  std::string fails_to_join;  ///< the reason; once
+  bool does_not_complete = false;  ///< no JoinComplete follows an import
+  bool has_other_keys = false;     ///< refuses the keys of each node
+  std::string fails_to_join;       ///< the reason; once
   std::int16_t rssi = -60;
 
   void call(const CallMeshd& wanted);

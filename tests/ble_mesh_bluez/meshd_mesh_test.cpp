@@ -350,6 +350,17 @@ TEST(MeshdMesh, IgnoresItsOwnMessagesToGroup) {
   EXPECT_TRUE(rig.all<Report>().empty());
 }
 
+TEST(MeshdMesh, WarnsOfAResetThatFailsAfterItsOrderHasEnded) {
+  MeshdRig rig;
+  rig.meshd_comes();
+  rig.meshd.does_not_answer = true;
+  rig.order(ResetBoardOrder{});
+  rig.run_for(21s);
+  EXPECT_EQ(rig.answers.size(), 1u);
+  rig.feed(MeshdGone{"it is not running"});
+  EXPECT_TRUE(rig.has_notice("the radio was not cleared"));
+}
+
 TEST(MeshdMesh, ResetBoardReplacesNode) {
   RobotOnMeshd rig;
   const Uuid before = rig.node().uuid;

@@ -15,9 +15,9 @@ using namespace std::chrono_literals;
 constexpr std::uint16_t destination = 0x0100;
 
 struct RadioRig {
-  RadioRig() {
+  explicit RadioRig(FakeMeshd first = {}) : meshd(std::move(first)) {
     feed(MeshdCame{});
-    EXPECT_TRUE(is_up);
+    EXPECT_NE(is_up, meshd.does_not_complete || meshd.has_other_keys);
   }
   void feed(MeshdEvent event) {
     radio.on_event(event, now);
@@ -33,6 +33,10 @@ struct RadioRig {
           meshd.call(*call);
         }
         if (std::holds_alternative<AcceptToken>(*request)) meshd.accept_token();
+        if (std::holds_alternative<Reconnect>(*request)) {
+          meshd.detach();
+          meshd.events.push_back(MeshdCame{});
+        }
         if (const auto* given = std::get_if<GiveAddress>(&*request))
           given_addresses.push_back(given->address);
         continue;
@@ -172,6 +176,46 @@ TEST(MeshdRadio, NoticesSoonThatAnIdleMeshdDoesNotAnswer) {
   rig.meshd.does_not_answer = true;
   rig.run_for(15s);
   EXPECT_FALSE(rig.is_up);
+}
+
+TEST(MeshdRadio, MakesTheNodeAgainWhenMeshdDoesNotCompleteIt) {
+  FakeMeshd meshd;
+  meshd.does_not_complete = true;
+  RadioRig rig(std::move(meshd));
+  rig.run_for(MeshdRadio::node_time_limit - 100ms);
+  EXPECT_EQ(rig.meshd.imports, 1);
+  rig.meshd.does_not_complete = false;
+  rig.meshd.restart();  // its bus name has the same owner for the gateway
+  rig.run_for(MeshdRadio::retry_after + 200ms);
+  EXPECT_EQ(rig.meshd.imports, 2);
+  EXPECT_TRUE(rig.is_up);
+}
+
+TEST(MeshdRadio, WaitsWhenMeshdRefusesTheKeysOfItsNewNode) {
+  FakeMeshd meshd;
+  meshd.has_other_keys = true;
+  RadioRig rig(std::move(meshd));
+  rig.run_for(9 * MeshdRadio::retry_after);
+  EXPECT_EQ(rig.meshd.imports, 1) << "each import costs disk writes";
+  rig.meshd.has_other_keys = false;
+  rig.run_for(2 * MeshdRadio::retry_after);
+  EXPECT_TRUE(rig.is_up);
+}
+
+TEST(MeshdRadio, IgnoresAFailureAfterTheDeviceHasJoined) {
+  RadioRig rig;
+  ProvisionDevice device;
+  device.uuid = {1};
+  device.address = destination;
+  rig.meshd.does_not_answer = true;
+  rig.radio.provision(device);
+  rig.settle();
+  rig.feed(AddNodeComplete{device.uuid, destination});
+  rig.feed(AddNodeFailed{device.uuid, "timeout"});
+  rig.feed(MeshdAnswer{.number = rig.last_call, .device_keys = {{destination, Key{7}}}});
+  EXPECT_EQ(rig.joined, 1);
+  ASSERT_EQ(rig.joins.size(), 1u);
+  EXPECT_EQ(rig.joins[0].failure, "");
 }
 
 TEST(MeshdRadio, FailsJoinThatMeshdDoesNotReport) {

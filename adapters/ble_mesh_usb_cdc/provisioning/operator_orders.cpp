@@ -362,7 +362,10 @@ void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
 }
 
 void OperatorOrders::on_radio_cleared(const std::string& problem) {
-  if (!order_.is(Kind::reset_board)) return;
+  if (!order_.is(Kind::reset_board)) {  // the operator has its answer already
+    if (!problem.empty()) notify(Severity::warning, "the radio was not cleared: " + problem);
+    return;
+  }
   if (problem.empty()) return order_.answer(R"({"cleared":true})");
   order_.refuse("the radio was not cleared: " + problem);
 }
