@@ -40,6 +40,7 @@ class FakeOtbrAgent {
   std::uint64_t extended_address = 0xd2e15a0c0b0a0908;
   std::string table_type = "a(tuquuyyyqqqbbbb)";
   std::vector<Neighbour> neighbours;
+  std::string unanswered;       ///< a property that hangs
   std::set<std::string> asked;  ///< properties, and other calls by their names
 
  private:

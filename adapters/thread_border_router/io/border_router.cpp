@@ -18,6 +18,9 @@ constexpr const char* service = "io.openthread.BorderRouter.wpan0";
 constexpr const char* object = "/io/openthread/BorderRouter/wpan0";
 constexpr const char* interface = "io.openthread.BorderRouter";
 constexpr const char* properties_interface = "org.freedesktop.DBus.Properties";
+/// The agent answers at once. One property without an answer must not hold the others back for
+/// sd-bus's 25 s.
+constexpr std::uint64_t answer_limit_us = 3'000'000;
 
 template <auto member>
 bool read_value(sd_bus_message* message, const char* type, NodeFacts& facts) {
@@ -147,7 +150,8 @@ void BorderRouter::read() {
     sd_bus_message_append(message.get(), "ss", interface, properties[i].name);
     sd_bus_slot* slot = nullptr;
     calls_[i].router = this;
-    if (sd_bus_call_async(connection_.bus(), &slot, message.get(), on_reply, &calls_[i], 0) >= 0)
+    if (sd_bus_call_async(connection_.bus(), &slot, message.get(), on_reply, &calls_[i],
+                          answer_limit_us) >= 0)
       ++waiting_;
     calls_[i].slot.reset(slot);
   }

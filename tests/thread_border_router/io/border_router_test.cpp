@@ -85,6 +85,14 @@ TEST_F(BorderRouterTest, IgnoresTableOfAnotherType) {
       << said.back();
 }
 
+TEST_F(BorderRouterTest, OnePropertyWithoutAnswerDoesNotHoldTheOthersBack) {
+  agent.unanswered = "NeighborTable";
+  document = "{}";
+  agent.come();
+  ASSERT_TRUE(has_role("leader")) << document;
+  EXPECT_TRUE(json::parse(document)["neighbours"].is_null()) << document;
+}
+
 TEST_F(BorderRouterTest, FollowsRoleAndReportsNoLeaderWithoutNetwork) {
   document = "{}";
   agent.come();
