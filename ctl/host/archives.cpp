@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
@@ -25,6 +24,7 @@
 #include "ctl/show.hpp"
 #include "daemon/config/io/load.hpp"
 #include "daemon/config/io/service_rights.hpp"
+#include "daemon/config/parse.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -333,28 +333,24 @@ const std::vector<Source>& sources() {
   return all;
 }
 
-bool is_secret(std::string key) {
-  std::transform(key.begin(), key.end(), key.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  for (const char* const word : {"password", "passwd", "secret", "oob", "token", "credential"})
-    if (key.find(word) != std::string::npos && key != "credentials_file" && key != "token_file")
-      return true;
-  return key == "pass" || key == "key";
-}
-
-/// Returns whether the text may be an address with a password, as in mqtt://USER:PASSWORD@HOST. The
-/// daemon refuses such a `broker.uri`, but its file goes into the report, too.
-bool may_name_user(const ordered_json& value) {
-  return value.is_string() && value.get_ref<const std::string&>().find('@') != std::string::npos;
-}
-
-/// Hides what is secret in `value`, or everything in it when its key is a secret's.
-void hide_secrets(ordered_json& value, bool is_below_secret = false) {
-  if (value.is_structured()) {
-    for (auto& [key, each] : value.items())
-      hide_secrets(each, is_below_secret || (value.is_object() && is_secret(key)));
-  } else if (!value.is_null() && (is_below_secret || may_name_user(value))) {
-    value = "(not shown)";
+/// Hides the values that the configuration's keys do not allow, and the one secret among the
+/// allowed. `path` names `value` as in a problem.
+void hide_secrets(ordered_json& value, const std::string& path, const ParseResult& read) {
+  const auto is_here = [&path](const Problem& problem) { return problem.key == path; };
+  const bool is_refused = std::ranges::any_of(read.problems, is_here);
+  if (is_refused || path == "ble_mesh.provisioning.static_oob") {
+    if (!value.is_null()) value = "(not shown)";
+  } else if (value.is_array()) {
+    for (std::size_t i = 0; i < value.size(); ++i)
+      hide_secrets(value[i], fmt::format("{}[{}]", path, i), read);
+  } else if (value.is_object()) {
+    for (auto& [key, member] : value.items()) {
+      const std::string below = path.empty() ? key : path + "." + key;
+      if (read.places.contains(below))
+        hide_secrets(member, below, read);
+      else if (!member.is_null())
+        member = "(not shown)";
+    }
   }
 }
 
@@ -451,8 +447,8 @@ std::string restore(const Installation& installation, const std::string& file,
 
 std::string without_secrets(std::string_view text) {
   ordered_json json = ordered_json::parse(text, nullptr, false, true);
-  if (json.is_discarded()) return "(not JSON; left out, because it may hold secrets)\n";
-  hide_secrets(json);
+  if (!json.is_object()) return "(not a JSON object; left out, because it may hold secrets)\n";
+  hide_secrets(json, {}, parse_keys({"", std::string(text)}));
   return json.dump(2) + "\n";
 }
 

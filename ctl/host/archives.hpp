@@ -25,8 +25,9 @@ std::string backup(const Installation& installation, const std::string& file);
 std::string restore(const Installation& installation, const std::string& file,
                     const std::function<bool(const std::string& replaced)>& may_replace);
 
-/// Returns a configuration file's text without the values of keys that may be secret by their
-/// names, known keys or not. Returns nothing of a text that is not JSON.
+/// Returns a configuration file's text with the values that its keys allow, but without the OOB
+/// value. Anything else may be a misplaced secret. Returns nothing of a text that is not a JSON
+/// object.
 std::string without_secrets(std::string_view text);
 
 /// Writes `file` (tar, gzip, mode 0600). Where a fact is not available, the report holds the reason

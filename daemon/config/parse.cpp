@@ -51,7 +51,7 @@ class Reader {
     Value value(node, path, result_);
     if (has_elements) return read_elements(value, row + "[]");
     if (has_members && !node.value.is_object() && !(key != nullptr && value.is_null()))
-      return value.not_allowed("a group of keys in braces { ... }");
+      return value.not_allowed("a group of keys in braces { ... }", false);
     if (key != nullptr) key->read(value, result_.config);
     if (has_members) read_members(node, path, row);
   }
@@ -61,7 +61,7 @@ class Reader {
         [&](Value item) {
           result_.places[item.path()] = item.node().place;
           if (!item.node().value.is_object())
-            return item.not_allowed("a group of keys in braces { ... }");
+            return item.not_allowed("a group of keys in braces { ... }", false);
           find_key(row)->read(item, result_.config);
           read_members(item.node(), item.path(), row);
         },
@@ -171,6 +171,14 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment
     }
   }
   sort_by_place(result.problems, parts);
+  return result;
+}
+
+ParseResult parse_keys(const ConfigFile& part) {
+  ParseResult result;
+  result.file = part.name;
+  const Tree tree = read_tree({part}, result.problems);
+  if (tree.root) Reader(result).read_root(*tree.root);
   return result;
 }
 

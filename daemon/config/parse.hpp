@@ -34,4 +34,7 @@ struct ConfigFile {
 ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment& environment,
                          const Files& files);
 
+/// Parses the keys of one file alone. Problems are only those that the values themselves have.
+ParseResult parse_keys(const ConfigFile& part);
+
 }  // namespace slamgw

@@ -52,7 +52,8 @@ std::optional<BrokerAddress> broker_address(Value value) {
     return std::nullopt;
   }
   if (const auto address = text ? parse_broker_uri(*text) : std::nullopt) return address;
-  value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], IPv6 in [ ], or a list of them");
+  value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], IPv6 in [ ], or a list of them",
+                    text != nullptr);
   return std::nullopt;
 }
 
@@ -65,7 +66,7 @@ void read_broker_uri(Value value, Config& config) {
   if (!value.node().value.is_array()) {
     read(value);
   } else if (value.node().children.empty()) {
-    value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], or a list of them");
+    value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], or a list of them", false);
   } else {
     value.list(read, "broker URIs");
   }
@@ -101,7 +102,8 @@ bool is_controller(std::string_view name) {
 void read_ttl(Value value, Config& config) {
   const nlohmann::json& json = value.node().value;
   const std::uint64_t ttl = json.is_number_unsigned() ? json.get<std::uint64_t>() : 1;
-  if (ttl > 127 || ttl == 1) return value.not_allowed("0 or a whole number from 2 to 127");
+  if (ttl > 127 || ttl == 1)
+    return value.not_allowed("0 or a whole number from 2 to 127", json.is_number());
   config.ble_mesh.ttl = static_cast<std::uint8_t>(ttl);
 }
 
@@ -310,7 +312,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
        } else if (value.is_boolean()) {
          required = value.get<bool>() ? RequireIdentity::with_key : RequireIdentity::none;
        } else {
-         v.not_allowed("false, true, \"all\"");
+         v.not_allowed("false, true, \"all\"", value.is_string());
        }
      }},
 });

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 
 #include "daemon/config/rules.hpp"
@@ -13,29 +14,33 @@ namespace {
 
 constexpr std::size_t longest_echo = 40;
 
-/// Describes the value for "... is not allowed". Shows only short texts, quoted as JSON.
-std::string description(const JsonNode& node) {
+/// Describes the value for "... is not allowed". Shows only short texts, quoted as JSON, and no
+/// text or number unless `is_shown`.
+std::string description(const JsonNode& node, bool is_shown) {
   const nlohmann::json& value = node.value;
   switch (value.type()) {
     case nlohmann::json::value_t::object: return "a group in braces";
     case nlohmann::json::value_t::array: return node.children.empty() ? "an empty list" : "a list";
     case nlohmann::json::value_t::string:
       if (value.get_ref<const std::string&>().empty()) return "an empty text";
-      if (value.get_ref<const std::string&>().size() > longest_echo) return "this text";
+      if (value.get_ref<const std::string&>().size() > longest_echo || !is_shown)
+        return "this text";
       return value.dump();
     case nlohmann::json::value_t::null:
-    case nlohmann::json::value_t::boolean:
+    case nlohmann::json::value_t::boolean: return value.dump();
     case nlohmann::json::value_t::number_integer:
     case nlohmann::json::value_t::number_unsigned:
-    case nlohmann::json::value_t::number_float: return value.dump();
+    case nlohmann::json::value_t::number_float: return is_shown ? value.dump() : "this number";
     case nlohmann::json::value_t::binary:
     case nlohmann::json::value_t::discarded: break;  // never in a parsed text
   }
   return "this";
 }
 
+/// Refuses the content of a file in place of its path: JSON, or lines.
 bool is_path(std::string_view text) {
-  return !text.empty() && text.find('\0') == std::string_view::npos;
+  return !text.empty() && !text.starts_with('{') &&
+         std::ranges::none_of(text, [](unsigned char c) { return c < 0x20 || c == 0x7f; });
 }
 
 std::optional<unsigned> parse_hex(std::string_view text) {
@@ -49,7 +54,7 @@ void Value::boolean(bool& out) {
   if (node_.value.is_boolean()) {
     out = node_.value.get<bool>();
   } else {
-    not_allowed("true or false");
+    not_allowed("true or false", false);
   }
 }
 
@@ -59,7 +64,7 @@ void Value::number(double& out, double min, double max) {
   if (is_number && number >= min && number <= max) {
     out = number;
   } else {
-    not_allowed(fmt::format("a number from {} to {}", min, max));
+    not_allowed(fmt::format("a number from {} to {}", min, max), is_number);
   }
 }
 
@@ -71,7 +76,7 @@ void Value::text(std::string& out, const TextRule& rule) {
   if (is_good(rule)) {
     out = *string();
   } else {
-    not_allowed(rule.allowed);
+    not_allowed(rule.allowed, string() != nullptr);
   }
 }
 
@@ -81,7 +86,7 @@ void Value::text(std::optional<std::string>& out, const TextRule& rule) {
   } else if (is_good(rule)) {
     out = *string();
   } else {
-    not_allowed(fmt::format("{}, or null", rule.allowed));
+    not_allowed(fmt::format("{}, or null", rule.allowed), string() != nullptr);
   }
 }
 
@@ -93,15 +98,18 @@ void Value::secret(std::optional<std::string>& out, const TextRule& rule) {
 
 void Value::file_path(std::string& out, std::string_view keyword) {
   if (string() == nullptr || !is_path(*string())) {
-    not_allowed(keyword.empty() ? "the path of a file" : fmt::format("a path, or \"{}\"", keyword));
+    not_allowed(keyword.empty() ? "the path of a file" : fmt::format("a path, or \"{}\"", keyword),
+                false);
   } else {
     out = *string() == keyword ? *string() : absolute(*string());
   }
 }
 
 void Value::file_path(std::optional<std::string>& out) {
-  text(out, {is_path, "the path of a file"});
-  if (out) out = absolute(*out);
+  if (is_null()) return out.reset();
+  if (string() == nullptr || !is_path(*string()))
+    return not_allowed("the path of a file, or null", false);
+  out = absolute(*string());
 }
 
 void Value::address(std::uint16_t& out, std::uint16_t min, std::uint16_t max) {
@@ -111,7 +119,7 @@ void Value::address(std::uint16_t& out, std::uint16_t min, std::uint16_t max) {
   if (number && *number >= min && *number <= max) {
     out = static_cast<std::uint16_t>(*number);
   } else {
-    not_allowed(fmt::format("an address from \"{:#06x}\" to \"{:#06x}\"", min, max));
+    not_allowed(fmt::format("an address from \"{:#06x}\" to \"{:#06x}\"", min, max), true);
   }
 }
 
@@ -122,7 +130,8 @@ void Value::address(std::optional<std::uint16_t>& out, std::uint16_t min, std::u
 }
 
 void Value::list(const std::function<void(Value)>& each, std::string_view allowed) {
-  if (!node_.value.is_array()) return not_allowed(fmt::format("a list [...] of {}", allowed));
+  if (!node_.value.is_array())
+    return not_allowed(fmt::format("a list [...] of {}", allowed), false);
   for (std::size_t i = 0; i < node_.children.size(); ++i)
     each(Value(node_.children[i], fmt::format("{}[{}]", path_, i), result_));
 }
@@ -141,8 +150,8 @@ void Value::texts(std::vector<std::string>& out, const TextRule& rule) {
       rule.allowed);
 }
 
-void Value::not_allowed(std::string_view allowed) {
-  problem(fmt::format("{} is not allowed; allowed: {}", description(node_), allowed));
+void Value::not_allowed(std::string_view allowed, bool is_shown) {
+  problem(fmt::format("{} is not allowed; allowed: {}", description(node_, is_shown), allowed));
 }
 
 void Value::problem(std::string text) {
@@ -154,7 +163,7 @@ std::optional<std::uint64_t> Value::whole_number(std::uint64_t min, std::uint64_
     const auto number = node_.value.get<std::uint64_t>();
     if (number >= min && number <= max) return number;
   }
-  not_allowed(fmt::format("a whole number from {} to {}", min, max));
+  not_allowed(fmt::format("a whole number from {} to {}", min, max), node_.value.is_number());
   return std::nullopt;
 }
 

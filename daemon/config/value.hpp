@@ -77,11 +77,12 @@ class Value {
     std::string allowed;
     for (const auto& [name, value] : names)
       allowed += (allowed.empty() ? "\"" : ", \"") + std::string(name) + "\"";
-    not_allowed(allowed);
+    not_allowed(allowed, node_.value.is_string());
   }
 
-  /// Reports "<description of the value> is not allowed; allowed: <allowed>".
-  void not_allowed(std::string_view allowed);
+  /// Reports "<description of the value> is not allowed; allowed: <allowed>". A value of a wrong
+  /// type must not show: it may be a secret that belongs into a file.
+  void not_allowed(std::string_view allowed, bool is_shown);
   void problem(std::string text);
 
  private:

@@ -424,27 +424,43 @@ TEST(DoctorOfARobot, QuotesANameThatAShellWouldRun) {
 TEST(Report, HidesSecretsAndKeepsTheRest) {
   const std::string text = without_secrets(R"({// a comment
       "broker": {"uri": "mqtt://h", "credentials_file": "c.json", "password": "hush"},
-      "list": [{"static_oob": "0011"}, {"Token": 5}],
-      "ble_mesh": {"provisioning": {"static_oob": null}}})");
+      "robots": [{"id": "r1", "mqttsn_client_id": "c1"}],
+      "ble_mesh": {"ttl": 7, "provisioning": {"static_oob": "00112233445566778899aabbccddeeff"}}})");
   EXPECT_EQ(text.find("hush"), text.npos);
   EXPECT_EQ(text.find("0011"), text.npos);
-  EXPECT_EQ(text.find(": 5"), text.npos);
-  EXPECT_NE(text.find("mqtt://h"), text.npos);
-  EXPECT_NE(text.find("c.json"), text.npos);
-  EXPECT_NE(text.find("null"), text.npos);
+  for (const char* const shown : {"mqtt://h", "c.json", "r1", "c1", ": 7"})
+    EXPECT_NE(text.find(shown), text.npos) << shown << " in " << text;
   EXPECT_EQ(without_secrets("{\"password\": \"hush\"").find("hush"), std::string::npos);
+  EXPECT_EQ(without_secrets("\"hush\"").find("hush"), std::string::npos);
 }
 
 TEST(Report, HidesSecretsInListsGroupsAndAddresses) {
   const std::string text = without_secrets(R"({
-      "token": ["hush", {"viewer": "hush", "role": ["hush"]}],
-      "Credentials": {"name": "hush", "none": null},
       "broker": {"uri": ["mqtt://h", "mqtts://u:hush@h"]},
-      "list": ["shown"]})");
+      "ble_mesh": {"groups": ["0xc002", "hush"], "provisioning": {"static_oob": null}},
+      "token": ["hush", {"viewer": "hush", "role": ["hush"]}]})");
   EXPECT_EQ(text.find("hush"), text.npos) << text;
   EXPECT_NE(text.find("mqtt://h\""), text.npos) << text;
-  EXPECT_NE(text.find("shown\""), text.npos) << text;
+  EXPECT_NE(text.find("0xc002"), text.npos) << text;
   EXPECT_NE(text.find("null"), text.npos) << text;
+}
+
+/// Operators send a report when the configuration is broken.
+TEST(Report, HidesValuesOfMisspelledKeysAndOfAWrongKind) {
+  for (const char* const broken :
+       {R"({"broker": {"pasword": "hush"}})", R"({"broker.password": "hush"})",
+        R"({"ble_mesh": {"provisioning": {"static_obb": "hush"}}})",
+        R"({"ble_mesh": {"net_key": "hush"}})", R"({"r1": "hush"})",
+        R"({"mqttsn": {"dtls": {"keys": {"r1": "hush"}}}})",
+        R"({"mqttsn": {"dtls": {"keys_file": {"r1": "hush", "hush": 1}}}})",
+        R"({"mqttsn": {"dtls": {"keys_file": "{\"r1\": \"hush\"}"}}})",
+        R"({"broker": {"tls": {"key_file": "-----BEGIN KEY-----\nhush/\n"}}})",
+        R"({"broker": "hush"})", R"({"robots": ["hush"]})", R"({"robots": {"id": "hush"}})",
+        R"({"mqttsn": {"listen": "hush"}})", R"({"broker": {"keep_alive_s": "hush"}})",
+        R"({"fleet": {"key": "hush"}})"}) {
+    const std::string text = without_secrets(broken);
+    EXPECT_EQ(text.find("hush"), text.npos) << text;
+  }
 }
 
 }  // namespace
