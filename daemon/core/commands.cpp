@@ -244,6 +244,7 @@ void Commands::conclude(CommandOutcome outcome, const Sender& sender) {
                   outcome.robot, outcome.type, to_string(outcome.result), outcome.after.count(),
                   outcome.why.empty() ? "" : ": ", outcome.why),
       outcome.robot, Occasion::command_outcome, outcome.after};
+  notice.mesh = outcome.mesh;
   report(std::move(notice), outcome.type, to_string(outcome.result), sender);
   publish(std::move(outcome), sender);
 }
@@ -252,6 +253,7 @@ void Commands::conclude(CommandOutcome outcome, const Sender& sender) {
 void Commands::report(Notice notice, const std::string& type, std::string_view outcome,
                       const Sender& sender) {
   notice.audit = AuditFacts{who_of(sender), "command " + type, std::string(outcome)};
+  notice.type = type;
   if (sender) notice.text += "; asked by " + sender->who;
   if (is_operator(notice.audit->who)) notice.severity = std::max(notice.severity, Severity::notice);
   actions_.push(std::move(notice));

@@ -147,7 +147,9 @@ void Gateway::reject(TrafficEvent event, Robot* robot, const Now& now) {
             *due > 1 ? fmt::format("; {} such messages since the last line", *due) : ""),
         .robot = event.robot,
         .occasion = Occasion::rejected_payload,
-        .is_proven = event.is_proven});
+        .is_proven = event.is_proven,
+        .mesh = event.mesh,
+        .type = event.type});
   }
   PassUp up{std::move(event), /*retain=*/false};
   up.event.topic = scheme_.rejected_topic(up.event.robot, up.event.type);

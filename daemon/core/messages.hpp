@@ -284,6 +284,8 @@ struct Notice {
   std::optional<std::chrono::microseconds> latency{};  ///< of a command, where known
   bool is_proven = true;                               ///< see Report
   std::optional<AuditFacts> audit{};                   ///< set for a line of the audit trail
+  std::optional<Mesh> mesh{};  ///< of the robot's message, command or presence, where known
+  std::string type{};          ///< of the robot's message or command; may be empty
 };
 
 /// An event that a mesh's machine reports to the core.

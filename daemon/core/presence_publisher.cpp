@@ -80,7 +80,8 @@ void PresencePublisher::on_presence(const PresenceChange& change, const Now& now
                                                           : ""),
                        .robot = change.robot,
                        .occasion = Occasion::robot_presence,
-                       .is_proven = change.is_proven});
+                       .is_proven = change.is_proven,
+                       .mesh = change.mesh});
 }
 
 /// Publishes the presence again when its `last_seen` is older than `presence_refresh`.

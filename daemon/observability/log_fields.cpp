@@ -37,6 +37,12 @@ LogFields notice_fields(const Notice& notice) {
   if (const std::string_view id = message_id_of(notice.occasion); !id.empty())
     fields.push_back({"MESSAGE_ID", std::string(id)});
   if (!notice.robot.empty()) fields.push_back({"ROBOT_ID", notice.robot});
+  if (notice.mesh) fields.push_back({"MESH", std::string(to_string(*notice.mesh))});
+  if (!notice.type.empty()) {
+    const bool is_down = notice.occasion == Occasion::command_outcome;
+    fields.push_back({"MESSAGE_TYPE", notice.type});
+    fields.push_back({"DIRECTION", is_down ? "down" : "up"});
+  }
   if (const auto& audit = notice.audit) {
     fields.push_back({"SLAM_AUDIT", "1"});
     fields.push_back({"SLAM_AUDIT_WHO", audit->who});

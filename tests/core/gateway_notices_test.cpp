@@ -44,6 +44,10 @@ TEST_P(Notices, HaveTheSeverityAndOccasionOfTheirEvent) {
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_EQ(notices[0].severity, GetParam().severity) << notices[0].text;
   EXPECT_EQ(notices[0].occasion, GetParam().occasion) << notices[0].text;
+  const bool has_robot = !notices[0].robot.empty();
+  const bool has_type = has_robot && GetParam().occasion != Occasion::robot_presence;
+  EXPECT_EQ(notices[0].mesh.has_value(), has_robot) << notices[0].text;
+  EXPECT_EQ(!notices[0].type.empty(), has_type) << notices[0].text;
 }
 
 INSTANTIATE_TEST_SUITE_P(

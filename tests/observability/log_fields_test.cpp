@@ -27,6 +27,18 @@ std::string value_of(const LogFields& fields, std::string_view name) {
   return "none";
 }
 
+TEST(NoticeFields, NameMeshTypeAndDirection) {
+  Notice notice{Severity::info, "text", "r", Occasion::command_outcome};
+  EXPECT_EQ(value_of(notice_fields(notice), "DIRECTION"), "none");
+  notice.mesh = Mesh::ble;
+  notice.type = "cmd";
+  EXPECT_EQ(value_of(notice_fields(notice), "MESH"), "ble");
+  EXPECT_EQ(value_of(notice_fields(notice), "MESSAGE_TYPE"), "cmd");
+  EXPECT_EQ(value_of(notice_fields(notice), "DIRECTION"), "down");
+  notice.occasion = Occasion::rejected_payload;
+  EXPECT_EQ(value_of(notice_fields(notice), "DIRECTION"), "up");
+}
+
 TEST(NoticeFields, NameUserRequestAndOutcome) {
   const Notice notice =
       audit_notice("uid 7 (ann)", {"forget", "r1"}, {{}, "it is online\nand more"});
