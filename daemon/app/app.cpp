@@ -167,6 +167,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   boost::asio::signal_set signals_;
   Timer stats_timer_;
   Timer stop_timer_;
+  LogRetry log_retry_;
   ServiceNotifier notifier_;
   DescriptorStore descriptors_;
 
@@ -202,6 +203,7 @@ App::App(Config config, std::string config_file)
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
       stats_timer_(io_),
       stop_timer_(io_),
+      log_retry_(io_),
       notifier_(io_, [this] { return status_.service_state(); }),
       gateway_(
           scheme_, gateway_settings(config_, started_), broker_link_,

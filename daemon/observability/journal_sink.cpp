@@ -121,7 +121,10 @@ void JournalSink::sink_it_(const spdlog::details::log_msg& message) {
 }
 
 void JournalSink::flush_() {
-  if (!socket_.flush()) return;
+  if (!socket_.flush()) {
+    if (context_.when_kept) context_.when_kept();
+    return;
+  }
   if (lost_ += socket_.take_lost(); lost_ == 0) return;
   const auto now = std::chrono::steady_clock::now();
   if (lost_reported_at_ && now - *lost_reported_at_ < lost_interval) return;

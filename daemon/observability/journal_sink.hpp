@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -61,6 +62,7 @@ class JournalSocket {
 struct LogContext {
   Severity severity = Severity::info;
   const LogFields* fields = nullptr;
+  std::function<void()> when_kept{};  ///< called when entries wait for the journal; may be empty
 };
 
 class JournalSink final : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
@@ -73,7 +75,7 @@ class JournalSink final : public spdlog::sinks::base_sink<spdlog::details::null_
   static constexpr std::chrono::seconds lost_interval{1};
 
   void sink_it_(const spdlog::details::log_msg& message) override;
-  /// Sends kept entries and reports lost ones. Called after each entry and every few seconds.
+  /// Sends kept entries and reports lost ones. Called after each entry, and by LogRetry.
   void flush_() override;
 
   const LogContext& context_;

@@ -32,7 +32,8 @@ spdlog::level::level_enum to_spdlog(Severity severity) {
 }
 
 void write_event(Severity severity, std::string_view text, const LogFields& fields) {
-  context = {severity, &fields};
+  context.severity = severity;
+  context.fields = &fields;
   spdlog::log(to_spdlog(severity), "{}", escape_unprintable(text));
   context.fields = nullptr;
 }
@@ -98,6 +99,12 @@ void log_event(Severity severity, std::string_view text, const LogFields& fields
 }
 
 void flush_log() { spdlog::default_logger_raw()->flush(); }
+
+LogRetry::LogRetry(boost::asio::io_context& io) : timer_(io) {
+  context.when_kept = [this] { timer_.after(interval, flush_log); };
+}
+
+LogRetry::~LogRetry() { context.when_kept = nullptr; }
 
 void log_notice(const Notice& notice) {
   const bool is_order = notice.audit && is_operator(notice.audit->who);

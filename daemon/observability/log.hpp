@@ -4,12 +4,15 @@
 // Notices instead.
 #pragma once
 
+#include <boost/asio/io_context.hpp>
+#include <chrono>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/runtime/timer.hpp"
 
 namespace slamgw {
 
@@ -29,8 +32,21 @@ bool is_logged(Severity severity);
 void log_event(Severity severity, std::string_view text, const LogFields& fields = {});
 /// As log_event(), but writes notices about an operator's order at any level.
 void log_notice(const Notice& notice);
-/// Sends again the entries that a stuck journal did not take. Call every few seconds.
+/// Sends again the entries that a stuck journal did not take, and reports lost ones.
 void flush_log();
+
+/// Calls flush_log() every 200 ms while entries wait for the journal. At most one object at a time.
+class LogRetry {
+ public:
+  explicit LogRetry(boost::asio::io_context& io);
+  ~LogRetry();
+  LogRetry(const LogRetry&) = delete;
+  LogRetry& operator=(const LogRetry&) = delete;
+
+ private:
+  static constexpr std::chrono::milliseconds interval{200};
+  Timer timer_;
+};
 
 std::string_view to_string(Severity severity);
 

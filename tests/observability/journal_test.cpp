@@ -373,6 +373,21 @@ TEST_F(JournalSinkIo, KeepsWarningsWhileJournalIsStuckAndCountsLostEntries) {
   EXPECT_EQ(journald.take(), std::vector<std::string>{"traffic"}) << "reported once";
 }
 
+TEST_F(JournalSinkIo, AsksForARetryWhileEntriesAreKept) {
+  int asked = 0;
+  context.when_kept = [&asked] { ++asked; };
+  flood();
+  EXPECT_EQ(asked, 0) << "nothing is kept";
+  log(Severity::warning, "first");
+  EXPECT_EQ(asked, 1);
+  sink.flush();
+  EXPECT_EQ(asked, 2) << "the journal is still stuck";
+  journald.take();
+  sink.flush();
+  EXPECT_EQ(asked, 2);
+  EXPECT_EQ(journald.take().front(), "first");
+}
+
 TEST_F(JournalSinkIo, BoundsKeptWarnings) {
   flood();
   for (int i = 0; i < 10000; ++i) log(Severity::warning, "warning " + std::to_string(i));

@@ -32,6 +32,7 @@ class Loop : public boost::asio::io_context {
 void serve(const slamgw::web::Startup& startup) {
   const slamgw::Config& config = startup.parsed.config;
   Loop io;
+  const slamgw::LogRetry log_retry(io);
   boost::asio::signal_set signals(io, SIGTERM, SIGINT);
   signals.async_wait([&io](boost::system::error_code, int) { io.stop(); });
   slamgw::web::PageHub hub(io, config, startup.tokens, SLAMGW_VERSION);
