@@ -37,7 +37,8 @@ void append_labels(std::string& out, const Labels& labels) {
 
 void Exposition::add(std::string_view name, std::string_view help, const Labels& labels,
                      double value) {
-  add_to(name, help, type_of(name, labels), {{"", labels, value}});
+  const std::string_view type = type_of(name, labels);
+  if (value >= 0 || type != "counter") add_to(name, help, type, {{"", labels, value}});
 }
 
 void Exposition::add_histogram(std::string_view name, std::string_view help, const Labels& labels,

@@ -27,7 +27,7 @@ class Exposition {
 
   /// Keeps the samples of one name together, as the format requires. The type follows from the name
   /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges.
-  /// Samples that do not fit are left out and counted.
+  /// Samples that do not fit are left out and counted. A counter cannot be negative: left out.
   void add(std::string_view name, std::string_view help, const Labels& labels, double value);
   /// Adds `_bucket` with a last label `le`, `_sum` and `_count`.
   void add_histogram(std::string_view name, std::string_view help, const Labels& labels,

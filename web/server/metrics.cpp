@@ -73,19 +73,24 @@ void add_own(Exposition& out, const OwnNumbers& own) {
           count(own.resident_bytes));
 }
 
-/// Reads the member "latency" of a mesh in `stats`.
+/// Reads the member "latency" of a mesh in `stats`. Returns nothing unless bounds rise and counts
+/// do not fall.
 std::optional<Histogram> histogram_of(const json& latency) {
   const json* buckets = find(latency, {"buckets"});
   const auto count = number(latency, {"count"});
   const auto sum_us = number(latency, {"sum_us"});
   if (buckets == nullptr || !buckets->is_array() || !count || !sum_us) return std::nullopt;
   Histogram histogram{{}, *count, *sum_us / 1e6};
+  std::pair last(-1.0, 0.0);
   for (const json& bucket : *buckets) {
     const auto bound_us = number(bucket, {"le_us"});
     const auto at_most = number(bucket, {"count"});
     if (!bound_us || !at_most) return std::nullopt;
-    histogram.at_most.emplace_back(*bound_us / 1e6, *at_most);
+    const std::pair next(*bound_us / 1e6, *at_most);
+    if (next.first <= last.first || next.second < last.second) return std::nullopt;
+    histogram.at_most.push_back(last = next);
   }
+  if (*count < last.second || *sum_us < 0) return std::nullopt;
   return histogram;
 }
 
@@ -241,8 +246,9 @@ json payload_of(const SharedText& message) {
 /// Adds the gateways' metrics; reads each document once.
 class Gateways {
  public:
-  Gateways(const Topics& topics, const LastKnown& known, const Roster& roster)
-      : topics_(topics), known_(known), roster_(roster) {}
+  Gateways(const Topics& topics, const LastKnown& known, const Roster& roster,
+           const OutcomeCounts& outcomes)
+      : topics_(topics), known_(known), roster_(roster), outcomes_(outcomes) {}
 
   void add_to(Exposition& out) const {
     for (const auto& entry : known_.topics()) {
@@ -261,6 +267,13 @@ class Gateways {
     out.add("slamgw_gateway_clock_ahead_seconds",
             "How far the gateway's clock is ahead of that of slam-gateway-web; 0 within a minute.",
             {{"gateway", gateway}}, static_cast<double>(life.clock_ahead_ms) / 1000);
+    const OutcomeCounts::Counts counts = outcomes_.of(gateway);
+    for (std::size_t i = 0; i < counts.size(); ++i)  // from 0, so that increase() sees the first
+      out.add("slamgw_commands_total",
+              "Commands by how they ended, since slam-gateway-web started.",
+              {{"gateway", gateway},
+               {"outcome", std::string(to_string(static_cast<CommandResult>(i)))}},
+              static_cast<double>(counts[i]));
   }
 
   /// Adds the robot's state, but only for the gateway that the roster has chosen for it.
@@ -301,28 +314,32 @@ class Gateways {
   const Topics& topics_;
   const LastKnown& known_;
   const Roster& roster_;
+  const OutcomeCounts& outcomes_;
 };
 
 }  // namespace
 
 void OutcomeCounts::add(std::string_view gateway, std::string_view payload) {
   const std::string outcome = text(json::parse(payload, nullptr, false), {"outcome"});
-  const std::pair key(std::string(gateway), outcome);
-  if (outcome.empty() || (counts_.size() >= max_series && !counts_.contains(key))) return;
-  ++counts_[key];
+  for (std::size_t i = 0; i < command_result_count; ++i)
+    if (to_string(static_cast<CommandResult>(i)) == outcome &&
+        (counts_.size() < max_gateways || counts_.contains(gateway)))
+      ++counts_[std::string(gateway)][i];
+}
+
+OutcomeCounts::Counts OutcomeCounts::of(std::string_view gateway) const {
+  const auto found = counts_.find(gateway);
+  return found == counts_.end() ? Counts{} : found->second;
 }
 
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
                          const Roster& roster, const OutcomeCounts& outcomes) {
   Exposition gateways;
-  Gateways(topics, known, roster).add_to(gateways);
+  Gateways(topics, known, roster, outcomes).add_to(gateways);
   Exposition out;
   add_own(out, own);
   out.add("slamgw_web_left_out_samples", "Samples left out here because there are too many.", {},
           static_cast<double>(gateways.left_out()));
-  for (const auto& [key, count] : outcomes.counts())
-    out.add("slamgw_commands_total", "Commands by how they ended, since slam-gateway-web started.",
-            {{"gateway", key.first}, {"outcome", key.second}}, static_cast<double>(count));
   return out.text() + gateways.text();
 }
 

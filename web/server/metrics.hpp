@@ -4,12 +4,14 @@
 // `_total`. The last numbers of a gateway that is gone or silent are left out.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <string>
 #include <string_view>
-#include <utility>
 
+#include "daemon/core/messages.hpp"
 #include "web/server/last_known.hpp"
 #include "web/server/roster.hpp"
 #include "web/server/topics.hpp"
@@ -30,18 +32,19 @@ struct OwnNumbers {
   std::uint64_t resident_bytes = 0;
 };
 
-/// Counts how commands ended, by gateway and outcome; bounded, because both words come from the
-/// broker.
+/// Counts how commands ended, by gateway and outcome. Bounded, because gateways' names come from
+/// the broker.
 class OutcomeCounts {
  public:
-  static constexpr std::size_t max_series = 200;
+  static constexpr std::size_t max_gateways = 1000;
+  using Counts = std::array<std::uint64_t, command_result_count>;  ///< by CommandResult
+
+  /// Ignores unknown outcomes. Call for gateways whose `state` is known.
   void add(std::string_view gateway, std::string_view payload);
-  const std::map<std::pair<std::string, std::string>, std::uint64_t>& counts() const {
-    return counts_;
-  }
+  Counts of(std::string_view gateway) const;
 
  private:
-  std::map<std::pair<std::string, std::string>, std::uint64_t> counts_;
+  std::map<std::string, Counts, std::less<>> counts_;
 };
 
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,

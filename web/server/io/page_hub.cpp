@@ -136,7 +136,9 @@ void PageHub::on_message(const BrokerMessage& message) {
   if (kind == TopicKind::state && !keep(message, text)) return;
   if (kind == TopicKind::state) pass_to_roster(message);
   const auto [gateway, rest] = topics_.gateway_topic(message.topic);
-  if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
+  if (rest.starts_with("commands/") &&
+      known_.topics().contains(fmt::format("{}/gateway/{}/state", topics_.prefix(), gateway)))
+    outcomes_.add(gateway, message.payload);
   const bool is_event = kind == TopicKind::event || kind == TopicKind::command;
   if (is_event && !message.is_retained) past_.on_event(text, message.at_ms);
   for (PageConnection* page : pages_) {
