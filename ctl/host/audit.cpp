@@ -73,6 +73,16 @@ void record(const AuditedOrder& order, const std::string& error) {
             false);
 }
 
+/// Returns a field of an entry. journalctl writes a value with control characters as numbers.
+std::string field_at(const nlohmann::json& entry, const char* key) {
+  const auto found = entry.find(key);
+  if (found == entry.end() || !found->is_array()) return string_at(entry, key);
+  std::string octets;
+  for (const auto& octet : *found)
+    if (octet.is_number_unsigned()) octets += static_cast<char>(octet.get<std::uint8_t>());
+  return escape_unprintable(octets);
+}
+
 }  // namespace
 
 WallTime time_of_entry(const nlohmann::json& entry) {
@@ -86,13 +96,13 @@ nlohmann::json audit_entries(std::string_view journal) {
     const std::string_view line = journal.substr(0, journal.find('\n'));
     journal.remove_prefix(std::min(line.size() + 1, journal.size()));
     const auto found = nlohmann::json::parse(line, nullptr, false);
-    if (!found.is_object() || string_at(found, "SLAM_AUDIT_WHO").empty()) continue;
+    if (!found.is_object() || field_at(found, "SLAM_AUDIT_WHO").empty()) continue;
     nlohmann::json entry{{"at", to_iso8601_ms(time_of_entry(found))},
-                         {"who", string_at(found, "SLAM_AUDIT_WHO")},
-                         {"what", string_at(found, "SLAM_AUDIT_WHAT")},
-                         {"outcome", string_at(found, "SLAM_AUDIT_OUTCOME")},
-                         {"text", string_at(found, "MESSAGE")}};
-    if (const auto robot = string_at(found, "ROBOT_ID"); !robot.empty()) entry["robot"] = robot;
+                         {"who", field_at(found, "SLAM_AUDIT_WHO")},
+                         {"what", field_at(found, "SLAM_AUDIT_WHAT")},
+                         {"outcome", field_at(found, "SLAM_AUDIT_OUTCOME")},
+                         {"text", field_at(found, "MESSAGE")}};
+    if (const auto robot = field_at(found, "ROBOT_ID"); !robot.empty()) entry["robot"] = robot;
     entries.push_back(std::move(entry));
   }
   return entries;

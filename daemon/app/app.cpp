@@ -556,7 +556,13 @@ void App::send(const std::string& who, control::SendRequest command, const Answe
     return;
   }
   const std::string refusal = "robot and type must be one topic level each";
-  log_notice(audit_notice(who, {"command " + command.type, command.robot}, {{}, refusal}));
+  Notice notice{
+      Severity::notice,
+      fmt::format("- {} {} refused: {}; asked by {}", command.robot, command.type, refusal, who),
+      escape_unprintable(command.robot), Occasion::command_outcome};
+  notice.audit = AuditFacts{who, "command " + escape_unprintable(command.type),
+                            std::string(to_string(CommandResult::refused))};
+  log_notice(notice);
   done({std::nullopt,
         CommandId::none,
         command.robot,

@@ -11,15 +11,19 @@
 
 #include "daemon/core/parse_number.hpp"
 #include "daemon/core/result.hpp"
+#include "daemon/core/topic_scheme.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace slamgw {
 
 namespace {
 
+constexpr const char* all_letters = "--all";
+
 /// Returns the choice as the operator types it, with the first of very many ids.
 std::string words_of(const DeadLetterChoice& choice) {
   constexpr std::size_t most = 100;
-  if (choice.is_all) return "--all";
+  if (choice.is_all) return all_letters;
   if (!choice.topic.empty()) return "--topic " + choice.topic;
   const std::vector<std::uint64_t>& ids = choice.ids;
   const std::size_t shown = std::min(ids.size(), most);
@@ -28,10 +32,9 @@ std::string words_of(const DeadLetterChoice& choice) {
          (shown == ids.size() ? "" : fmt::format(" and {} more", ids.size() - shown));
 }
 
-std::string count_letters(const std::string& answer) {
+std::uint64_t count_letters(const std::string& answer) {
   const auto numbers = nlohmann::json::parse(answer);
-  const auto count = numbers.value("discarded", numbers.value("resent", std::uint64_t{0}));
-  return fmt::format(" ({} dead letter{})", count, count == 1 ? "" : "s");
+  return numbers.value("discarded", numbers.value("resent", std::uint64_t{0}));
 }
 
 }  // namespace
@@ -82,15 +85,19 @@ std::optional<AuditedOrder> audited(const StoreOrder& order) {
 }
 
 Notice audit_notice(const std::string& who, const AuditedOrder& order, const OrderAnswer& answer) {
-  const bool is_done = answer.error.empty();
-  std::string outcome = is_done ? "done" : "failed: ";
-  outcome += answer.error.substr(0, answer.error.find('\n'));
-  if (is_done && !order.letters.empty()) outcome += count_letters(answer.json);
+  std::string error = answer.error.substr(0, answer.error.find('\n'));
+  std::string done = "done";
+  if (error.empty() && !order.letters.empty()) {
+    const std::uint64_t count = count_letters(answer.json);
+    done += fmt::format(" ({} dead letter{})", count, count == 1 ? "" : "s");
+    if (count == 0 && order.letters != all_letters) error = "there is no such dead letter";
+  }
+  const bool is_done = error.empty();
   const std::string object = order.letters.empty() ? order.robot : order.letters;
   Notice notice{Severity::notice,
                 fmt::format("{}{}{}: {}; asked by {}", order.what, object.empty() ? "" : " ",
-                            object, outcome, who),
-                order.robot};
+                            object, is_done ? done : "failed: " + error, who),
+                is_valid_level(order.robot) ? order.robot : escape_unprintable(order.robot)};
   notice.audit = AuditFacts{who, order.what, is_done ? "done" : "failed"};
   return notice;
 }

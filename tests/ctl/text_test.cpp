@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "ctl/command_line.hpp"
+#include "ctl/host/audit.hpp"
 #include "ctl/show.hpp"
 #include "daemon/control/wire.hpp"
 #include "daemon/core/utf8.hpp"
@@ -431,6 +432,17 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(ctl::show::nodes(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::done(answer, screen).ends_with('\n'));
   }
+}
+
+TEST(Audit, ReadsValuesThatJournalctlWritesAsNumbers) {
+  const json entries = ctl::audit_entries(
+      R"({"SLAM_AUDIT_WHO":"SIGHUP","SLAM_AUDIT_WHAT":[99,27,91,109],"MESSAGE":[120,255],)"
+      R"("SLAM_AUDIT_OUTCOME":"failed","ROBOT_ID":[27,91,51,49,109,88]})");
+  ASSERT_EQ(entries.size(), 1u);
+  EXPECT_EQ(entries[0]["what"], "c\\x1b[m");
+  EXPECT_EQ(entries[0]["robot"], "\\x1b[31mX");
+  EXPECT_EQ(entries[0]["text"], "x\\xff");
+  EXPECT_FALSE(entries.dump().empty()) << "what is not UTF-8 would throw";
 }
 
 }  // namespace

@@ -82,12 +82,23 @@ TEST(AuditNotice, NamesDiscardedAndResentDeadLetters) {
             "store discard --topic p/robot/r1/a: done (5 dead letters); asked by uid 0");
   EXPECT_EQ(line({{}, {}, true}, R"({"discarded":0})"),
             "store discard --all: done (0 dead letters); asked by uid 0");
-  EXPECT_EQ(line({std::vector<std::uint64_t>(300, 7), {}, false}, "{}").find(" and 200 more: done"),
+  EXPECT_EQ(line({std::vector<std::uint64_t>(300, 7), {}, false}, R"({"discarded":1})")
+                .find(" and 200 more: done"),
             14 + 100 * 2u - 1);
+  EXPECT_EQ(line({{99}, {}, false}, R"({"discarded":0})"),
+            "store discard 99: failed: there is no such dead letter; asked by uid 0");
   EXPECT_EQ(audited(StoreOrder{DiscardOrder{{{}, {}, true}}})->what, "store discard");
   const auto again = audited(StoreOrder{ResendOrder{{{}, {}, true}}});
   EXPECT_EQ(audit_notice("uid 0", *again, {R"({"resent":2,"left":1})", {}}).text,
             "store resend --all: done (2 dead letters); asked by uid 0");
+}
+
+TEST(AuditNotice, EscapesANameThatNoRobotCanHave) {
+  const auto robot_of = [](const std::string& name) {
+    return value_of(notice_fields(audit_notice("uid 0", {"forget", name}, {})), "ROBOT_ID");
+  };
+  EXPECT_EQ(robot_of("x\x1b[1m"), "x\\x1b[1m");
+  EXPECT_EQ(robot_of("r\u0435"), "r\u0435") << "a Cyrillic letter: some robot may have it";
 }
 
 TEST(UserWords, NameTheUsersOfThisHost) {
