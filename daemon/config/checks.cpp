@@ -4,6 +4,11 @@
 #include <fmt/format.h>
 #include <sys/un.h>
 
+#include <tuple>
+
+#include "daemon/config/rules.hpp"
+#include "daemon/core/ip_network.hpp"
+
 namespace slamgw {
 namespace {
 
@@ -133,6 +138,63 @@ void check_relay(ParseResult& result) {
                    "other group is allowed");
 }
 
+/// The address and port of a UDP socket.
+struct UdpPlace {
+  explicit UdpPlace(const std::string& listen) : is_ipv6(listen.starts_with('[')) {
+    std::tie(host, port) = listen_parts(listen);
+    const std::size_t percent = std::min(host.find('%'), host.size());
+    address = IpNetwork::parse(host.substr(0, percent)).value_or(IpNetwork()).address;
+    scope = host.substr(percent);
+  }
+
+  bool is_ipv6;
+  std::string host;
+  std::uint16_t port = 0;
+  IpNetwork::Address address{};
+  std::string scope;
+};
+
+/// Returns why the kernel opens only one of two sockets, in words that may be empty; nothing when
+/// it opens both. UdpSocket opens `[::]` for IPv4 too, and other IPv6 addresses for IPv6 only.
+std::optional<std::string_view> overlap_of(const UdpPlace& a, const UdpPlace& b) {
+  constexpr IpNetwork::Address all_ipv6{};
+  constexpr std::string_view all_ipv4 = "0.0.0.0";
+  if (a.port != b.port || a.port == 0) return std::nullopt;
+  if (a.address == all_ipv6 || b.address == all_ipv6)
+    return ", because [::] stands for all IPv6 and IPv4 addresses";
+  if (a.is_ipv6 != b.is_ipv6) return std::nullopt;
+  if (a.host == all_ipv4 || b.host == all_ipv4)
+    return ", because 0.0.0.0 stands for all IPv4 addresses";
+  if (a.address != b.address || a.scope != b.scope) return std::nullopt;
+  return "";
+}
+
+/// Reports each second address at one port, at a key that is in the file.
+void check_ports(ParseResult& result) {
+  struct Socket {
+    std::string key;
+    std::string listen;
+  };
+  std::vector<Socket> sockets;
+  const mqttsn::Settings& mqttsn = result.config.mqttsn;
+  if (!mqttsn.enabled) return;
+  for (const std::string& listen : mqttsn.listen) sockets.push_back({"mqttsn.listen", listen});
+  if (mqttsn.dtls.keys_file)
+    for (const std::string& listen : mqttsn.dtls.listen)
+      sockets.push_back({"mqttsn.dtls.listen", listen});
+  std::erase_if(sockets, [](const Socket& each) { return each.listen.empty(); });  // is reported
+  for (auto later = sockets.begin(); later != sockets.end(); ++later)
+    for (auto earlier = sockets.begin(); earlier != later; ++earlier) {
+      const auto overlap = overlap_of(UdpPlace(earlier->listen), UdpPlace(later->listen));
+      if (!overlap) continue;
+      const auto& [here, there] =
+          result.is_set(later->key) ? std::tie(*later, *earlier) : std::tie(*earlier, *later);
+      result.problem(here.key, fmt::format("{} takes the port of {} in {}{}; another port, or one "
+                                           "of the two, is allowed",
+                                           here.listen, there.listen, there.key, *overlap));
+    }
+}
+
 void check_mqttsn(ParseResult& result) {
   const mqttsn::Settings& mqttsn = result.config.mqttsn;
   if (mqttsn.enabled && mqttsn.listen.empty())
@@ -199,6 +261,7 @@ void check_relations(ParseResult& result) {
   check_ble_mesh(result);
   check_relay(result);
   check_mqttsn(result);
+  check_ports(result);
   check_tls_keys(result);
   check_control_socket(result);
 }

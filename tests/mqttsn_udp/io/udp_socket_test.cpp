@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sockets that are taken over from an earlier process, and datagrams that are sent together.
+// Sockets that are taken over from an earlier process, two sockets at one port, and datagrams that
+// are sent together.
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <numeric>
 
+#include "daemon/config/parse.hpp"
+#include "tests/config/fake_files.hpp"
 #include "tests/mqttsn_udp/io/thread_network.hpp"
 #include "tests/support/eventually.hpp"
 
@@ -38,6 +42,54 @@ TEST_F(KeptSocket, IsNotUsedWhenItsInterfaceWasRecreated) {
   EXPECT_FALSE(socket.is_taken_over());
   EXPECT_EQ(socket.port(), 47193);
 }
+
+/// Returns whether a second socket can be opened at the port of the first.
+bool both_open(const std::string& first, const std::string& second, std::uint16_t& port) {
+  boost::asio::io_context io;
+  const UdpSocket socket(io, first + ":0", "");
+  port = socket.port();
+  try {
+    const UdpSocket other(io, fmt::format("{}:{}", second, port), "");
+    return true;
+  } catch (const std::runtime_error& error) {
+    EXPECT_NE(std::string(error.what()).find("Address already in use"), std::string::npos)
+        << error.what();
+    return false;
+  }
+}
+
+/// Returns whether the configuration may name both addresses, in one list and in two.
+bool both_allowed(const std::string& first, const std::string& second, std::uint16_t port) {
+  test::FakeFiles files;
+  files.files["keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0600};
+  const auto is_allowed = [&](const char* form) {
+    const std::string text = fmt::format(fmt::runtime(form), first, second, port);
+    return parse_config({{"g.json", text}}, {"pi", ""}, files).problems.empty();
+  };
+  const bool in_one_list = is_allowed(R"({{"mqttsn": {{"listen": ["{0}:{2}", "{1}:{2}"]}}}})");
+  const bool in_two_lists =
+      is_allowed(R"({{"mqttsn": {{"listen": ["{0}:{2}"],)"
+                 R"( "dtls": {{"keys_file": "keys", "listen": ["{1}:{2}"]}}}}}})");
+  EXPECT_EQ(in_one_list, in_two_lists) << first << " " << second;
+  return in_two_lists;
+}
+
+TEST(TwoUdpSockets, AreConfiguredAtOnePortExactlyWhenTheKernelOpensBoth) {
+  const char* const addresses[] = {"[::]",    "[::0]",     "[::1]",    "[0::1]",
+                                   "0.0.0.0", "127.0.0.1", "127.0.0.2"};
+  std::size_t opened = 0;
+  std::uint16_t port = 0;
+  for (const std::string first : addresses) {
+    for (const std::string second : addresses) {
+      const bool do_open = both_open(first, second, port);
+      EXPECT_EQ(both_allowed(first, second, port), do_open) << first << " " << second;
+      if (do_open) ++opened;
+    }
+  }
+  EXPECT_EQ(opened, 14U) << "IPv4 beside one IPv6 address, and two addresses of IPv4";
+}
+
+TEST(TwoUdpSockets, MayLeaveThePortToTheKernel) { EXPECT_TRUE(both_allowed("[::]", "0.0.0.0", 0)); }
 
 /// A socket that sends to another one on the same loop.
 class SentTogether : public ::testing::Test {
