@@ -125,27 +125,38 @@ void sort_by_place(Problems& problems, const std::vector<ConfigFile>& parts) {
   });
 }
 
+void append(Problems& all, const Problems& more) {
+  all.insert(all.end(), more.begin(), more.end());
+}
+
 /// The readable parts as one tree.
 struct Tree {
   std::optional<JsonNode> root;  ///< nothing when no part can be read
   bool is_complete = true;       ///< whether all parts are in it
+  Problems problems{};           ///< of each part by itself: a later part may overrule the value
+  Problems notices{};            ///< likewise
 };
 
-Tree read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
+Tree read_tree(const std::vector<ConfigFile>& parts) {
   Tree tree;
   for (const ConfigFile& part : parts) {
     LocatedJson document = read_located_json(part.text, part.name);
-    problems.insert(problems.end(), document.problems.begin(), document.problems.end());
+    append(tree.problems, document.problems);
     if (!document.is_complete) {
       tree.is_complete = false;
     } else if (!document.root.value.is_object()) {
       tree.is_complete = false;
-      problems.push_back({part.name, document.root.place.line, "syntax",
-                          "the configuration is not a group; write { ... } around it"});
-    } else if (tree.root) {
-      overlay(*tree.root, std::move(document.root));
+      tree.problems.push_back({part.name, document.root.place.line, "syntax",
+                               "the configuration is not a group; write { ... } around it"});
     } else {
-      tree.root = std::move(document.root);
+      ParseResult alone;
+      Reader(alone).read_root(document.root);
+      append(tree.problems, alone.problems);
+      append(tree.notices, alone.notices);
+      if (tree.root)
+        overlay(*tree.root, std::move(document.root));
+      else
+        tree.root = std::move(document.root);
     }
   }
   return tree;
@@ -157,8 +168,10 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment
                          const Files& files) {
   ParseResult result;
   result.file = parts.front().name;
-  const Tree tree = read_tree(parts, result.problems);
+  const Tree tree = read_tree(parts);
   if (tree.root) Reader(result).read_root(*tree.root);
+  result.problems = tree.problems;
+  result.notices = tree.notices;
   // An unreadable part may set keys that the others need; without it, checks would report them.
   if (tree.is_complete) {
     fill_defaults(result.config, environment);
@@ -177,8 +190,9 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment
 ParseResult parse_keys(const ConfigFile& part) {
   ParseResult result;
   result.file = part.name;
-  const Tree tree = read_tree({part}, result.problems);
+  const Tree tree = read_tree({part});
   if (tree.root) Reader(result).read_root(*tree.root);
+  result.problems = tree.problems;
   return result;
 }
 

@@ -314,6 +314,27 @@ TEST_F(LoadConfig, ReportsWrongKeysOfOtherFilesBesideSyntaxError) {
       << problems << "b.json may hold the key_file that gateway.json lacks";
 }
 
+TEST_F(LoadConfig, ReportsWrongValuesThatLaterFilesOverrule) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  write("gateway.d/a.json", R"({"zz": 2, "mqttsn": 5, "fleet": {"enabled": true}})");
+  write("gateway.d/b.json", R"({"log": {"level": "soft"}, "zz": 3, "mqttsn": {"gateway_id": 2}})");
+  write("gateway.d/c.json", R"({"log": {"level": "info"}, "fleet": {"enabled": false}})");
+  const std::string problems = problems_of(R"({"log": {"level": "loud"}, "zz": 1})");
+  std::string places;
+  std::istringstream lines(problems);
+  for (std::string line; std::getline(lines, line);)
+    places += line.substr(0, line.find(": ", line.find(": ") + 2)) + "\n";
+  EXPECT_EQ(places,
+            "gateway.json:1: log.level\n"
+            "gateway.json:1: zz\n"
+            "gateway.d/a.json:1: zz\n"
+            "gateway.d/a.json:1: mqttsn\n"
+            "gateway.d/b.json:1: log.level\n"
+            "gateway.d/b.json:1: zz\n")
+      << problems;
+  EXPECT_EQ(load_config(directory_ / "gateway.json").notices.size(), 2U) << "one for each file";
+}
+
 TEST_F(LoadConfig, ResolvesRelativePathsAgainstMainFile) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("c.json", R"({"username": "u", "password": "p"})");
