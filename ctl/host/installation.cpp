@@ -22,6 +22,7 @@
 #include <utility>
 
 #include "ctl/connection.hpp"
+#include "daemon/core/bans.hpp"
 #include "daemon/core/parse_number.hpp"
 
 extern char** environ;
@@ -151,7 +152,8 @@ std::vector<std::string> read_bans(const ParseResult& parsed) {
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned) {
   const DirectoryLock lock(installation.etc());
   std::vector<std::string> bans = read_bans(load_config(installation.configuration()));
-  const bool was_banned = std::erase(bans, who) > 0;
+  const bool was_banned =
+      std::erase_if(bans, [&](const std::string& entry) { return Bans::are_same(entry, who); }) > 0;
   if (!is_banned && !was_banned)
     throw Failure(fmt::format("{} is not banned; banned are: {}", who,
                               bans.empty() ? "none" : fmt::format("{}", fmt::join(bans, ", "))));

@@ -21,6 +21,11 @@ bool Bans::is_valid(std::string_view entry) {
   return IpNetwork::parse(entry) || is_valid_level(entry);
 }
 
+bool Bans::are_same(std::string_view entry, std::string_view other) {
+  const auto network = IpNetwork::parse(entry);
+  return network ? network == IpNetwork::parse(other) : entry == other;
+}
+
 bool Bans::covers(const IpNetwork::Address& address) const {
   return std::ranges::any_of(networks_,
                              [&](const IpNetwork& network) { return network.covers(address); });

@@ -20,6 +20,9 @@ class Bans {
   /// True for an address, a network (`fd00::/64`, `10.0.0.0/8`), or one topic level.
   static bool is_valid(std::string_view entry);
 
+  /// True for equal texts, and for addresses and networks that cover the same hosts.
+  static bool are_same(std::string_view entry, std::string_view other);
+
   bool has(std::string_view id) const { return ids_.contains(id); }
   bool covers(const IpNetwork::Address& address) const;
   const std::set<std::string, std::less<>>& ids() const { return ids_; }

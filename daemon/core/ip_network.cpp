@@ -30,7 +30,10 @@ std::optional<IpNetwork> IpNetwork::parse(std::string_view text) {
   if (!length || *length > address_bits) return std::nullopt;
   network.bits = *length;
   if (!is_ipv6) network.bits += mapped_bits;
-  return network.bits <= address_bits ? std::optional(network) : std::nullopt;
+  if (network.bits > address_bits) return std::nullopt;
+  for (unsigned bit = network.bits; bit < address_bits; ++bit)
+    network.address[bit / 8] &= static_cast<std::uint8_t>(~(0x80U >> bit % 8));
+  return network;
 }
 
 bool IpNetwork::covers(const Address& other) const {

@@ -19,7 +19,7 @@ struct IpNetwork {
   bool covers(const Address& other) const;
   bool operator==(const IpNetwork&) const = default;
 
-  Address address{};
+  Address address{};    ///< zero after the leading bits, so that equal networks have equal values
   unsigned bits = 128;  ///< leading bits of `address` that count
 };
 

@@ -36,6 +36,28 @@ TEST(Bans, AreRobotsAddressesAndNetworks) {
     EXPECT_FALSE(Bans::is_valid(bad)) << bad;
 }
 
+TEST(Bans, AreTheSameWhenTheyCoverTheSame) {
+  const std::pair<const char*, const char*> same[] = {
+      {"r1", "r1"},
+      {"127.0.0.1/8", "127.0.0.0/8"},
+      {"::ffff:127.0.0.1", "127.0.0.1"},
+      {"127.0.0.1/32", "127.0.0.1"},
+      {"::ffff:10.0.0.0/104", "10.9.9.9/8"},
+      {"fd00::1/63", "FD00:0:0:1::/63"},
+      {"::1/0", "::/0"},
+  };
+  for (const auto& [one, other] : same) EXPECT_TRUE(Bans::are_same(one, other)) << one;
+  const std::pair<const char*, const char*> different[] = {
+      {"r1", "R1"},
+      {"127.0.0.1", "127.0.0.2"},
+      {"127.0.0.0/8", "127.0.0.0/9"},
+      {"127.0.0.1", "127.0.0.0/8"},
+      {"::127.0.0.1", "127.0.0.1"},
+      {"fd00::1/64", "FD00:0:0:1::/64"},
+  };
+  for (const auto& [one, other] : different) EXPECT_FALSE(Bans::are_same(one, other)) << one;
+}
+
 TEST(Bans, ARobotIsRefusedUnderEachOfItsNames) {
   const std::vector<RobotName> names{{"lego", std::nullopt, "thread-1"}};
   EXPECT_EQ(RobotNames(names).of_client("thread-1"), "lego");

@@ -38,6 +38,20 @@ TEST_F(Bans, LastUntilTheyAreRemoved) {
   EXPECT_THROW(change_bans(installation, "tank", false), Failure);
 }
 
+TEST_F(Bans, EndForAllEqualEntries) {
+  const Installation installation(configuration());
+  test::write_file(
+      configuration(),
+      R"({"bans": ["127.0.0.1/8", "::ffff:10.0.0.1", "127.0.0.0/8", "10.0.0.1", "r"]})");
+  change_bans(installation, "127.3.2.1/8", false);
+  EXPECT_EQ(bans(), (std::vector<std::string>{"::ffff:10.0.0.1", "10.0.0.1", "r"}));
+  change_bans(installation, "10.0.0.1", false);
+  EXPECT_EQ(bans(), std::vector<std::string>{"r"});
+  change_bans(installation, "fd00::1/64", true);
+  change_bans(installation, "fd00::/64", true);
+  EXPECT_EQ(bans(), (std::vector<std::string>{"r", "fd00::/64"})) << "one entry of equal ones";
+}
+
 TEST_F(Bans, CreateDirectoryThatServiceCanRead) {
   const mode_t before = umask(0077);
   change_bans(Installation(configuration()), "tank", true);
