@@ -172,6 +172,9 @@ std::string change_bans(const Installation& installation, const std::string& who
         fmt::format("{} sets `bans` too and overrules {}; remove `bans` there, then type: "
                     "sudo slam-gatewayctl reload",
                     now.places.at("bans").file, file.string()));
+  // An empty list would overrule bans that another file gets later.
+  const bool overrules = std::ranges::count(now.warnings, "bans", &Problem::key) > 0;
+  if (bans.empty() && !overrules) fs::remove(file, error);
   return fmt::format("{} is {} ({})\n", who, is_banned ? "banned" : "no longer banned",
                      file.string());
 }

@@ -101,10 +101,10 @@ class DirectoryLock {
   int file_;
 };
 
-/// Adds `who` to `bans`, or removes it with all equal entries, in `gateway.d/bans.json`. Returns
-/// the result in words. Reads the present bans again, under a lock. Throws Failure when the
-/// configuration has a problem, `who` to remove is not banned, the file can't be written, or
-/// another file overrules it.
+/// Adds `who` to `bans`, or removes it with all equal entries, in `gateway.d/bans.json`. Removes
+/// that file when it is empty and overrules no other. Returns the result in words. Reads the
+/// present bans again, under a lock. Throws Failure when the configuration has a problem, `who` to
+/// remove is not banned, the file can't be written, or another file overrules it.
 std::string change_bans(const Installation& installation, const std::string& who, bool is_banned);
 
 /// A file with mode 0600 that gets its name only when it is complete, and may then replace another.

@@ -10,12 +10,15 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <functional>
+#include <set>
 
 #include "daemon/config/checks.hpp"
 #include "daemon/config/credentials.hpp"
 #include "daemon/config/key_file.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/config/schema.hpp"
+#include "daemon/core/bans.hpp"
 
 namespace slamgw {
 namespace {
@@ -135,6 +138,11 @@ struct Tree {
   bool is_complete = true;       ///< whether all parts are in it
   Problems problems{};           ///< of each part by itself: a later part may overrule the value
   Problems notices{};            ///< likewise
+  struct BanList {
+    Place place;
+    std::vector<std::string> entries;
+  };
+  std::vector<BanList> bans{};  ///< of each part; the last is in force
 };
 
 Tree read_tree(const std::vector<ConfigFile>& parts) {
@@ -153,6 +161,8 @@ Tree read_tree(const std::vector<ConfigFile>& parts) {
       Reader(alone).read_root(document.root);
       append(tree.problems, alone.problems);
       append(tree.notices, alone.notices);
+      if (const auto place = alone.places.find("bans"); place != alone.places.end())
+        tree.bans.push_back({place->second, alone.config.bans});
       if (tree.root)
         overlay(*tree.root, std::move(document.root));
       else
@@ -160,6 +170,26 @@ Tree read_tree(const std::vector<ConfigFile>& parts) {
     }
   }
   return tree;
+}
+
+/// Warns of bans that are not in force, because a later part has a list of its own.
+void warn_of_overruled_bans(ParseResult& result, const Tree& tree) {
+  const std::set<std::string> in_force(result.config.bans.begin(), result.config.bans.end());
+  for (const Tree::BanList& list : tree.bans) {
+    std::vector<std::string> lost = list.entries;
+    std::erase_if(lost, [&](const std::string& entry) {
+      const auto is_it = std::bind_front(Bans::are_same, entry);
+      return in_force.contains(entry) || std::ranges::any_of(in_force, is_it);
+    });
+    if (lost.empty()) continue;
+    result.warnings.push_back(
+        {list.place.file, list.place.line, "bans",
+         fmt::format("does not ban {}{}, because {} replaces this list; write all bans there, or "
+                     "remove these here",
+                     lost.front(),
+                     lost.size() == 1 ? "" : fmt::format(" and {} more", lost.size() - 1),
+                     result.places.at("bans").file)});
+  }
 }
 
 }  // namespace
@@ -178,6 +208,7 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment
     check_relations(result);
     if (environment.is_daemon) {
       warn_of_relations(result);
+      warn_of_overruled_bans(result, tree);
       read_credentials(result, environment, files);
       read_robot_keys(result, files);
       check_tls_files(result, files);

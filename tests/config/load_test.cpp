@@ -335,6 +335,27 @@ TEST_F(LoadConfig, ReportsWrongValuesThatLaterFilesOverrule) {
   EXPECT_EQ(load_config(directory_ / "gateway.json").notices.size(), 2U) << "one for each file";
 }
 
+TEST_F(LoadConfig, WarnsOfBansThatLaterFileOverrules) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  const std::string path = write("gateway.json", "{\n\"bans\": [\"tank\", \"mole\", \"fd00::1\"]}");
+  const std::string later = write("gateway.d/bans.json", R"({"bans": ["mole"]})");
+  const ParseResult result = load_config(path);
+  EXPECT_TRUE(result.problems.empty());
+  ASSERT_EQ(result.warnings.size(), 1U);
+  EXPECT_EQ(to_string(result.warnings[0]),
+            path + ":2: bans: does not ban tank and 1 more, because " + later +
+                " replaces this list; write all bans there, or remove these here");
+  write("gateway.d/bans.json", R"({"bans": ["fd00::0:1", "mole", "tank", "rat"]})");
+  EXPECT_TRUE(load_config(path).warnings.empty()) << "all of them are banned";
+  write("gateway.d/bans.json", R"({"bans": []})");
+  write("gateway.d/more.json", R"({"bans": ["tank"]})");
+  const Problems warnings = load_config(path).warnings;
+  ASSERT_EQ(warnings.size(), 1U);
+  EXPECT_NE(warnings[0].text.find("does not ban mole and 1 more, because " +
+                                  (directory_ / "gateway.d/more.json").string()),
+            std::string::npos);
+}
+
 TEST_F(LoadConfig, ResolvesRelativePathsAgainstMainFile) {
   std::filesystem::create_directory(directory_ / "gateway.d");
   write("c.json", R"({"username": "u", "password": "p"})");

@@ -52,6 +52,20 @@ TEST_F(Bans, EndForAllEqualEntries) {
   EXPECT_EQ(bans(), (std::vector<std::string>{"r", "fd00::/64"})) << "one entry of equal ones";
 }
 
+TEST_F(Bans, LeaveNoFileThatOverrulesLaterOnes) {
+  const Installation installation(configuration());
+  const std::string file = directory_ / "gateway.d/bans.json";
+  change_bans(installation, "tank", true);
+  EXPECT_TRUE(std::filesystem::exists(file));
+  change_bans(installation, "tank", false);
+  EXPECT_FALSE(std::filesystem::exists(file));
+  test::write_file(configuration(), R"({"bans": ["mole"]})");
+  EXPECT_EQ(bans(), std::vector<std::string>{"mole"});
+  change_bans(installation, "mole", false);
+  EXPECT_TRUE(bans().empty());
+  EXPECT_TRUE(std::filesystem::exists(file)) << "it overrules the ban of the other file";
+}
+
 TEST_F(Bans, CreateDirectoryThatServiceCanRead) {
   const mode_t before = umask(0077);
   change_bans(Installation(configuration()), "tank", true);
