@@ -216,6 +216,12 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
 
 LocatedJson read_located_json(std::string_view text, const std::string& file) {
   LocatedJson result;
+  if (const std::size_t null = text.find('\0'); null != text.npos) {  // ends the text for the lexer
+    const auto line = 1 + std::ranges::count(text.substr(0, null), '\n');
+    result.problems.push_back({file, static_cast<int>(line), "syntax",
+                               "a null character; write the file again, as plain text"});
+    return result;
+  }
   int line = 1;
   TreeBuilder builder(result, file, line);
   const char* end = text.data() + text.size();

@@ -11,6 +11,8 @@
 namespace slamgw::test {
 namespace {
 
+using namespace std::string_view_literals;
+
 Problems problems_of(std::string_view text) {
   FakeFiles files;
   files.files["open"] = {R"({"username": "u", "password": "hush"})", 0644};
@@ -75,6 +77,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"{\"log\": -}", "g.json:1: syntax: ", "a broken number"},
         Case{"{\"log\": 1e999}", "g.json:1: syntax: ", "too large"},
         Case{"{,}", "g.json:1: syntax: ", "a comma too many"},
+        Case{"{\"log\": {}}\n\0{\"zz\": 1}"sv, "g.json:2: syntax: ", "a null character"},
+        Case{"\0\0\0"sv, "g.json:1: syntax: ", "a null character"},
         Case{"# old\n{}", "g.json:1: syntax: ", "this is not a JSON value"},
         Case{"{\"a\":[[[[[[[[[[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]]]]]]]]]]}",
              "g.json:1: syntax: ", "nested too deeply"},
