@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/config/located_json.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <iterator>
@@ -234,6 +236,10 @@ LocatedJson read_located_json(std::string_view text, const std::string& file) {
 
 std::optional<std::vector<JsonNode>> read_group(std::string_view text, const std::string& file,
                                                 std::string_view shape, Problems& problems) {
+  if (text.find_first_not_of(" \t\r\n") == text.npos) {
+    problems.push_back({file, 1, "syntax", fmt::format("the file is empty; allowed: {}", shape)});
+    return std::nullopt;
+  }
   LocatedJson document = read_located_json(text, file);
   std::ranges::move(document.problems, std::back_inserter(problems));
   if (!document.is_complete) return std::nullopt;

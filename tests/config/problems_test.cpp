@@ -19,6 +19,7 @@ Problems problems_of(std::string_view text) {
   files.files["broken"] = {"{\n\"username\": \"u\",\n\"password\": \"hush\n}", 0600};
   files.files["odd"] = {"{\"username\": \"\",\n\"pasword\": \"hush\"}", 0600};
   files.files["list"] = {"[]", 0600};
+  files.files["empty"] = {"\n", 0600};
   files.files["cert"] = {"certificate 1", 0644};
   files.files["keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0600};
   files.files["group-keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0640};
@@ -173,6 +174,8 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:1: broker.credentials_file: ", "(mode 0644); type: sudo chmod o= open"},
         Case{R"({"broker": {"credentials_file": "broken"}})",
              "broken:3: syntax: ", "does not end on its line"},
+        Case{R"({"broker": {"credentials_file": "empty"}})",
+             "empty:1: syntax: ", R"(the file is empty; allowed: {"username": "...")"},
         Case{R"({"broker": {"credentials_file": "list"}})", "list:1: syntax: ", "\"username\""},
         Case{R"({"broker": {"tls": {"ca_file": "cert"}}})",
              "g.json:1: broker.tls.ca_file: ", "mqtts:// is needed"},
