@@ -48,7 +48,7 @@ std::set<std::string_view> known_paths() {
 /// The edit distance, but 1 when `name` is the end of `known`, as `client_id` of
 /// `mqttsn_client_id`, or its beginning, as `retry` of `retry_count`.
 std::size_t distance(const std::string& name, const std::string& known) {
-  constexpr std::size_t least_telling = 4;
+  constexpr std::size_t least_telling = 3;
   const bool is_part = name.size() >= least_telling && known != name &&
                        (known.ends_with(name) || known.starts_with(name));
   return is_part ? 1 : edit_distance(name, known);
@@ -56,6 +56,14 @@ std::size_t distance(const std::string& name, const std::string& known) {
 
 std::string shown(std::string_view path) {
   return std::string(path.ends_with("[]") ? path.substr(0, path.size() - 2) : path);
+}
+
+/// Returns `robots[].` for a key in an element of that list, whose other keys alone can be meant;
+/// empty for all other keys.
+std::string_view list_of(std::string_view path) {
+  constexpr std::string_view element = "[].";
+  const std::size_t end = path.rfind(element);
+  return end == path.npos ? std::string_view{} : path.substr(0, end + element.size());
 }
 
 /// ` Known in broker: client_id, uri`
@@ -78,6 +86,7 @@ std::string suggestion(std::string_view unknown_path) {
   // Of equally near names the one that needs fewer edits as a whole: `groups` for `group`.
   std::pair best_score(std::numeric_limits<std::size_t>::max(), std::size_t{0});
   for (const std::string_view path : known_paths()) {
+    if (!path.starts_with(list_of(unknown_path))) continue;
     const Split known = split_path(path);
     const std::pair score(distance(name, plain(known.name)) +
                               (known.parent == unknown.parent ? 0 : elsewhere_penalty),

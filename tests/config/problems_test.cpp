@@ -118,6 +118,13 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"uri": "x"})", "g.json:1: uri: ", "did you mean broker.uri?"},
         Case{R"({"robots": [{"id": "r", "ble_adress": 5, "mqttsn_client_id": "c"}]})",
              "g.json:1: robots[0].ble_adress: ", "did you mean robots[].ble_address?"},
+        Case{R"({"robots": [{"id": "r", "ble_address": 5, "name": "x"}]})",
+             "g.json:1: robots[0].name: ",
+             "did you mean robots[].id? Known in robots[]: address, ble_address, id, "
+             "mqttsn_client_id, origin, prefer"},
+        Case{R"({"robots": [{"id": "r", "origin": {"max_clients": 5}}]})",
+             "g.json:1: robots[0].origin.max_clients: ", "did you mean robots[]."},
+        Case{R"({"ble": {}})", "g.json:1: ble: ", "did you mean ble_mesh?"},
         Case{R"({"robot": []})", "g.json:1: robot: ", "did you mean robots?"},
         Case{R"({"a\nb": 1})", "g.json:1: a?b: ", "unknown key"},
         Case{R"({"": 1})", "g.json:1: : ", "unknown key; did you mean "},
