@@ -63,7 +63,7 @@ std::string reload(const Order& order) {
   try {
     const auto answer = Connection(order.socket).ask({{"command", "reload"}});
     const std::string left = text_at(answer, "needs_restart");
-    return left.empty() ? "" : "Only a restart of the gateway changes: " + left + "\n";
+    return left.empty() ? "" : "Only a restart changes: " + left + "\n";
   } catch (const NotRunning&) {
     return "The gateway is not running; the change takes effect when it starts.\n";
   }

@@ -79,6 +79,8 @@ Reload reload_of(const Config& now, Config wanted) {
   take(keys, topics.extra_subscribe, wanted.topics.extra_subscribe, "topics.extra_subscribe");
   take(keys, topics.home_assistant, wanted.topics.home_assistant, "topics.home_assistant");
   take(keys, config.broker, wanted.broker, "broker");
+  take(reload.needs_restart, config.web, wanted.web,
+       "web.* (type: sudo systemctl restart slam-gateway-web)");
   return reload;
 }
 

@@ -68,6 +68,16 @@ TEST(Reload, NamesSettingsThatNeedRestartAndKeepsThem) {
   EXPECT_EQ(reload.config.topics.prefix, now.topics.prefix);
 }
 
+TEST(Reload, NamesServiceThatReadsChangedKeysOfPageOnce) {
+  Config wanted;
+  wanted.web.hosts = {"slam.example.org"};
+  const Reload reload = reload_of(Config(), wanted);
+  EXPECT_EQ(reload.in_force, "");
+  EXPECT_EQ(reload.needs_restart, "web.* (type: sudo systemctl restart slam-gateway-web)");
+  EXPECT_EQ(reload_of(reload.config, wanted).needs_restart, "")
+      << "no start of the daemon reads it";
+}
+
 TEST(Reload, AppliesRobotKeysAtOnce) {
   Config wanted;
   wanted.robot_keys["r1"] = Bytes(16, 1);
