@@ -17,7 +17,8 @@ class Bans {
   /// Entries that are not valid are left out.
   explicit Bans(const std::vector<std::string>& entries = {});
 
-  /// True for an address, a network (`fd00::/64`, `10.0.0.0/8`), or one topic level.
+  /// True for an address, also with a port or an interface, which are left out (`[fd00::1]:47193`,
+  /// `fe80::1%wpan0`); a network (`fd00::/64`, `10.0.0.0/8`); or one topic level.
   static bool is_valid(std::string_view entry);
 
   /// True for equal texts, and for addresses and networks that cover the same hosts.

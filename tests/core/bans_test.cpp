@@ -24,6 +24,9 @@ TEST(Bans, CoverAddressesAndNetworks) {
                                     "::ffff:192.168.16.0", "::ffff:192.168.7.255"})
     EXPECT_FALSE(bans.covers(address(outside))) << outside;
   EXPECT_FALSE(bans.has("fd00::1")) << "an address is not a robot's name";
+  const Bans as_shown({"[fd02::1]:47193", "[fe80::1%4]:40000", "fe80::2%wpan0", "10.1.2.4:4000"});
+  for (const char* const inside : {"fd02::1", "fe80::1", "fe80::2", "::ffff:10.1.2.4"})
+    EXPECT_TRUE(as_shown.covers(address(inside))) << inside;
   EXPECT_FALSE(Bans().covers(address("::")));
   EXPECT_TRUE(Bans({"::/0"}).covers(address("fd00::1")));
 }
@@ -32,7 +35,7 @@ TEST(Bans, AreRobotsAddressesAndNetworks) {
   for (const char* const good : {"r1", "robot one", "fd00::1", "fd00::/64", "10.0.0.0/8", "::/0"})
     EXPECT_TRUE(Bans::is_valid(good)) << good;
   for (const char* const bad : {"", "a/b", "fd00::/129", "10.0.0.0/33", "10.0.0.0/4294967200",
-                                "10.0.0.0/", "fd00::/x", "r#"})
+                                "10.0.0.0/", "fd00::/x", "fe80::%4/64", "r#"})
     EXPECT_FALSE(Bans::is_valid(bad)) << bad;
 }
 
