@@ -3,8 +3,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <vector>
 
 #include "daemon/config/credentials.hpp"
 #include "daemon/config/located_json.hpp"
@@ -59,6 +61,26 @@ std::string fault_of_key_file(const std::string& path, const FileText& file) {
   return fault.empty() ? fault : path + " " + fault;
 }
 
+namespace {
+
+/// Warns of keys under a robot's id where its client has another id.
+void warn_of_unused_keys(ParseResult& result) {
+  const std::vector<RobotName>& robots = result.config.robots;
+  for (const RobotName& robot : robots) {
+    const auto is_client = [&](const RobotName& each) {
+      return each.mqttsn_client_id.value_or(each.id) == robot.id;
+    };
+    if (!result.config.robot_keys.contains(robot.id) || std::ranges::any_of(robots, is_client))
+      continue;
+    result.warning(keys_file_key,
+                   fmt::format("has a key for {}, which no client uses: the MQTT-SN client id of "
+                               "this robot is {}; write the key there",
+                               robot.id, *robot.mqttsn_client_id));
+  }
+}
+
+}  // namespace
+
 void read_robot_keys(ParseResult& result, const Files& files) {
   const mqttsn::Settings& mqttsn = result.config.mqttsn;
   const std::optional<std::string>& path = mqttsn.dtls.keys_file;
@@ -79,6 +101,7 @@ void read_robot_keys(ParseResult& result, const Files& files) {
   if (std::string fault = fault_of_key_file(*path, *file); !fault.empty())
     return result.problem(keys_file_key, std::move(fault));
   result.config.robot_keys = parse_key_file(file->text, *path, result.problems);
+  warn_of_unused_keys(result);
 }
 
 }  // namespace slamgw

@@ -61,6 +61,13 @@ TEST(ParseConfig, ReadsRobotKeysAndRequiredIdentity) {
         {"pi", ""}, files);
   };
   EXPECT_EQ(parsed("true").lines_of_problems, "");
+  EXPECT_TRUE(parsed("true").warnings.empty());
+  const Parsed renamed(R"({"robots": [{"id": "r1", "mqttsn_client_id": "c1"}, {"id": "r2"}],
+                           "mqttsn": {"dtls": {"keys_file": "keys"}}})",
+                       {"pi", ""}, files);
+  ASSERT_EQ(renamed.warnings.size(), 1U);
+  EXPECT_NE(to_string(renamed.warnings[0]).find("a key for r1, which no client uses"),
+            std::string::npos);
   const RobotKeys keys = parsed("true").config.robot_keys;
   EXPECT_EQ(identities_of(keys), (Identities{"r1", "r2"}));
   EXPECT_EQ(to_hex(keys.at("r2")), "a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
