@@ -113,7 +113,8 @@ Counters ControlServer::counters() const {
           {"clients_refused", counters_.clients_refused},
           {"watchers_dropped", counters_.watchers_dropped},
           {"events_lost", counters_.events_lost},
-          {"bad_requests", counters_.bad_requests}};
+          {"bad_requests", counters_.bad_requests},
+          {"requests_dropped", counters_.requests_dropped}};
 }
 
 void ControlServer::accept() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/control/control_session.hpp"
 
+#include <poll.h>
 #include <sys/socket.h>
 #include <nlohmann/json.hpp>
 
@@ -25,6 +26,13 @@ std::string peer_of(int socket) {
   socklen_t size = sizeof peer;
   if (getsockopt(socket, SOL_SOCKET, SO_PEERCRED, &peer, &size) != 0) return "uid unknown";
   return user_words(peer.uid);
+}
+
+/// Returns whether the client has closed its end. A client that has only shut down its sending half
+/// waits for its answer: poll(2) then reports POLLRDHUP alone.
+bool is_client_gone(int socket) {
+  pollfd client{socket, 0, 0};
+  return poll(&client, 1, 0) > 0 && (client.revents & POLLHUP) != 0;
 }
 
 }  // namespace
@@ -104,6 +112,10 @@ void ControlSession::handle(const std::string& line) {
   if (!request) {
     ++counters_.bad_requests;
     return answer(control::error_line(request.error()));
+  }
+  if (is_client_gone(socket_.native_handle())) {  // its user took the request for failed
+    ++counters_.requests_dropped;
+    return end();
   }
   if (auto* watch = std::get_if<control::WatchRequest>(&*request)) {
     answer(control::result_line("watching"));

@@ -35,6 +35,7 @@ struct ControlCounters {
   std::uint64_t watchers_dropped = 0;
   std::uint64_t events_lost = 0;
   std::uint64_t bad_requests = 0;
+  std::uint64_t requests_dropped = 0;  ///< the client was gone before its request was read
 };
 
 class ControlSession : public std::enable_shared_from_this<ControlSession> {

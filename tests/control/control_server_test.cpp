@@ -138,6 +138,23 @@ TEST_F(ControlServerIo, DropsOutcomeAfterClientOrServerHasGone) {
   EXPECT_FALSE(next.has_line());
 }
 
+TEST_F(ControlServerIo, DropsRequestOfClientThatHasGoneButNotOfOneThatHasOnlyEndedItsInput) {
+  start();
+  const auto command_for = [](const std::string& robot) {
+    return R"({"command": "send", "type": "t", "payload_hex": "", "robot": ")" + robot + "\"}\n";
+  };
+  Client(io, path).write(command_for("gone"));  // closed before the loop runs
+  Client waiting(io, path);
+  waiting.write(command_for("waiting"));
+  waiting.end_input();
+  ASSERT_TRUE(wait_until([&] { return !handler.sent.empty(); }));
+  EXPECT_EQ(handler.sent[0].robot, "waiting");
+  EXPECT_EQ(counter("requests_dropped"), 1U);
+  handler.sent[0].done({{"outcome", "delivered"}});
+  ASSERT_TRUE(wait_until([&] { return waiting.has_line(); }));
+  EXPECT_EQ(waiting.line["result"]["outcome"], "delivered");
+}
+
 TEST_F(ControlServerIo, SendsWatchersOnlyEventsThatMatchTheirFilter) {
   start();
   Client all(io, path);
