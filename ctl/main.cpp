@@ -45,6 +45,7 @@ int perform(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  slamgw::open_standard_descriptors();
   std::cout.exceptions(std::ios::badbit);  // ends `watch`, too
   return slamgw::end_output("slam-gatewayctl", perform(argc, argv));
 }

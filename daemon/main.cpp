@@ -81,6 +81,7 @@ int start(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  slamgw::open_standard_descriptors();
   CLI::App cli("Gateway between radio meshes of robots and MQTT", "slam-gatewayd");
   Arguments arguments;
   cli.add_option("--config", arguments.config_file, "Configuration file")->capture_default_str();

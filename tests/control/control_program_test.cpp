@@ -242,6 +242,18 @@ TEST_F(ControlProgramIo, FailsWhenItsOutputIsLost) {
   EXPECT_EQ(ended.err, why);
 }
 
+TEST_F(ControlProgramIo, WritesNothingIntoItsSocketWithoutStandardOutputOrError) {
+  start();
+  const Ended closed = run({"status"}, {"sh", "-c", "exec \"$@\" >&-", "sh"});
+  EXPECT_EQ(closed.status, 1);
+  EXPECT_EQ(closed.err, "slam-gatewayctl: standard output: Bad file descriptor\n");
+  handler.store_answers.push_back({R"({"resent": 0, "left": 0})", {}});
+  const Ended mute = run({"store", "resend", "7"}, {"sh", "-c", "exec \"$@\" 2>&-", "sh"});
+  EXPECT_EQ(mute.status, 1) << "there is no such dead letter";
+  EXPECT_EQ(run({"status"}).status, 0);
+  EXPECT_EQ(counter("bad_requests"), 0U);
+}
+
 TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   start();
   const auto child = launch({"watch", "--robot", "r1"});

@@ -83,6 +83,7 @@ int start(const std::string& config_file, bool only_checks) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  slamgw::open_standard_descriptors();
   CLI::App cli("Live page and metrics of slam-gateway", "slam-gateway-web");
   std::string config_file = "/etc/slam-gateway/gateway.json";
   bool only_checks = false;
