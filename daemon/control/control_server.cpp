@@ -89,9 +89,9 @@ void ControlServer::stop() {
   unlink(path_.c_str());
 }
 
-bool ControlServer::has_watchers() const {
-  return std::any_of(sessions_.begin(), sessions_.end(),
-                     [](const auto& session) { return session->is_watching(); });
+std::size_t ControlServer::watchers() const {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(sessions_, [](const auto& session) { return session->is_watching(); }));
 }
 
 void ControlServer::report_whether_watched() {
@@ -138,12 +138,17 @@ void ControlServer::admit(ControlSession::Socket socket) {
     ++counters_.clients_refused;
     error_code ignored;  // a few bytes into an empty buffer: never blocks, and may be lost
     socket.non_blocking(true, ignored);
-    asio::write(socket, asio::buffer(control::error_line("too many clients")), ignored);
+    asio::write(socket,
+                asio::buffer(control::error_line(std::to_string(limits_.clients) +
+                                                 " clients are connected, which is the limit: "
+                                                 "end some slam-gatewayctl commands first")),
+                ignored);
     return;
   }
   ++counters_.clients;
   auto session = std::make_shared<ControlSession>(
-      std::move(socket), limits_, counters_, handler_, [this] { report_whether_watched(); },
+      std::move(socket), limits_, counters_, handler_,
+      [this] { return watchers() < limits_.watchers; }, [this] { report_whether_watched(); },
       [this](ControlSession& ended) {
         std::erase_if(sessions_, [&ended](const auto& each) { return each.get() == &ended; });
         report_whether_watched();

@@ -34,13 +34,14 @@ class ControlServer {
   /// Ends all clients and removes the socket. Does not call the handler, then or later.
   void stop();
 
-  bool has_watchers() const;
+  bool has_watchers() const { return watchers() > 0; }
   /// Sends the event to the watchers that want it. A watcher that is too slow loses events and gets
   /// the number of these.
   void publish(const TraceEvent& event);
   Counters counters() const;
 
  private:
+  std::size_t watchers() const;
   void accept();
   void on_accept(boost::system::error_code error, ControlSession::Socket socket);
   void admit(ControlSession::Socket socket);

@@ -39,7 +39,7 @@ bool is_client_gone(int socket) {
 
 ControlSession::ControlSession(Socket socket, const ControlLimits& limits,
                                ControlCounters& counters, ControlHandler& handler,
-                               std::function<void()> on_watch,
+                               std::function<bool()> may_watch, std::function<void()> on_watch,
                                std::function<void(ControlSession&)> on_end)
     : socket_(std::move(socket)),
       who_(peer_of(socket_.native_handle())),
@@ -47,6 +47,7 @@ ControlSession::ControlSession(Socket socket, const ControlLimits& limits,
       limits_(limits),
       counters_(counters),
       handler_(handler),
+      may_watch_(std::move(may_watch)),
       on_watch_(std::move(on_watch)),
       on_end_(std::move(on_end)) {}
 
@@ -118,6 +119,12 @@ void ControlSession::handle(const std::string& line) {
     return end();
   }
   if (auto* watch = std::get_if<control::WatchRequest>(&*request)) {
+    if (!watch_ && !may_watch_()) {
+      ++counters_.clients_refused;
+      return answer(control::error_line(std::to_string(limits_.watchers) +
+                                        " clients watch already, which is the limit: "
+                                        "end a slam-gatewayctl watch, record or check first"));
+    }
     answer(control::result_line("watching"));
     watch_ = std::move(*watch);
     return on_watch_();

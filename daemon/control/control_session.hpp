@@ -19,6 +19,8 @@ namespace slamgw {
 
 struct ControlLimits {
   std::size_t clients = 32;
+  /// Watchers stay, so they may take only part of the places, and requests find room.
+  std::size_t watchers = 24;
   /// A longer line ends its client. A database of 256 nodes to import has half this size.
   std::size_t request_bytes = std::size_t{1024} * 1024;
   /// The most that may wait for a watcher. Beyond it, events are lost, and a watcher that sends
@@ -42,11 +44,11 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
  public:
   using Socket = boost::asio::local::stream_protocol::socket;
 
-  /// `on_watch` is called when the client begins to watch. `on_end` is called once, when the client
-  /// has disconnected or was cut off; close() does not call it.
+  /// `may_watch` is asked before the client begins to watch, and `on_watch` called then. `on_end`
+  /// is called once, when the client has disconnected or was cut off; close() does not call it.
   ControlSession(Socket socket, const ControlLimits& limits, ControlCounters& counters,
-                 ControlHandler& handler, std::function<void()> on_watch,
-                 std::function<void(ControlSession&)> on_end);
+                 ControlHandler& handler, std::function<bool()> may_watch,
+                 std::function<void()> on_watch, std::function<void(ControlSession&)> on_end);
 
   void start();
   void close();
@@ -75,6 +77,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   const ControlLimits& limits_;
   ControlCounters& counters_;
   ControlHandler& handler_;
+  std::function<bool()> may_watch_;
   std::function<void()> on_watch_;
   std::function<void(ControlSession&)> on_end_;
 

@@ -249,7 +249,8 @@ TEST_F(ControlServerIo, RefusesOneClientTooMany) {
   ask(*first, R"({"command": "status"})");
   Client second(io, path);
   ASSERT_TRUE(wait_until([&] { return second.has_line(); }));
-  EXPECT_EQ(second.line["error"], "too many clients");
+  EXPECT_EQ(second.line["error"],
+            "1 clients are connected, which is the limit: end some slam-gatewayctl commands first");
   EXPECT_EQ(counter("clients_refused"), 1U);
   first.reset();
   EXPECT_TRUE(wait_until([&] {
@@ -257,6 +258,26 @@ TEST_F(ControlServerIo, RefusesOneClientTooMany) {
     third.write("{\"command\": \"status\"}\n");
     return wait_until([&] { return third.has_line(); }) && third.line.contains("result");
   }));
+}
+
+TEST_F(ControlServerIo, KeepsPlacesForRequestsBesideWatchers) {
+  start();
+  std::vector<std::unique_ptr<Client>> watchers;
+  while (watchers.size() < ControlLimits{}.clients) {
+    const auto& next = watchers.emplace_back(std::make_unique<Client>(io, path));
+    if (!ask(*next, R"({"command": "watch"})").contains("result")) break;
+  }
+  EXPECT_EQ(watchers.size(), 25U);
+  Client& refused = *watchers.back();
+  EXPECT_EQ(refused.line["error"],
+            "24 clients watch already, which is the limit: end a slam-gatewayctl watch, record or "
+            "check first");
+  EXPECT_EQ(counter("clients_refused"), 1U);
+  EXPECT_TRUE(ask(refused, R"({"command": "status"})").contains("result"));
+  watchers.front().reset();
+  EXPECT_TRUE(wait_until([&] {
+    return ask(refused, R"({"command": "watch"})").contains("result");
+  })) << "a place is free again";
 }
 
 TEST_F(ControlServerIo, CreatesSocketForOwnerAndGroupAndRemovesIt) {
