@@ -66,6 +66,11 @@ std::string reload(const Order& order) {
     return left.empty() ? "" : "Only a restart changes: " + left + "\n";
   } catch (const NotRunning&) {
     return "The gateway is not running; the change takes effect when it starts.\n";
+  } catch (const Failure& failure) {
+    throw Failure(
+        fmt::format("the change is written, but takes effect only after slam-gatewayctl "
+                    "reload: {}",
+                    failure.what()));
   }
 }
 

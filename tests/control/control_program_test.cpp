@@ -606,5 +606,18 @@ TEST_F(ControlProgramIo, BanRecognizesRobotsOfOtherGateways) {
   EXPECT_TRUE(is_unknown("r2"));
 }
 
+TEST_F(ControlProgramIo, BanSaysThatItIsWrittenWhenTheDaemonDoesNotReload) {
+  start();
+  const std::string configuration = directory / "g.json";
+  std::ofstream(configuration) << "{}";
+  chmod(configuration.c_str(), 0644);
+  handler.reload_answer = {{}, "no time now"};
+  const Ended result = run({"ban", "r1", "--config", configuration});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.err,
+            "slam-gatewayctl: the change is written, but takes effect only after slam-gatewayctl "
+            "reload: no time now\n");
+}
+
 }  // namespace
 }  // namespace slamgw::test
