@@ -636,10 +636,10 @@ void add_daemon_commands(CLI::App& app, Order& order) {
   clients.value("ROBOT", "robot", "Only this robot, with all of its topics");
   clients.asks(show::clients);
   Verb(app, order, "reload", "Read the configuration again; names what needs a restart")
-      .asks(show::done, answer, order_patience);
+      .asks(show::done);
   Verb forget_verb(app, order, "forget", "Forget an offline robot, here and at the broker");
   forget_verb.robot();
-  forget_verb.asks(show::done, forget, order_patience);
+  forget_verb.asks(show::done, forget);
   Verb watch_verb(app, order, "watch", "What happens to each message, as it happens, until Ctrl-C");
   watch_verb.value("--robot", "robot", "Only this robot");
   watch_verb.value("--type", "type", "Only messages of this type");
