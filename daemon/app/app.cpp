@@ -87,6 +87,13 @@ OrderDone record(const std::string& who, const std::optional<AuditedOrder>& orde
   };
 }
 
+/// Without signals_, another SIGTERM would end the process with a status of its own.
+void block_signals() {
+  sigset_t all;
+  sigfillset(&all);
+  pthread_sigmask(SIG_BLOCK, &all, nullptr);
+}
+
 std::set<std::string> ids_of(const std::vector<RobotName>& robots) {
   std::set<std::string> ids;
   for (const RobotName& robot : robots) ids.insert(robot.id);
@@ -291,6 +298,7 @@ void App::run() {
   stats_timer_.every(stats_interval, [this] { report_regularly(); });
   notifier_.ready();
   io_.run();
+  block_signals();
   log_event(Severity::notice, "slam-gatewayd has shut down cleanly");
 }
 

@@ -83,6 +83,22 @@ TEST(Daemon, PublishesOnlineAndOfflineRetained) {
   EXPECT_EQ(late.lines()[0], R"(1 {"state":"offline"})");
 }
 
+TEST(Daemon, EndsWithStatus0WhenSignalsComeUntilItHasEnded) {
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  for (const int signal : {SIGTERM, SIGINT, SIGHUP}) {
+    ASSERT_TRUE(eventually([&] { return gateway.ctl({"status"}).is_object(); })) << gateway.log();
+    gateway.process().send_signal(SIGTERM);
+    EXPECT_TRUE(eventually([&] {
+      for (int i = 0; i < 1000 && gateway.process().is_running(); ++i)
+        gateway.process().send_signal(signal);
+      return !gateway.process().is_running();
+    }));
+    EXPECT_EQ(gateway.process().wait(), 0) << signal;
+    gateway.start();
+  }
+}
+
 TEST(Daemon, LeavesItsLastWillWhenKilled) {
   Mosquitto broker;
   Subscriber subscriber(broker, "ntnu-slam/gateway/test/state", "%p");
