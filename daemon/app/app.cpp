@@ -336,16 +336,16 @@ void App::wait_for_signal() {
   signals_.async_wait([this](boost::system::error_code error, int signal) {
     if (error) return;
     if (signal != SIGHUP) return stop();
-    notifier_.reloading();
     reload("SIGHUP");
-    notifier_.ready();
     wait_for_signal();
   });
 }
 
 OrderAnswer App::reload(const std::string& who) {
+  notifier_.reloading();
   OrderAnswer answer = read_configuration();
   log_notice(audit_notice(who, {"reload", {}}, answer));
+  notifier_.ready();
   return answer;
 }
 

@@ -36,7 +36,7 @@ class ServiceNotifier {
 
   /// Call when the start is over, and after each reload.
   void ready();
-  /// Call on SIGHUP, before the next ready().
+  /// Call before a reload; ready() follows.
   void reloading();
   /// Sends the last notification: no status and no sign of life follows (TimeoutStopSec= applies).
   void stopping();

@@ -45,6 +45,12 @@ class ServiceManager {
     return kept_;
   }
 
+  /// Returns the number of reloads in all notifications so far.
+  int reloads() {
+    kept();
+    return reloads_;
+  }
+
   /// In front of a program and its arguments: starts it as systemd would.
   std::vector<std::string> launcher() {
     std::string moves;
@@ -81,6 +87,7 @@ class ServiceManager {
   }
 
   void obey(const std::string& message, int descriptor) {
+    if (message.starts_with("RELOADING=1")) ++reloads_;
     const std::size_t at = message.find("FDNAME=");
     const std::string name =
         at == std::string::npos ? "" : message.substr(at + 7, message.find('\n', at) - at - 7);
@@ -99,7 +106,16 @@ class ServiceManager {
   TempDir directory_;
   int socket_;
   std::map<std::string, int> kept_;
+  int reloads_ = 0;
 };
+
+TEST(ServiceNotifications, ReportReloadOfOperator) {
+  ServiceManager manager;
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.ctl({"reload"}).is_object(); })) << gateway.log();
+  EXPECT_TRUE(eventually([&] { return manager.reloads() == 1; }));
+}
 
 class KeptSockets : public testing::TestWithParam<int> {
  protected:
