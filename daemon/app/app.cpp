@@ -149,7 +149,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_link_up(const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
   void on_link_left(const std::string& why) override;
-  void take_link_down(const std::string& why, const Now& now);
+  bool note_link_down(const std::string& why, const Now& now);
   void on_silence(bool is_silent) override;
   void report_broker_link();
   void on_published(std::uint64_t sequence) override;
@@ -638,21 +638,24 @@ void App::on_link_up(const BrokerLimits& limits) {
 void App::on_link_down(const std::string& why) {
   const Now now = read_clocks();
   if (const auto notice = broker_log_.on_down(why, now.mono)) log_notice(*notice);
-  take_link_down(why, now);
+  if (!note_link_down(why, now)) return;
+  outbox_driver_->on_link_down(read_clocks());
+  report_broker_link();
 }
 
 void App::on_link_left(const std::string& why) {
   log_notice(broker_log_.on_left(why));
-  take_link_down(why, read_clocks());
+  if (!note_link_down(why, read_clocks())) return;
+  outbox_driver_->on_link_left(read_clocks());
+  report_broker_link();
 }
 
-void App::take_link_down(const std::string& why, const Now& now) {
+/// Returns false when the link was down already.
+bool App::note_link_down(const std::string& why, const Now& now) {
   const bool was_up = std::exchange(broker_link_.is_up, false);
   broker_link_.is_silent = false;
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
-  if (!was_up) return;
-  outbox_driver_->on_link_down(read_clocks());
-  report_broker_link();
+  return was_up;
 }
 
 void App::on_silence(bool is_silent) {

@@ -119,8 +119,15 @@ void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
 
 void Outbox::on_link_down(TimePoint now) {
   if (!is_up_) return;
-  is_up_ = is_stalled_ = false;
   find_cause_of_loss(now);
+  end_link(now);
+}
+
+void Outbox::end_link(TimePoint now) {
+  if (!is_up_) return;
+  is_up_ = is_stalled_ = false;
+  trial_.reset();
+  trial_waits_until_.reset();
   const PublishWindow::Items lost = window_.take_all();
   for (auto item = lost.rbegin(); item != lost.rend(); ++item) {
     if ((*item)->is_unacknowledged()) {
@@ -299,11 +306,9 @@ std::vector<RefusedTopic> Outbox::list_refused(std::size_t most) const {
 
 /// Finds the message or the topics for which the broker may have closed the connection.
 void Outbox::find_cause_of_loss(TimePoint now) {
-  const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
-  trial_waits_until_.reset();
   if (refused_.on_loss_after_refusal(now)) return;
-  if (trial)
-    return on_lost_alone(*window_.take(trial->sequence, now),
+  if (trial_)
+    return on_lost_alone(*window_.take(trial_->sequence, now),
                          "the connection is lost when messages of this topic are sent",
                          "the connection was lost each time the message was sent alone", now);
   if (!find_forgotten(now)) refused_.on_loss(window_.items(), now);

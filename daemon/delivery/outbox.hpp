@@ -84,6 +84,9 @@ class Outbox {
   /// connection for it; so does the first message of each topic that the broker does not answer.
   /// After the second time it is not tried again.
   void on_link_down(TimePoint now);
+  /// Call when the gateway has ended a good connection: the messages under way are queued again,
+  /// and none of them is at fault.
+  void on_link_left(TimePoint now) { end_link(now); }
   /// Call when the broker becomes silent or answers again. QoS 0 waits during the silence.
   void on_silence(bool is_silent, TimePoint now) {
     window_.on_silence(is_silent);
@@ -176,6 +179,7 @@ class Outbox {
   bool has_memory_for(const Item& item) const;
   void publish(Item& item, TimePoint now);
   void note_answer(std::uint64_t sequence);
+  void end_link(TimePoint now);
   void find_cause_of_loss(TimePoint now);
   bool find_forgotten(TimePoint now);
   void on_lost_alone(Item& item, const char* why, const char* why_at_fault, TimePoint now);

@@ -21,7 +21,8 @@ class UpstreamListener {
   virtual void on_link_up(const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
-  /// Upstream has ended a good connection to make another; `why` in words.
+  /// Upstream has ended a good connection to make another, so no message is the cause; `why` in
+  /// words.
   virtual void on_link_left(const std::string& why) { on_link_down(why); }
   /// The broker has not answered for StallWatch::silent_after, or answers again. Messages that must
   /// not be late are not sent during the silence. Ends with on_link_down() at the latest.

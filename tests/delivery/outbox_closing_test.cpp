@@ -248,6 +248,43 @@ TEST_F(OutboxClosingTest, BlamesNoMessageOnABadLine) {
   test::expect_promises_kept(*this, topic_of, 300);
 }
 
+/// An operator gives the gateway another broker while the broker is slow.
+TEST_F(OutboxClosingTest, BlamesNoMessageWhenTheGatewayLeavesABroker) {
+  link_up();
+  say("r/1/t");
+  say("r/2/t");
+  for (int i = 0; i < 4; ++i) {
+    leave();
+    pass(2s);
+    link_up();
+    EXPECT_EQ(under_way.size(), 2u) << "none is sent alone";
+  }
+  expect_promises_kept_in_the_end();
+  EXPECT_EQ(count_notices("refuses"), 0);
+}
+
+TEST_F(OutboxClosingTest, TriesAMessageAloneAgainWhenTheGatewayLeftTheBroker) {
+  link_up();
+  say("r/1/t");
+  for (int losses = 0; losses < 2; ++losses) {
+    link_down();
+    link_up();
+  }
+  say("r/2/t");
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_EQ(under_way.size(), 1u) << "a message that was unanswered at two losses is sent alone";
+    EXPECT_EQ(under_way.front().message.topic, "r/1/t");
+    pass(2s);
+    leave();
+    link_up();
+  }
+  EXPECT_EQ(count_notices("refuses"), 0);
+  EXPECT_TRUE(store.dead_letters.empty());
+  acknowledge_first();
+  EXPECT_EQ(under_way.size(), 1u) << "then the others follow";
+  expect_promises_kept_in_the_end();
+}
+
 TEST_F(OutboxClosingTest, BlamesNoMessageWhileTheBrokerTakesNone) {
   is_poison = [](const BrokerMessage&) { return true; };
   for (int i = 0; i < 30; ++i) say("r/" + std::to_string(i % 3) + "/t");

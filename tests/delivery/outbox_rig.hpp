@@ -67,15 +67,17 @@ class OutboxRig {
   /// Loses the connection. The broker has received the first `received_unacknowledged` messages
   /// under way; their acknowledgements are lost.
   void link_down(std::size_t received_unacknowledged = 0) {
-    for (std::size_t i = 0; i < std::min(received_unacknowledged, under_way.size()); ++i) {
-      receive(under_way[i].message);
-    }
-    under_way.clear();
-    is_up = false;
+    lose_answers(received_unacknowledged);
     outbox->on_link_down(now);
     drain();
     for (const RefusedTopic& refused : outbox->refused_topics().list(1000))
       refused_topics.insert(refused.topic);
+  }
+  /// Ends a good connection, as for another broker. `received_unacknowledged` as in link_down().
+  void leave(std::size_t received_unacknowledged = 0) {
+    lose_answers(received_unacknowledged);
+    outbox->on_link_left(now);
+    drain();
   }
   void acknowledge_first() { acknowledge(under_way.begin()); }
   /// Acknowledges QoS 1 first: QoS 2 takes a round trip longer, so later messages overtake it.
@@ -178,6 +180,12 @@ class OutboxRig {
   }
 
  private:
+  void lose_answers(std::size_t received) {
+    for (std::size_t i = 0; i < std::min(received, under_way.size()); ++i)
+      receive(under_way[i].message);
+    under_way.clear();
+    is_up = false;
+  }
   void acknowledge(std::deque<Published>::iterator which) {
     const Published published = std::move(*which);
     under_way.erase(which);

@@ -121,7 +121,8 @@ class Walk : public test::OutboxRig {
   void toggle_link() {
     if (!is_up) return link_up(static_cast<std::uint16_t>(1 + below(40)));
     ++interruptions_;
-    link_down(static_cast<std::size_t>(below(20)));
+    const auto received = static_cast<std::size_t>(below(20));
+    below(4) == 0 ? leave(received) : link_down(received);
   }
   /// Resends all dead letters, as an operator orders, after the store has served its requests.
   void resend() {

@@ -107,6 +107,10 @@ class DeliveryRig : private UpstreamListener {
     reasons.push_back(why);
     driver_->on_link_down(read_clocks());
   }
+  void on_link_left(const std::string&) override {
+    is_up = false;
+    driver_->on_link_left(read_clocks());
+  }
   void on_silence(bool is_silent) override {
     silences += is_silent ? 1 : 0;
     driver_->on_silence(is_silent, read_clocks());
