@@ -545,6 +545,9 @@ void add_letter_choice(CLI::App& app, Order& order, const char* name, const char
       "ID", "ids", "Those with these ids (see `store list`)");
   auto* const topic = verb.value("--topic", "topic", "Those of this topic");
   auto* const all = verb.flag("--all", "all", "All of them");
+  ids->check([](const std::string& id) {  // CLI11 takes -1 and too large numbers for the largest
+    return parse_number<std::uint64_t>(id) ? "" : "ids are numbers, as `store list` shows them";
+  });
   ids->excludes(topic)->excludes(all);
   topic->excludes(all);
   verb.asks(text, ask, order_patience, [name, ids, topic, all] {

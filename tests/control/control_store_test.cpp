@@ -131,7 +131,10 @@ TEST_F(ControlStoreIo, RequiresExactlyOneChoiceOfLetters) {
   EXPECT_EQ(order({"discard"}, {}).status, 2);
   EXPECT_EQ(order({"resend"}, {}).status, 2);
   EXPECT_EQ(order({"discard", "7", "--all"}, {}).status, 2);
-  EXPECT_EQ(order({"discard", "seven"}, {}).status, 2);
+  for (const char* const id : {"seven", "-1", "99999999999999999999999", "7x", "0x7"}) {
+    EXPECT_EQ(order({"discard", id}, {}).status, 2) << id;
+    EXPECT_EQ(order({"resend", "7", id}, {}).status, 2) << id;
+  }
   EXPECT_TRUE(handler.store_orders.empty());
 }
 
