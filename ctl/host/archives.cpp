@@ -278,20 +278,19 @@ void need_rights(const Installation& installation, const char* verb) {
     throw Failure(fmt::format("{} needs root; type: sudo slam-gatewayctl {} FILE", verb, verb));
 }
 
-/// Throws Failure if a daemon runs with this configuration. Call while the service is stopped: such
-/// a daemon is not the service, and would overwrite restored files.
-void refuse_running_daemon(const Installation& installation) {
-  const std::string& socket = installation.parsed().config.control_socket;
+/// Returns true if a daemon runs with this configuration. Call while the service is stopped: such a
+/// daemon is not the service.
+bool is_running_by_hand(const Installation& installation) {
   try {
-    const auto status = Connection(socket).ask({{"command", "status"}});
-    if (fs::weakly_canonical(string_at(status, "configuration")) !=
-        fs::weakly_canonical(installation.configuration()))
-      return;
-  } catch (const Silence&) {  // it runs, but hangs
+    const auto status =
+        Connection(installation.parsed().config.control_socket).ask({{"command", "status"}});
+    return fs::weakly_canonical(string_at(status, "configuration")) ==
+           fs::weakly_canonical(installation.configuration());
+  } catch (const Silence&) {
+    return true;  // it hangs
   } catch (const Failure&) {
-    return;
+    return false;
   }
-  throw Failure("stop slam-gatewayd first: it runs at " + socket + ", and not as the service");
 }
 
 // ---- the report
@@ -398,8 +397,10 @@ std::string backup(const Installation& installation, const std::string& file) {
   write_manifest(work.path(), {installation.configuration(), installation.state(),
                                installation.parsed().config.gateway_id});
   NewFile archive(file);
+  bool is_changing = false;
   {
     const ServicePause pause(installation);
+    is_changing = is_running_by_hand(installation);
     std::ofstream names(work.path() / "files", std::ios::binary);
     for (const fs::path& path : installation.files())
       names << path.relative_path().string() << '\0';
@@ -410,11 +411,20 @@ std::string backup(const Installation& installation, const std::string& file) {
   }
   archive.give_to_caller();
   archive.finish();
-  return fmt::format(
-      "{}: configuration, credentials, mesh keys, kept messages and sessions ({} bytes).\n"
-      "It holds secrets; only you can read it. Bring it back with: sudo slam-gatewayctl restore "
-      "{}\n",
-      file, fs::file_size(file), file);
+  std::string words = fmt::format(
+      "{}: configuration, credentials, mesh keys, kept messages and sessions ({} bytes).\n", file,
+      fs::file_size(file));
+  if (is_changing)
+    words +=
+        "slam-gatewayd ran during the copy, and not as the service: its last changes may be "
+        "missing.\n";
+  const std::string how =
+      installation.is_service() ? "" : "--config " + shell_word(installation.configuration()) + " ";
+  return words +
+         fmt::format(
+             "It holds secrets; only you can read it. Bring it back with: {}slam-gatewayctl "
+             "restore {}{}\n",
+             geteuid() == 0 ? "sudo " : "", how, shell_word(file));
 }
 
 std::string restore(const Installation& installation, const std::string& file,
@@ -434,7 +444,9 @@ std::string restore(const Installation& installation, const std::string& file,
   std::string report;
   {
     const ServicePause pause(installation);
-    refuse_running_daemon(installation);
+    if (is_running_by_hand(installation))  // it would overwrite restored files
+      throw Failure("stop slam-gatewayd first: it runs at " +
+                    installation.parsed().config.control_socket + ", and not as the service");
     report = replace_files(unpacked.path(), targets, installation);
   }
   const bool is_started =

@@ -110,7 +110,11 @@ class Backup : public testing::Test {
 
 TEST_F(Backup, RestoresAllFilesAndModes) {
   const std::string output = backup(installation(), archive());
-  EXPECT_NE(output.find(archive()), output.npos);
+  EXPECT_NE(output.find("slam-gatewayctl restore --config " +
+                        (root() / "etc/gateway.json").string() + " " + archive() + "\n"),
+            output.npos)
+      << output;
+  EXPECT_EQ(output.find("ran during the copy"), output.npos);
   EXPECT_EQ(mode("backup.tar.gz"), 0600U);
   fs::remove_all(root() / "state");
   fs::remove_all(root() / "etc/gateway.d");
