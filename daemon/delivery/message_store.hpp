@@ -149,6 +149,8 @@ struct StoreOpened {
   DeadLetterCounts dead_letters;
   /// At most `max_dead_topics`.
   std::vector<DeadTopic> dead_topics = {};
+  /// Not empty: the store can be read, but not be written yet.
+  std::string why_read_only = {};
 
   /// As many as RefusedTopics remembers; letters of further topics wait for the next start.
   static constexpr std::size_t max_dead_topics = 4096;

@@ -440,7 +440,9 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
   // The messages in memory come after those of the store.
   queue_.renumber(opened.last_row);
   next_row_ += opened.last_row;
+  StoreWriteFailed read_only{std::move(opened.why_read_only)};
   backlog_.on_opened(std::move(opened), now);
+  if (!read_only.why.empty()) handle(read_only, now);
   age_check_ = now;
   store_all(now);
 }

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <future>
 #include <thread>
 #include <utility>
@@ -111,6 +112,8 @@ bool DiskSessionStore::open(bool skips_unreadable, std::vector<Session>& loaded)
   is_disk_failing_ = false;
   try {
     log_.emplace(directory_, segment_bytes);
+    // What cannot be kept up to date may be out of date already: topic ids may have changed.
+    if (log_->is_read_only()) throw LogError(directory_, EROFS);
     const RecordLog::Summary summary = log_->open(skips_unreadable);
     read_all(skips_unreadable, loaded);
     if (summary.lost_at_most > 0)

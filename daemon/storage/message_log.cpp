@@ -2,6 +2,7 @@
 #include "daemon/storage/message_log.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <utility>
 
@@ -91,6 +92,7 @@ std::optional<MessageRecord> decode_message(ByteView octets) {
 MessageLog::MessageLog(const std::string& directory, std::uint64_t max_bytes, bool skips_unreadable)
     : log_(directory + "/messages", part_of(max_bytes)), lost_(log_.open(skips_unreadable)) {
   read_all(skips_unreadable);
+  if (log_.is_read_only()) opened_.why_read_only = LogError(directory, EROFS).what();
 }
 
 void MessageLog::read_all(bool skips_unreadable) {

@@ -109,6 +109,16 @@ OwnedFile open_file(const std::string& path, int flags) {
   return file;
 }
 
+/// Opens for writing, or for reading only where the file system is read-only (`is_read_only`).
+OwnedFile open_or_read(const std::string& path, int flags, bool& is_read_only) {
+  OwnedFile file = open_file(path, O_RDWR | flags);
+  if (file.get() >= 0 || errno != EROFS) return file;
+  is_read_only = true;
+  file = open_file(path, O_RDONLY);
+  errno = EROFS;
+  return file;
+}
+
 bool is_same_file(const std::string& path, int file) {
   struct stat named {
   }, open{};
@@ -194,7 +204,8 @@ void RecordLog::make_directory() const {
 
 void RecordLog::lock() {
   const std::string path = directory_ + "/tally";
-  OwnedFile file = open_file(path, O_RDWR | O_CREAT);
+  is_read_only_ = false;
+  OwnedFile file = open_or_read(path, O_CREAT, is_read_only_);
   if (file.get() < 0) fail(path);
   const auto give_up_at = std::chrono::steady_clock::now() + lock_patience;
   while (flock(file.get(), LOCK_EX | LOCK_NB) != 0) {
@@ -290,7 +301,7 @@ RecordLog::Summary RecordLog::open(bool skips_unreadable) {
   std::vector<Entry> found;
   for (const auto& [number, path] : find_segments()) {
     Segment segment;
-    segment.file = open_file(path, O_RDWR);
+    segment.file = open_or_read(path, 0, is_read_only_);
     if (segment.file.get() < 0) fail(path);
     segments_.emplace(number, std::move(segment));
     next_segment_ = number + 1;
@@ -327,7 +338,7 @@ RecordLog::Summary RecordLog::open(bool skips_unreadable) {
     if (!segment.unsaved.empty()) save_erased(number, segment, false);
   }
   remove_dead_segments();
-  if (!write_tally()) fail(directory_);
+  if (!is_read_only_ && !write_tally()) fail(directory_);
   summary.strays = strays_;
   return summary;
 }
@@ -738,8 +749,25 @@ void RecordLog::restore_erased(std::uint32_t number, Segment& segment) {
   if (!segment.unsaved.empty()) save_erased(number, segment, true);
 }
 
+/// Opens the files of a log that could only be read. Leaves a replaced segment as it is, because
+/// put_back_in_place() opens a new one.
+void RecordLog::open_for_writing() {
+  const std::string tally = directory_ + "/tally";
+  if (open_file(tally, O_RDWR | O_CREAT).get() < 0) fail(tally);
+  for (auto& [number, segment] : segments_) {
+    const std::string path = path_of(number);
+    if (!is_same_file(path, segment.file.get())) continue;
+    OwnedFile file = open_file(path, O_RDWR);
+    if (file.get() < 0) fail(path);
+    segment.file = std::move(file);
+  }
+  tally_file_ = OwnedFile();  // it holds the lock
+  lock();
+}
+
 std::vector<std::string> RecordLog::put_back_in_place() {
   std::vector<std::string> written;
+  if (is_read_only_) open_for_writing();
   for (auto& [number, segment] : segments_) {
     const std::string path = path_of(number);
     if (is_same_file(path, segment.file.get())) continue;

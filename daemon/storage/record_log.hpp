@@ -52,8 +52,8 @@ class RecordLog {
     std::size_t strays = 0;  ///< segments of other logs, and copies; none of them is read
   };
 
-  /// Makes the directory (0700), and locks the log; waits up to 3 s for an earlier process. Throws
-  /// LogError.
+  /// Makes the directory (0700), and locks the log; waits up to 3 s for an earlier process. On a
+  /// read-only file system, the log can be read only. Throws LogError.
   RecordLog(std::string directory, std::uint32_t segment_bytes);
 
   /// Reads the whole log. Call once, before the other members. `skips_unreadable`: data that the
@@ -83,9 +83,12 @@ class RecordLog {
   /// Returns at least the highest key that was ever written.
   std::uint64_t last_key() const { return last_key_; }
 
+  /// Returns true while the log can be read only.
+  bool is_read_only() const { return is_read_only_; }
+
   /// Restores segments, their lists and the tally that were moved, removed or replaced while they
   /// were open. Returns the paths of the restored segments. Call before each write. Throws
-  /// LogError.
+  /// LogError, also while the file system is read-only.
   std::vector<std::string> put_back_in_place();
 
   /// Makes durable what earlier commits have written without `is_durable`. Throws LogError; the
@@ -122,6 +125,7 @@ class RecordLog {
 
   void make_directory() const;
   void lock();
+  void open_for_writing();
   std::map<std::uint32_t, std::string> find_segments();
   std::map<std::uint32_t, std::string> put_under_their_numbers(
       const std::map<std::uint32_t, std::string>& named);
@@ -158,6 +162,7 @@ class RecordLog {
   const std::uint32_t segment_bytes_;
   std::uint64_t id_ = 0;
   std::size_t strays_ = 0;
+  bool is_read_only_ = false;
   OwnedFile tally_file_;
   std::optional<Tally> tally_;
   Segments segments_;

@@ -50,6 +50,7 @@ class FakeStore {
         opened.dead_topics.push_back({topic, {letter.why.code, letter.why.reason}, 1});
       }
     }
+    if (is_failing) opened.why_read_only = "read-only file system";
     return opened;
   }
 

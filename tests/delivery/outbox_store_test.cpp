@@ -230,6 +230,28 @@ TEST_F(OutboxStoreTest, FullStoreRefusesMessagesAndReportsThatOnce) {
   EXPECT_TRUE(has_fired(5000, ReceiptOutcome::safe));
 }
 
+TEST_F(OutboxStoreTest, DeliversInOrderFromAStoreThatCanOnlyBeRead) {
+  is_store_quick = true;
+  for (std::uint64_t i = 1; i <= 600; ++i) submit("t", i);
+  die();
+  store.is_failing = true;
+  start();
+  EXPECT_EQ(outbox->store_trouble(), "it cannot be written: read-only file system");
+  submit("t", 601);
+  EXPECT_EQ(outbox->backlog().rows(), 600u);
+  link_up();
+  for (int pages = 0; pages < 10; ++pages, pass(1s)) acknowledge_all();
+  EXPECT_EQ(received_of("t"), numbers(1, 601));
+  EXPECT_TRUE(has_fired(601, ReceiptOutcome::safe)) << "the broker has it";
+  EXPECT_EQ(outbox->backlog().rows(), 0u);
+  EXPECT_EQ(store.rows.size(), 600u);
+
+  store.is_failing = false;
+  settle();
+  EXPECT_TRUE(store.rows.empty());
+  EXPECT_TRUE(is_noticed("the store works again"));
+}
+
 /// Robots with small stores: one sends a hundred messages while each other sends one.
 class StoreShare : public OutboxStoreTest {
  protected:

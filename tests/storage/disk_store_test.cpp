@@ -11,6 +11,7 @@
 #include <fstream>
 #include <memory>
 
+#include "tests/storage/faulty_disk.hpp"
 #include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -227,6 +228,53 @@ TEST(DiskStore, ReportsAFullDiskAndWorksOnceThereIsRoomAgain) {
   user.store().ask(std::move(write));
   ASSERT_TRUE(user.await<StoreWritten>());
   EXPECT_EQ(user.load(0)->messages.size(), 199u);
+}
+
+TEST(DiskStore, ReadsAReadOnlyDiskAndKeepsMessagesOnceItCanBeWritten) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(1, 20));
+  }
+  {
+    FaultyDisk::is_read_only = true;
+    StoreUser user(directory.path());
+    const auto opened = user.await<StoreOpened>();
+    ASSERT_TRUE(opened) << user.notices();
+    EXPECT_EQ(opened->count, 20u);
+    EXPECT_EQ(opened->why_read_only, directory.path() + ": Read-only file system");
+    EXPECT_EQ(user.load(0)->messages.size(), 20u);
+    user.store().ask(WriteToStore{{}, {1, 2, 3}});
+    const auto failed = user.await<StoreWriteFailed>();
+    ASSERT_TRUE(failed);
+    EXPECT_NE(failed->why.find("Read-only file system"), std::string::npos) << failed->why;
+    EXPECT_EQ(user.load(0)->messages.size(), 20u);
+
+    FaultyDisk::is_read_only = false;
+    EXPECT_TRUE(user.forget(1, 10));
+    EXPECT_TRUE(user.keep(21, 1));
+    EXPECT_TRUE(StoreUser(directory.path()).reports("another process uses it")) << "it is locked";
+    EXPECT_EQ(user.notices(), "") << "no file had to be restored";
+  }
+  StoreUser again(directory.path());
+  const auto opened = again.await<StoreOpened>();
+  EXPECT_EQ(opened->count, 11u);
+  EXPECT_EQ(opened->why_read_only, "");
+  EXPECT_EQ(again.load(0)->messages.front().row, 11u);
+  EXPECT_EQ(again.notices(), "");
+}
+
+TEST(DiskStore, ReportsAReadOnlyDiskOnWhichItNeverWas) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  FaultyDisk::is_read_only = true;
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreAbsent>());
+  EXPECT_NE(user.notices().find("tally: Read-only file system"), std::string::npos);
+  FaultyDisk::is_read_only = false;
+  EXPECT_TRUE(user.await<StoreOpened>());
+  EXPECT_TRUE(user.keep(1, 1));
 }
 
 TEST(DiskStore, ServesPendingRequestsBeforeItStops) {

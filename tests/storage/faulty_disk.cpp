@@ -2,10 +2,12 @@
 #include "tests/storage/faulty_disk.hpp"
 
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdarg>
 
 namespace slamgw::test {
 namespace {
@@ -27,8 +29,8 @@ Call real(const char* name) {
   return reinterpret_cast<Call>(dlsym(RTLD_NEXT, name));
 }
 
-int fail() {
-  errno = EIO;
+int fail(int error = EIO) {
+  errno = error;
   return -1;
 }
 
@@ -37,16 +39,17 @@ int fail() {
 std::atomic<bool> FaultyDisk::fails_reads{false};
 std::atomic<bool> FaultyDisk::fails_writes{false};
 std::atomic<bool> FaultyDisk::fails_syncs{false};
+std::atomic<bool> FaultyDisk::is_read_only{false};
 std::atomic<std::uint64_t> FaultyDisk::failed_reads{0};
 
 FaultyDisk::FaultyDisk() {
-  fails_reads = fails_writes = fails_syncs = false;
+  fails_reads = fails_writes = fails_syncs = is_read_only = false;
   failed_reads = 0;
   unreadable_inode = 0;
 }
 
 FaultyDisk::~FaultyDisk() {
-  fails_reads = fails_writes = fails_syncs = false;
+  fails_reads = fails_writes = fails_syncs = is_read_only = false;
   unreadable_inode = 0;
 }
 
@@ -61,6 +64,23 @@ void FaultyDisk::make_unreadable(const std::string& path, std::uint64_t from, st
 
 // The program's calls arrive here before they reach the C library.
 extern "C" {
+
+int open(const char* path, int flags, ...) {
+  using namespace slamgw::test;
+  static const auto call = real<int (*)(const char*, int, mode_t)>("open");
+  va_list rest;
+  va_start(rest, flags);
+  const mode_t mode = (flags & O_CREAT) != 0 ? va_arg(rest, mode_t) : 0;
+  va_end(rest);
+  const bool is_for_writing = (flags & O_ACCMODE) != O_RDONLY;
+  return FaultyDisk::is_read_only && is_for_writing ? fail(EROFS) : call(path, flags, mode);
+}
+
+int unlink(const char* path) {
+  using namespace slamgw::test;
+  static const auto call = real<int (*)(const char*)>("unlink");
+  return FaultyDisk::is_read_only ? fail(EROFS) : call(path);
+}
 
 ssize_t pread(int file, void* into, size_t count, off_t offset) {
   using namespace slamgw::test;

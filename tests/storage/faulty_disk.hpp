@@ -24,6 +24,8 @@ class FaultyDisk {
   static std::atomic<bool> fails_writes;
   /// fdatasync() and fsync() fail with EIO; octets that were written before stay in the file.
   static std::atomic<bool> fails_syncs;
+  /// No file can be opened for writing or removed (EROFS). Files that are open can be written.
+  static std::atomic<bool> is_read_only;
   static std::atomic<std::uint64_t> failed_reads;  ///< the number of reads that failed
 };
 

@@ -107,6 +107,23 @@ TEST(DiskSessionStore, IsReadableForItsOwnerOnly) {
   EXPECT_EQ(status.st_mode & 0777, 0600U);
 }
 
+TEST(DiskSessionStore, LoadsNoSessionsOfAReadOnlyDiskBecauseTheyMayBeOld) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  {
+    Process process(directory.path());
+    process.save("r1", to_bytes("x"));
+  }
+  FaultyDisk::is_read_only = true;
+  Process process(directory.path());
+  EXPECT_EQ(process.names(), "");
+  EXPECT_TRUE(process.reports("Read-only file system"));
+  process.save("r1", to_bytes("y"));
+  FaultyDisk::is_read_only = false;
+  EXPECT_TRUE(process.is_written());
+  EXPECT_TRUE(process.reports("are kept again"));
+}
+
 TEST(DiskSessionStore, WaitsForADiskThatFailsForAMoment) {
   const FaultyDisk disk;
   const TempDir directory;
