@@ -120,6 +120,13 @@ struct DeviceAnswered {
 struct DeviceJoined {
   std::optional<Key> device_key;  ///< empty if the radio does not reveal it
 };
+/// A device has become a node whose Radio::provision has ended, or was called by an earlier daemon.
+/// Never printed.
+struct DeviceHadJoined {
+  std::uint16_t address = 0;
+  Key net_key{};
+  Key device_key{};
+};
 /// Radio::provision has ended; the radio can take in the next device.
 struct JoinEnded {
   std::string failure = {};      ///< empty when the device has joined
@@ -159,8 +166,9 @@ struct SourceWanted {
 };
 
 /// The events about taking in and configuring nodes.
-using ProvisionerEvent = std::variant<KeysWanted, SourceWanted, UnprovisionedBeacon, DeviceAnswered,
-                                      DeviceJoined, JoinEnded, DeviceKeyUsed, RadioCleared>;
+using ProvisionerEvent =
+    std::variant<KeysWanted, SourceWanted, UnprovisionedBeacon, DeviceAnswered, DeviceJoined,
+                 DeviceHadJoined, JoinEnded, DeviceKeyUsed, RadioCleared>;
 using RadioEvent = std::variant<LinkIsUp, LinkIsDown, SendRefused, MessageReceived, Heartbeat,
                                 IvUpdate, ProvisionerEvent, Notice>;
 using RadioAction = std::variant<WriteSerial, ReopenPort, RadioEvent>;

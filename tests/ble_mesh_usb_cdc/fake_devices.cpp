@@ -119,7 +119,7 @@ Bytes FakeDevices::complete(ByteView secret) {
   FakeDevice& device = *joining_;
   const Bytes done = Bytes{context_} + Bytes(6, 0) + number(joining_address_) + Bytes(2, 0);
   device.device_key = Bytes(16, static_cast<std::uint8_t>(device.uuid.back() + context_count));
-  const Bytes first = event(0xc5, done + device.device_key + Bytes(16, 0));
+  const Bytes first = event(0xc5, done + device.device_key + joining_net_key_);
   if (joining_ == nullptr) return first;  // it failed instead
   device.address = joining_address_;
   device.app_key.clear();

@@ -289,8 +289,9 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
                  [&](Heartbeat& heartbeat) {
                    if (is_up_) actions_.push(heartbeat);
                  },
-                 [&](ProvisioningEvent& provisioning) {
-                   if (is_up_) actions_.push(provisioning);
+                 [&](ProvisioningEvent& provisioning) {  // a device key comes only once
+                   if (is_up_ || std::holds_alternative<ProvisioningComplete>(provisioning))
+                     actions_.push(provisioning);
                  },
                  [&](OtherEvent&) { ++counters_.other_events; },
              },

@@ -174,6 +174,9 @@ void BoardRadio::on_event(const ProvisioningEvent& event, TimePoint now) {
   if (std::holds_alternative<ProvisioningComplete>(event) ||
       std::holds_alternative<ProvisioningLinkClosed>(event))
     hold_until_.reset();
+  const auto* joined = std::get_if<ProvisioningComplete>(&event);
+  if (joined && !(session_ && session_->awaits(*joined)))
+    return actions_.push(DeviceHadJoined{joined->address, joined->net_key, joined->device_key});
   if (!session_) return;
   session_->on_event(event, now);
   end_session();

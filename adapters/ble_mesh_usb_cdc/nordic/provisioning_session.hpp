@@ -58,6 +58,10 @@ class ProvisioningSession {
     return state_ == State::running && stage_ == Stage::awaiting_addresses;
   }
   void on_addresses(TimePoint now);
+  /// Returns true if this event has the device key that the session waits for.
+  bool awaits(const ProvisioningComplete& event) const {
+    return state_ == State::running && stage_ == Stage::completing && event.context == context_;
+  }
   void fail(std::string why);
   /// Fails because no answer can come any more: in the last step the device may have joined.
   void on_link_lost(std::string why);

@@ -158,9 +158,10 @@ EventResult decode_event(ByteView frame) {
                                           &CapabilitiesReceived::elements, Skip{1},
                                           &CapabilitiesReceived::static_oob_types, Skip{6});
     // 0xc4, 0xc8 and 0xca are for boards that are provisioned themselves.
-    case 0xc5:  // IV index, network key index, address, flags; the network key
-      return decode<ProvisioningComplete>(params, &ProvisioningComplete::context, Skip{10},
-                                          &ProvisioningComplete::device_key, Skip{16});
+    case 0xc5:  // IV index, network key index; after the address: flags
+      return decode<ProvisioningComplete>(
+          params, &ProvisioningComplete::context, Skip{6}, &ProvisioningComplete::address, Skip{2},
+          &ProvisioningComplete::device_key, &ProvisioningComplete::net_key);
     case 0xc6:  // action and size
       return decode<AuthenticationRequested>(params, &AuthenticationRequested::context,
                                              &AuthenticationRequested::method, Skip{2});

@@ -194,10 +194,12 @@ struct CapabilitiesReceived {
   std::uint8_t elements = 0;
   std::uint8_t static_oob_types = 0;  ///< bit 0: the device has static OOB data
 };
-/// 0xc5. Carries a device key: never printed.
+/// 0xc5. Carries keys: never printed.
 struct ProvisioningComplete {
   std::uint8_t context = 0;
+  std::uint16_t address = 0;  ///< of the device's first element
   Key device_key{};
+  Key net_key{};
 };
 /// 0xc6
 struct AuthenticationRequested {

@@ -325,10 +325,22 @@ void Admission::keep_addresses(TimePoint now) {
   if (nodes_.is_saved()) answer({});
 }
 
-void Admission::on_joined(const std::optional<Key>& device_key, TimePoint now) {
-  if (!joining_ || nodes_.find(*joining_) == nullptr) return;
+/// The board has taken the device in without this daemon: it needs its host no more once it has the
+/// shared secret.
+void Admission::on_had_joined(const DeviceHadJoined& joined, TimePoint now) {
+  const NodeDatabase* database = nodes_.database();
+  if (database == nullptr || joined.net_key != database->keys.net_key) return;
+  const auto node = std::ranges::find_if(database->nodes, [&](const Node& each) {
+    const bool is_awaited = each.state == NodeState::reserved || each.new_address != 0;
+    return is_awaited && each.joining_address() == joined.address;
+  });
+  if (node != database->nodes.end()) take_in(Uuid{node->uuid}, joined.device_key, now);
+}
+
+void Admission::take_in(const Uuid& uuid, const std::optional<Key>& device_key, TimePoint now) {
+  if (nodes_.find(uuid) == nullptr) return;
   NodeDatabase& database = nodes_.change();
-  Node& node = *database.find(*joining_);
+  Node& node = *database.find(uuid);
   if (node.new_address != 0) {
     database.retire(node.address, node.elements, Uuid{});
     node.address = std::exchange(node.new_address, std::uint16_t{0});

@@ -128,7 +128,10 @@ class Admission : private ProvisionerPart {
   explicit Admission(const ProvisionerPart& shared);
 
   void on_answered(const DeviceAnswered& answered) { elements_ = answered.elements; }
-  void on_joined(const std::optional<Key>& device_key, TimePoint now);
+  void on_joined(const std::optional<Key>& device_key, TimePoint now) {
+    if (joining_) take_in(*joining_, device_key, now);
+  }
+  void on_had_joined(const DeviceHadJoined& joined, TimePoint now);
   void on_join_ended(const JoinEnded& ended, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
 
@@ -163,6 +166,7 @@ class Admission : private ProvisionerPart {
   bool make_room();
   void begin_joining(TimePoint now);
   void keep_addresses(TimePoint now);
+  void take_in(const Uuid& uuid, const std::optional<Key>& device_key, TimePoint now);
   void release(const Uuid& uuid);
   void warn_of_replay_list(const Node& node);
 

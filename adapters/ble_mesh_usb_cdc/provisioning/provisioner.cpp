@@ -49,6 +49,7 @@ void Provisioner::on_event(const ProvisionerEvent& event, TimePoint now) {
                  },
                  [&](const DeviceAnswered& answered) { admission_.on_answered(answered); },
                  [&](const DeviceJoined& joined) { admission_.on_joined(joined.device_key, now); },
+                 [&](const DeviceHadJoined& joined) { admission_.on_had_joined(joined, now); },
                  [&](const JoinEnded& ended) { admission_.on_join_ended(ended, now); },
                  [&](const DeviceKeyUsed& used) { conversations_.on_key_used(used, now); },
                  [&](const RadioCleared& cleared) { orders_.on_radio_cleared(cleared.problem); },

@@ -135,6 +135,18 @@ TEST(ProvisioningEvents, AreRead) {
           "a0 a1 a2 a3 a4 a5 a6 a7 a8 a9 aa ab ac ad ae af"));
   EXPECT_EQ(complete.context, 1);
   EXPECT_EQ(complete.device_key, key_beginning_with(0));
+  EXPECT_EQ(complete.address, 0x0102);
+  EXPECT_EQ(complete.net_key, key_beginning_with(0xa0));
+}
+
+/// Releases 2.2.0, 3.1.0 and 5.0.0 said the same (tests/vectors/nordic_board/provisioning.txt).
+TEST(ProvisioningEvents, ReadKeysAndAddressOfADeviceThatHasJoined) {
+  const auto joined = read_as<ProvisioningComplete>(
+      hex("2c c5 00 00 00 00 00 00 00 00 01 00 00 4f 9b 79 1f e1 0a 9f d6 54 fa 70 4b 59 23 a8 90 "
+          "10 11 12 13 14 15 16 17 18 19 1a 1b 1c 1d 1e 1f"));
+  EXPECT_EQ(joined.address, 0x0100);
+  EXPECT_EQ(to_hex(joined.device_key), "4f9b791fe10a9fd654fa704b5923a890");
+  EXPECT_EQ(joined.net_key, key_beginning_with(0x10));
 }
 
 TEST(ProvisioningEvents, OfTheWrongLengthAreRefused) {

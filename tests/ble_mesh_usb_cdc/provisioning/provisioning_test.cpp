@@ -138,6 +138,62 @@ TEST(Provisioning, AnnouncesNoNextAttemptForRobotWithLostKey) {
   EXPECT_TRUE(rig.all_configured(30s));
 }
 
+/// The board's report that the device at 0x0100 has joined, as it was recorded
+/// (tests/vectors/nordic_board), with another network key.
+Bytes join_report(const Key& net_key, std::uint8_t context = 1) {
+  return hex("2c c5") + Bytes{context} + hex("00 00 00 00 00 00 00 01 00 00") + Bytes(16, 0x4f) +
+         Bytes(net_key.begin(), net_key.end());
+}
+
+NodeDatabase with_reserved_node() {
+  NodeDatabase database = test_database();
+  Node& node = database.nodes.emplace_back();
+  node.uuid = *parse_uuid("736c616d010101010101010101010101");
+  node.address = 0x0100;
+  database.next_address = 0x0101;
+  return database;
+}
+
+/// The daemon was restarted after it had given the board the secret.
+TEST(Provisioning, TakesTheKeyOfADeviceThatJoinedWithoutTheDaemon) {
+  ProvisioningRig rig({}, with_reserved_node());
+  rig.add(1).address = 0x0100;
+  rig.board.devices.devices[0].device_key = Bytes(16, 0x4f);
+  rig.start();
+  rig.say(join_report(test_keys().net_key));
+  EXPECT_TRUE(rig.has_notice("ble-0100 is in the mesh, at 0x0100"));
+  EXPECT_TRUE(rig.all_configured(20s));
+  EXPECT_EQ(to_hex(rig.on_disk().nodes.at(0).device_key.value_or(Key{})), to_hex(Bytes(16, 0x4f)));
+}
+
+TEST(Provisioning, TakesTheKeyAlsoBeforeTheLinkIsUp) {
+  ProvisioningRig rig({}, with_reserved_node());
+  rig.mesh.on_start();
+  rig.open();
+  while (rig.board.count(0x09) == 0) rig.run_for(1ms);
+  ASSERT_FALSE(rig.is_up());
+  rig.say(join_report(test_keys().net_key));
+  EXPECT_EQ(rig.on_disk().nodes.at(0).state, NodeState::provisioned);
+}
+
+TEST(Provisioning, IgnoresKeysOfOtherMeshesAndOfJoinedNodes) {
+  ProvisioningRig rig({}, with_reserved_node());
+  rig.start();
+  rig.say(join_report(Key{}));
+  EXPECT_EQ(rig.on_disk().nodes.at(0).state, NodeState::reserved);
+  NodeDatabase database = with_reserved_node();
+  database.nodes[0].state = NodeState::configured;
+  database.nodes[0].device_key = Key{7};
+  ProvisioningRig joined({}, database);
+  joined.start();
+  joined.say(join_report(test_keys().net_key));
+  EXPECT_EQ(joined.on_disk().nodes.at(0).device_key, Key{7});
+  ProvisioningRig other({}, test_database());
+  other.start();
+  other.say(join_report(test_keys().net_key));
+  EXPECT_TRUE(other.on_disk().nodes.empty());
+}
+
 /// The device has its address, but the port closes before the gateway knows.
 TEST(Provisioning, ReportsPossibleJoinWhenLinkBreaksInLastStep) {
   ProvisioningRig rig;
