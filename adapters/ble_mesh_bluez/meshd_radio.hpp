@@ -84,6 +84,9 @@ class MeshdRadio final : public Radio {
   void scan(bool is_on) override { is_scan_wanted_ = is_on; }
   void provision(const ProvisionDevice& device) override { join_ = Join{device}; }
   void answer_device(const std::string& refusal, TimePoint now) override;
+  void break_off_join(const std::string& why) override {
+    if (join_ && !join_->has_address) end_join({.failure = why});
+  }
   void use_device_key(std::uint16_t address, const std::optional<Key>& key) override;
   /// meshd keeps the keys of all nodes, until the gateway's node leaves.
   void forget_device_key(std::uint16_t address) override {

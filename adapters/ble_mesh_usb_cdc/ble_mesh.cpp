@@ -275,6 +275,8 @@ void BleMesh::on_broker_link(bool is_up, TimePoint) {
 void BleMesh::on_stop(TimePoint now) {
   downlink_.on_stop();
   for (auto& [address, robot] : robots_) downlink_.end_all(robot, Downlink::gateway_ends, now);
+  provisioner_.on_stop();
+  settle(now);
 }
 
 // --- Time ----------------------------------------------------------------------------------------

@@ -70,8 +70,10 @@ class BleMesh {
   /// While on, reports every MessageStep; while off, only repeats.
   void on_trace(bool is_on) { is_traced_ = is_on; }
   /// Refuses open and new commands, because the daemon ends. Robots' messages are still
-  /// acknowledged.
+  /// acknowledged. No device joins any more, unless it may have its address already.
   void on_stop(TimePoint now);
+  /// Returns true if no device is joining.
+  bool is_settled() const { return provisioner_.is_settled(); }
 
   std::optional<MeshAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;

@@ -203,6 +203,8 @@ class Radio {
   virtual void provision(const ProvisionDevice& device) = 0;
   /// Answers DeviceAnswered. `refusal` is empty if each element has an address on disk.
   virtual void answer_device(const std::string& refusal, TimePoint now) = 0;
+  /// Ends the join under way with this failure, unless the device may have its address already.
+  virtual void break_off_join(const std::string& why) = 0;
   /// Prepares messages under the node's device key; answered by DeviceKeyUsed. `key` is as in
   /// DeviceJoined.
   virtual void use_device_key(std::uint16_t address, const std::optional<Key>& key) = 0;

@@ -53,7 +53,7 @@ namespace slamgw {
 namespace {
 
 constexpr std::chrono::seconds stats_interval{10};  // docs/topics.md
-/// Time given to the broker at shutdown; well below systemd's patience.
+/// Time given to the broker, and to a robot that joins, at shutdown; well below systemd's patience.
 constexpr std::chrono::seconds flush_patience{2};
 constexpr std::chrono::milliseconds flush_poll{20};
 
@@ -409,7 +409,7 @@ void App::stop() {
 
 void App::stop_when_flushed(TimePoint give_up_at) {
   const bool are_closed = fleet_.stop_taking();
-  const bool is_flushed = are_closed && outbox_.is_settled();
+  const bool is_flushed = are_closed && outbox_.is_settled() && meshes_.are_settled();
   if (is_flushed || read_clocks().mono >= give_up_at) return close_everything();
   stop_timer_.after(flush_poll, [this, give_up_at] { stop_when_flushed(give_up_at); });
 }

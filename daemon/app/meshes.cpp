@@ -73,6 +73,11 @@ bool Meshes::has_any() const {
   return std::ranges::any_of(adapters_, [](const auto& adapter) { return adapter != nullptr; });
 }
 
+bool Meshes::are_settled() const {
+  return std::ranges::all_of(adapters_,
+                             [](const auto& adapter) { return !adapter || adapter->is_settled(); });
+}
+
 std::optional<Presence> Meshes::presence_of(Mesh mesh, const std::string& robot) const {
   return adapters_[mesh] ? adapters_[mesh]->presence_of(robot) : std::nullopt;
 }

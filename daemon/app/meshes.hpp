@@ -38,6 +38,8 @@ class Meshes {
   /// Returns null for a mesh that is not enabled.
   const MeshAdapter* find(Mesh mesh) const { return adapters_[mesh].get(); }
   bool has_any() const;
+  /// Returns true if each mesh's shell may be stopped: MeshAdapter::is_settled().
+  bool are_settled() const;
   std::optional<Presence> presence_of(Mesh mesh, const std::string& robot) const;
 
   /// Calls a member of each mesh's shell: `each(&MeshAdapter::trace, true)`.

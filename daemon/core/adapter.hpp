@@ -32,6 +32,9 @@ class MeshAdapter {
   /// acknowledges those that it has. Reports the outcome of each command that does not outlive the
   /// daemon.
   virtual void stop_listening() {}
+  /// Returns true if stop() interrupts nothing that cannot be repeated. Asked after
+  /// stop_listening().
+  virtual bool is_settled() const { return true; }
   /// Sends the protocol's goodbye, if it has one, and closes everything. Reports no events after
   /// that.
   virtual void stop() = 0;

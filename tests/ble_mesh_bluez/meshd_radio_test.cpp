@@ -247,6 +247,22 @@ TEST(MeshdRadio, ReportsEndOfDeviceThatWasRefused) {
   EXPECT_EQ(rig.joins[0].failure, "its addresses are taken");
 }
 
+TEST(MeshdRadio, BreaksOffOnlyAJoinWithoutAnAddress) {
+  for (const bool has_address : {false, true}) {
+    RadioRig rig;
+    rig.meshd.robots.add(1);
+    ProvisionDevice device;
+    device.address = destination;
+    std::ranges::copy(rig.meshd.robots.devices[0].uuid, device.uuid.begin());
+    rig.radio.provision(device);
+    rig.settle();
+    if (has_address) rig.radio.answer_device("", rig.now);
+    rig.radio.break_off_join("the daemon ends");
+    rig.settle();
+    EXPECT_EQ(rig.joins.size(), has_address ? 0u : 1u);
+  }
+}
+
 TEST(MeshdRadio, RefusesDeviceThatMeshdAcceptsWithoutStaticOob) {
   for (const bool has_oob : {false, true}) {
     RadioRig rig;

@@ -52,6 +52,7 @@ class OtherRadio final : public Radio {
     say(ProvisionerEvent{DeviceJoined{}});
     say(ProvisionerEvent{JoinEnded{}});
   }
+  void break_off_join(const std::string&) override {}
   void use_device_key(std::uint16_t address, const std::optional<Key>& key) override {
     EXPECT_FALSE(key) << "this radio reveals no device key";
     say(ProvisionerEvent{DeviceKeyUsed{address, {}}});

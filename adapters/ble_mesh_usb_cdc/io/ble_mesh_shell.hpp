@@ -37,6 +37,7 @@ class BleMeshShell : public BleShell<BleMesh> {
     // Writes changes since the last write began, such as the key of a robot that just joined.
     if (const NodeDatabase* unsaved = machine().unsaved()) file_.write(*unsaved);
   }
+  bool is_settled() const override { return machine().is_settled(); }
   /// Carries out an operator's order about the mesh or its robots. `done` is called at most once,
   /// now or later, and never after stop().
   void manage(const BleOrder& order, OrderDone done) {

@@ -36,6 +36,13 @@ void BoardRadio::answer_device(const std::string& refusal, TimePoint now) {
   end_session();
 }
 
+/// The board drops the link after a while, and the device can join again.
+void BoardRadio::break_off_join(const std::string& why) {
+  if (session_ && session_->may_have_joined()) return;
+  session_.reset();
+  if (std::exchange(device_, std::nullopt)) actions_.push(JoinEnded{.failure = why});
+}
+
 void BoardRadio::use_device_key(std::uint16_t address, const std::optional<Key>& key) {
   if (!key) {
     actions_.push(DeviceKeyUsed{address, "this gateway does not have its device key"});

@@ -87,6 +87,7 @@ class BoardRadio final : public Radio {
   void scan(bool is_on) override { is_scan_wanted_ = is_on; }
   void provision(const ProvisionDevice& device) override;
   void answer_device(const std::string& refusal, TimePoint now) override;
+  void break_off_join(const std::string& why) override;
   void use_device_key(std::uint16_t address, const std::optional<Key>& key) override;
   void forget_device_key(std::uint16_t address) override;
   void on_keys_failed(const std::string& why, TimePoint now) override {

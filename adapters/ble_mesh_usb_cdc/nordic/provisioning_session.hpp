@@ -58,6 +58,8 @@ class ProvisioningSession {
     return state_ == State::running && stage_ == Stage::awaiting_addresses;
   }
   void on_addresses(TimePoint now);
+  /// Returns true if the board has the shared secret, so that the device may join without its host.
+  bool may_have_joined() const { return stage_ >= Stage::completing; }
   /// Returns true if this event has the device key that the session waits for.
   bool awaits(const ProvisioningComplete& event) const {
     return state_ == State::running && stage_ == Stage::completing && event.context == context_;

@@ -145,6 +145,12 @@ Admission::Admission(const ProvisionerPart& shared) : ProvisionerPart(shared) {
   if (const auto& digits = settings_.provisioning.static_oob) static_oob_ = parse_uuid(*digits);
 }
 
+void Admission::on_stop() {
+  is_stopping_ = true;
+  chosen_.reset();
+  if (joining_) radio_.break_off_join("slam-gatewayd is stopping");
+}
+
 void Admission::on_link_down(const LinkIsDown& down, TimePoint now) {
   if (down.join) return on_join_ended(*down.join, now);
   if (joining_) chosen_ = std::exchange(joining_, std::nullopt);  // the radio had not begun
@@ -162,7 +168,7 @@ bool Admission::wants_scan() const {
 
 void Admission::choose_next(const IsBusy& is_busy, TimePoint now) {
   // Beacons come again and again: a device that is not due now is considered with its next beacon.
-  if (!is_idle() || order_.is(OpenOrder::Kind::scan)) return;
+  if (!is_idle() || is_stopping_ || order_.is(OpenOrder::Kind::scan)) return;
   // A new device would get the keys that the others are giving up.
   const auto& refresh = nodes_.database()->refresh;
   if (refresh && refresh->step == RefreshStep::switching) return;
@@ -398,6 +404,7 @@ void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
   const std::string what_next =
       ended.is_key_lost ? std::string("reset it by hand, then it can join again")
+      : is_stopping_    ? std::string("the next attempt comes after the next start")
       : ended.may_have_joined
           ? std::string("the next attempt comes when it is heard again")
           : fmt::format("the next attempt is in {} s if it is still heard",

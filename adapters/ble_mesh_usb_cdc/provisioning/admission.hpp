@@ -127,6 +127,7 @@ class Admission : private ProvisionerPart {
 
   explicit Admission(const ProvisionerPart& shared);
 
+  void on_stop();
   void on_answered(const DeviceAnswered& answered) { elements_ = answered.elements; }
   void on_joined(const std::optional<Key>& device_key, TimePoint now) {
     if (joining_) take_in(*joining_, device_key, now);
@@ -175,6 +176,7 @@ class Admission : private ProvisionerPart {
   JoinPermit permit_;
   std::optional<Uuid> chosen_;  ///< has its address and waits for the disk
   std::optional<Uuid> joining_;
+  bool is_stopping_ = false;
   std::uint8_t elements_ = 0;  ///< of the joining device, while it waits for addresses
 };
 

@@ -24,6 +24,10 @@ class Provisioner {
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
+  /// Begins no new join. See Radio::break_off_join.
+  void on_stop() { admission_.on_stop(); }
+  /// Returns true if no device is joining.
+  bool is_settled() const { return admission_.is_idle(); }
   void on_link_up(const LinkIsUp& up, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
   void on_event(const ProvisionerEvent& event, TimePoint now);

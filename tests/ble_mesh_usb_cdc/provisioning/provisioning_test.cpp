@@ -347,6 +347,48 @@ TEST(Provisioning, ContinuesAfterBoardRestartsAtAnyMoment) {
   }
 }
 
+/// The board finishes without its host once it has the secret (68), and reports the key once.
+TEST(Provisioning, AStopAtAnyMomentLosesNoDeviceKey) {
+  int finished = 0;
+  for (int moment = 0; moment < 40; ++moment) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.start();
+    while (!rig.board.devices.is_scanning) rig.run_for(1ms);
+    rig.say(rig.board.devices.beacons());
+    rig.run_for(2ms * moment);
+    const auto secrets = rig.board.count(0x68);
+    rig.stop();
+    rig.pass(10s);
+    const FakeDevice& device = rig.board.devices.devices[0];
+    EXPECT_EQ(rig.board.count(0x68), secrets) << moment;
+    if (secrets == 0) {
+      EXPECT_EQ(device.address, 0) << moment;
+      continue;
+    }
+    ++finished;
+    ASSERT_TRUE(rig.on_disk().nodes.at(0).device_key) << moment;
+    EXPECT_EQ(to_hex(*rig.on_disk().nodes[0].device_key), to_hex(device.device_key)) << moment;
+  }
+  EXPECT_TRUE(0 < finished && finished < 40) << finished;
+}
+
+TEST(Provisioning, AStopWaitsForADeviceThatHasTheSecret) {
+  for (const std::uint8_t last : std::initializer_list<std::uint8_t>{0x63, 0x68}) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.start();
+    rig.say(rig.board.devices.beacons());
+    while (rig.board.count(last) == 0) rig.run_for(1ms);
+    EXPECT_FALSE(rig.mesh.is_settled());
+    rig.stop();
+    EXPECT_EQ(rig.mesh.is_settled(), last == 0x63) << int{last};
+    rig.run_for(10ms);
+    EXPECT_TRUE(rig.mesh.is_settled());
+    EXPECT_EQ(rig.on_disk().nodes.at(0).device_key.has_value(), last == 0x68);
+  }
+}
+
 TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   ProvisioningRig rig;
   rig.add(1);
