@@ -31,7 +31,10 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
       uplink_(shared_, robots_, downlink_),
       relay_(shared_, robots_, provisioner_.nodes()) {}
 
-void BleMesh::on_start() { robots_.on_start(); }
+void BleMesh::on_start() {
+  robots_.on_start();
+  provisioner_.on_start();
+}
 
 // --- The radio -----------------------------------------------------------------------------------
 

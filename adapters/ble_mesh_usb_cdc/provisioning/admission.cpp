@@ -16,6 +16,10 @@ namespace slamgw::ble {
 
 namespace {
 
+constexpr const char* may_have_joined =
+    "it was joining when the gateway ended, and may be in the mesh without the gateway knowing its "
+    "key; if `slam-gatewayctl ble scan` does not show it, reset it by hand";
+
 bool is_there(const Candidate& candidate, TimePoint now) {
   return now - candidate.last_heard <= Candidates::max_silence;
 }
@@ -145,10 +149,27 @@ Admission::Admission(const ProvisionerPart& shared) : ProvisionerPart(shared) {
   if (const auto& digits = settings_.provisioning.static_oob) static_oob_ = parse_uuid(*digits);
 }
 
+void Admission::on_start() {
+  if (nodes_.database() == nullptr) return;
+  for (const Node& node : nodes_.database()->nodes) {
+    if (!node.is_joining) continue;
+    const std::string id = nodes_.id_of(node.address);
+    nodes_.history(node.uuid).problem = may_have_joined;
+    notify(Severity::warning,
+           fmt::format("{} (UUID {}): {}", id, to_hex(node.uuid), may_have_joined), id);
+  }
+}
+
 void Admission::on_stop() {
   is_stopping_ = true;
-  chosen_.reset();
+  if (chosen_) on_not_joined(*std::exchange(chosen_, std::nullopt));
   if (joining_) radio_.break_off_join("slam-gatewayd is stopping");
+}
+
+/// Takes back that the device may have joined.
+void Admission::on_not_joined(const Uuid& uuid) {
+  const Node* node = nodes_.find(uuid);
+  if (node != nullptr && node->is_joining) nodes_.change().find(uuid)->is_joining = false;
 }
 
 void Admission::on_link_down(const LinkIsDown& down, TimePoint now) {
@@ -265,6 +286,7 @@ void Admission::keep(const Uuid& uuid, std::uint16_t address, std::uint8_t eleme
     node->new_address = address;
     node->new_elements = elements;
   }
+  node->is_joining = true;
   if (!name.empty()) {
     for (Node& other : database.nodes)  // a device that did not join
       if (other.state == NodeState::reserved && other.name == name) other.name.clear();
@@ -302,6 +324,7 @@ void Admission::begin_joining(TimePoint now) {
   const NodeDatabase& database = *nodes_.database();
   joining_ = uuid;
   elements_ = 0;
+  nodes_.history(uuid).problem.clear();
   radio_.provision(
       {uuid, database.keys.net_key, database.iv_index, node->joining_address(), static_oob_});
 }
@@ -347,6 +370,7 @@ void Admission::take_in(const Uuid& uuid, const std::optional<Key>& device_key, 
   if (nodes_.find(uuid) == nullptr) return;
   NodeDatabase& database = nodes_.change();
   Node& node = *database.find(uuid);
+  node.is_joining = false;
   if (node.new_address != 0) {
     database.retire(node.address, node.elements, Uuid{});
     node.address = std::exchange(node.new_address, std::uint16_t{0});
@@ -400,6 +424,7 @@ void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
   const Uuid uuid = *std::exchange(joining_, std::nullopt);
   if (ended.failure.empty()) return;
   fail(uuid, ended.failure, now);
+  if (!ended.may_have_joined) on_not_joined(uuid);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
   const std::string what_next =

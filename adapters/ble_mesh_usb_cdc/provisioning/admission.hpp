@@ -127,6 +127,7 @@ class Admission : private ProvisionerPart {
 
   explicit Admission(const ProvisionerPart& shared);
 
+  void on_start();
   void on_stop();
   void on_answered(const DeviceAnswered& answered) { elements_ = answered.elements; }
   void on_joined(const std::optional<Key>& device_key, TimePoint now) {
@@ -168,6 +169,7 @@ class Admission : private ProvisionerPart {
   void begin_joining(TimePoint now);
   void keep_addresses(TimePoint now);
   void take_in(const Uuid& uuid, const std::optional<Key>& device_key, TimePoint now);
+  void on_not_joined(const Uuid& uuid);
   void release(const Uuid& uuid);
   void warn_of_replay_list(const Node& node);
 

@@ -154,6 +154,7 @@ OrderedJson node_json(const Node& node) {
   json["state"] = to_string(node.state);
   if (node.state != NodeState::reserved)
     json["device_key"] = node.device_key ? OrderedJson(to_hex(*node.device_key)) : nullptr;
+  if (node.is_joining) json["joining"] = true;
   if (node.new_address != 0) {
     json["new_address"] = address_text(node.new_address);
     json["new_elements"] = node.new_elements;
@@ -229,6 +230,7 @@ Node read_node(const Json& json) {
             .address = must(json, "address", unicast),
             .elements = must(json, "elements", count(max_elements)),
             .state = must(json, "state", node_state),
+            .is_joining = may(json, "joining", flag).value_or(false),
             .device_key = may(json, "device_key", octets),
             .name = may(json, "name", level).value_or(""),
             .ttl = may(json, "ttl", count(max_ttl)),

@@ -80,6 +80,8 @@ struct Node {
   std::uint16_t address = 0;  ///< unicast, of the first element
   std::uint8_t elements = 1;  ///< their addresses follow each other
   NodeState state = NodeState::reserved;
+  /// Set before the device gets its address, until the outcome is known.
+  bool is_joining = false;
   std::optional<Key> device_key = {};    ///< empty while `reserved`, or if the radio keeps it
   std::string name = {};                 ///< given by an operator; may be empty
   std::optional<std::uint8_t> ttl = {};  ///< configured for its publications

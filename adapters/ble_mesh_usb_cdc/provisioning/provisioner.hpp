@@ -24,6 +24,8 @@ class Provisioner {
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
+  /// Warns of each device that may have joined unnoticed before the start.
+  void on_start() { admission_.on_start(); }
   /// Begins no new join. See Radio::break_off_join.
   void on_stop() { admission_.on_stop(); }
   /// Returns true if no device is joining.

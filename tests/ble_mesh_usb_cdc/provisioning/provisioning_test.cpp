@@ -194,6 +194,34 @@ TEST(Provisioning, IgnoresKeysOfOtherMeshesAndOfJoinedNodes) {
   EXPECT_TRUE(other.on_disk().nodes.empty());
 }
 
+TEST(Provisioning, WarnsAtTheStartOfADeviceThatMayHaveJoined) {
+  NodeDatabase database = with_reserved_node();
+  database.nodes[0].is_joining = true;
+  const auto stored = decode_node_database(encode_node_database(database));
+  ASSERT_TRUE(stored.has_value());
+  ProvisioningRig rig({}, *stored);
+  rig.start();
+  const std::string warning = "it was joining when the gateway ended";
+  EXPECT_EQ(rig.count_notices("ble-0100 (UUID 736c616d010101010101010101010101): " + warning), 1);
+  rig.order(NodesOrder{});
+  EXPECT_NE(rig.answer().at(0)["problem"].dump().find(warning), std::string::npos);
+  rig.add(1);  // which it was not, or was reset
+  EXPECT_TRUE(rig.all_configured(20s));
+  EXPECT_FALSE(rig.on_disk().nodes.at(0).is_joining);
+  rig.order(NodesOrder{});
+  EXPECT_EQ(rig.answer().at(0)["problem"], "");
+}
+
+TEST(Provisioning, DoesNotSuspectADeviceThatDidNotJoin) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.fails_at = {0xc7, 0x05};
+  rig.start();
+  while (rig.board.count(0x63) == 0) rig.pass(500ms);
+  EXPECT_TRUE(rig.stored.at(rig.stored.size() - 2).nodes.at(0).is_joining);
+  EXPECT_FALSE(rig.on_disk().nodes.at(0).is_joining);
+}
+
 /// The device has its address, but the port closes before the gateway knows.
 TEST(Provisioning, ReportsPossibleJoinWhenLinkBreaksInLastStep) {
   ProvisioningRig rig;
@@ -363,6 +391,9 @@ TEST(Provisioning, AStopAtAnyMomentLosesNoDeviceKey) {
     const FakeDevice& device = rig.board.devices.devices[0];
     EXPECT_EQ(rig.board.count(0x68), secrets) << moment;
     if (secrets == 0) {
+      const NodeDatabase* unsaved = rig.mesh.unsaved();  // the shell writes it
+      for (const Node& node : (unsaved != nullptr ? *unsaved : rig.on_disk()).nodes)
+        EXPECT_FALSE(node.is_joining) << moment;
       EXPECT_EQ(device.address, 0) << moment;
       continue;
     }
