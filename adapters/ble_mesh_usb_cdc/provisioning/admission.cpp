@@ -214,19 +214,37 @@ bool Admission::is_wanted(const Candidate& candidate, const IsBusy& is_busy, Tim
   const Node* node = nodes_.find(candidate.uuid);
   // The node was reset by hand, unless the beacon is spoofed: then the real node is still heard.
   if (node != nullptr && node->state != NodeState::reserved)
-    return was_silent(*node, now) && !is_busy(*node);
+    return now - up_since_ >= reset_silence && was_silent(*node, reset_silence, now) &&
+           !is_busy(*node);
   const auto& prefixes = settings_.provisioning.uuid_prefixes;
   return prefixes.empty() || std::ranges::any_of(prefixes, [&](const std::string& prefix) {
            return boost::istarts_with(to_hex(candidate.uuid), prefix);
          });
 }
 
-bool Admission::was_silent(const Node& node, TimePoint now) const {
+bool Admission::was_silent(const Node& node, Duration silence, TimePoint now) const {
   const auto is_past = [&](const std::optional<TimePoint>& when) {
-    return !when || now - *when >= reset_silence;
+    return !when || now - *when >= silence;
   };
   const NodeHistory* history = nodes_.find_history(node.uuid);
   return history == nullptr || (is_past(history->heard_at) && is_past(history->joined_at));
+}
+
+/// A robot that was reset says nothing from its old address, so another device has taken its UUID.
+void Admission::on_heard(std::uint16_t address) {
+  if (nodes_.database() == nullptr || nodes_.find(address) != nullptr) return;
+  for (const Node& node : nodes_.database()->nodes) {
+    NodeHistory& history = nodes_.history(node.uuid);
+    if (history.left_address != address) continue;
+    history.left_address = 0;
+    const std::string id = nodes_.id_of(node.address);
+    notify(Severity::warning,
+           fmt::format("two devices have the UUID {}: {} joined with it at 0x{:04x}, but the robot "
+                       "at 0x{:04x} was not reset; give one of them another UUID and reset it by "
+                       "hand",
+                       to_hex(node.uuid), id, node.address, address),
+           id);
+  }
 }
 
 bool Admission::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
@@ -371,6 +389,7 @@ void Admission::take_in(const Uuid& uuid, const std::optional<Key>& device_key, 
   NodeDatabase& database = nodes_.change();
   Node& node = *database.find(uuid);
   node.is_joining = false;
+  const std::uint16_t left_address = node.new_address != 0 ? node.address : std::uint16_t{0};
   if (node.new_address != 0) {
     database.retire(node.address, node.elements, Uuid{});
     node.address = std::exchange(node.new_address, std::uint16_t{0});
@@ -384,7 +403,9 @@ void Admission::take_in(const Uuid& uuid, const std::optional<Key>& device_key, 
   node.refreshed = has_new_keys ? RefreshStep::finishing : RefreshStep::none;
   candidates_.erase(node.uuid);
   NodeHistory& history = nodes_.history(node.uuid);
-  history = NodeHistory{.joined_at = now, .has_restarted_radio = history.has_restarted_radio};
+  history = NodeHistory{.joined_at = now,
+                        .has_restarted_radio = history.has_restarted_radio,
+                        .left_address = left_address};
   nodes_.announce_change();
   const std::string id = nodes_.id_of(node.address);
   notify(

@@ -118,8 +118,11 @@ class JoinPermit {
 
 class Admission : private ProvisionerPart {
  public:
-  /// A node counts as reset only if its beacon says so and it was not heard for this long.
-  static constexpr Duration reset_silence = std::chrono::seconds{5};
+  /// A node counts as reset by hand only if its beacon says so and it was not heard for this long.
+  /// A robot that has nothing else to say publishes its health each 10 s, and one may be lost.
+  static constexpr Duration reset_silence = std::chrono::seconds{25};
+  /// The same for a node that the gateway has asked to leave the mesh.
+  static constexpr Duration removal_silence = std::chrono::seconds{5};
   static constexpr Duration order_time_limit = std::chrono::seconds{150};
 
   /// Returns true during a conversation with the node: it must not be provisioned again then.
@@ -135,6 +138,7 @@ class Admission : private ProvisionerPart {
   }
   void on_had_joined(const DeviceHadJoined& joined, TimePoint now);
   void on_join_ended(const JoinEnded& ended, TimePoint now);
+  void on_link_up(TimePoint now) { up_since_ = now; }
   void on_link_down(const LinkIsDown& down, TimePoint now);
 
   /// Continues steps that have waited for the disk.
@@ -148,8 +152,10 @@ class Admission : private ProvisionerPart {
   /// This device is joining now, or next.
   bool is_chosen(const Uuid& uuid) const { return is_joining(uuid) || chosen_ == uuid; }
 
-  /// Returns true if the node was not heard for `reset_silence`.
-  bool was_silent(const Node& node, TimePoint now) const;
+  /// Returns true if the node was not heard for this long.
+  bool was_silent(const Node& node, Duration silence, TimePoint now) const;
+  /// A message came from this unicast address.
+  void on_heard(std::uint16_t address);
   /// Removes a node, or a device that may join, on an operator's order.
   void remove(Uuid uuid);
 
@@ -179,6 +185,7 @@ class Admission : private ProvisionerPart {
   std::optional<Uuid> chosen_;  ///< has its address and waits for the disk
   std::optional<Uuid> joining_;
   bool is_stopping_ = false;
+  TimePoint up_since_{};       ///< when the link came up: before that, no robot was heard
   std::uint8_t elements_ = 0;  ///< of the joining device, while it waits for addresses
 };
 

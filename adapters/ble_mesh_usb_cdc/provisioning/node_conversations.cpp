@@ -33,7 +33,7 @@ void NodeConversations::on_key_used(const DeviceKeyUsed& used, TimePoint now) {
 
 void NodeConversations::on_beacon(const Uuid& uuid, TimePoint now) {
   const Node* node = nodes_.find(uuid);
-  if (node == nullptr || !admission_.was_silent(*node, now)) return;
+  if (node == nullptr || !admission_.was_silent(*node, Admission::removal_silence, now)) return;
   const auto found = conversations_.find(node->address);
   if (found != conversations_.end()) found->second.on_beacon(now);
 }

@@ -24,6 +24,7 @@ struct NodeHistory {
   TimePoint retry_at = TimePoint::min();  ///< of its configuration
   int failures = 0;                       ///< of its configuration, in a row
   bool has_restarted_radio = false;       ///< because it was not heard after joining
+  std::uint16_t left_address = 0;         ///< where it was before it joined again; 0: none
   std::string problem = {};               ///< why it is not configured; else empty
 
   void forget_failures() {

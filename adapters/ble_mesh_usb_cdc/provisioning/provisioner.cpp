@@ -25,6 +25,7 @@ Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState
 
 void Provisioner::on_link_up(const LinkIsUp& up, TimePoint now) {
   lives_.on_link_up(up);
+  admission_.on_link_up(now);
   refresh_.on_link_up();
   advance(now);
 }

@@ -39,7 +39,10 @@ class Provisioner {
     conversations_.on_send_refused(address, why, now);
   }
   /// A message came from this unicast address.
-  void on_heard(std::uint16_t address, TimePoint now) { nodes_.on_heard(address, now); }
+  void on_heard(std::uint16_t address, TimePoint now) {
+    nodes_.on_heard(address, now);
+    admission_.on_heard(address);
+  }
   void on_iv_index(std::uint32_t iv_index, TimePoint now);
   void on_stored(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);

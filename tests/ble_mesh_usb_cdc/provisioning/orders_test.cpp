@@ -505,7 +505,7 @@ TEST(Orders, EachCommandToARobotThatLeavesHasOneOutcome) {
     } else {
       rig.device().address = 0;
     }
-    rig.pass(20s);
+    rig.pass(28s);
     ASSERT_EQ(rig.device().address, is_removed ? 0 : 0x0101);
     const std::size_t sent = rig.sent_to(first_robot).size();
     rig.hear(first_robot, "c8 59 00 00");

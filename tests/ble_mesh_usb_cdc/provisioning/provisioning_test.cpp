@@ -537,9 +537,9 @@ TEST(Provisioning, ProvisionsResetRobotUnderItsNameAtNewAddress) {
   FakeDevice& device = rig.board.devices.devices[0];
   device.address = 0;
   device.requests.clear();
-  rig.pass(2s);
+  rig.pass(22s);  // a robot that only publishes its health is heard each 10 s
   EXPECT_EQ(device.address, 0) << "the robot may still be there, and another device use its UUID";
-  rig.pass(20s);
+  rig.pass(10s);
   EXPECT_EQ(device.address, 0x0101) << "the board's replay list would ignore it at 0x0100";
   EXPECT_FALSE(device.requests.empty());
   EXPECT_EQ(rig.board.count(0x0e), 0u) << "the board is not restarted";
@@ -556,6 +556,19 @@ TEST(Provisioning, ProvisionsResetRobotUnderItsNameAtNewAddress) {
   rig.pass(30s);
   EXPECT_TRUE(rig.on_disk().nodes.empty());
   EXPECT_EQ(rig.on_disk().removed.size(), 2u);
+}
+
+TEST(Provisioning, WarnsOnceOfTwoDevicesWithOneUuid) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  rig.board.devices.devices[0].address = 0;  // another device with this UUID, heard alone
+  rig.pass(40s);
+  ASSERT_EQ(rig.board.devices.devices[0].address, 0x0101);
+  EXPECT_FALSE(rig.has_notice("two devices"));
+  for (int i = 0; i < 2; ++i) rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.count_notices("two devices have the UUID 736c616d010101010101010101010101"), 1);
 }
 
 TEST(Provisioning, ConfiguredNameFollowsResetRobot) {
@@ -591,7 +604,7 @@ TEST(Provisioning, BeaconWithUuidOfNodeDoesNotChangeNode) {
   ASSERT_TRUE(rig.all_configured(20s));
   const Bytes key = rig.board.devices.devices[0].device_key;
   rig.board.devices.devices[0].address = 0;
-  for (int i = 0; i < 20; ++i) {  // the provisioning never completes
+  for (int i = 0; i < 40; ++i) {  // the provisioning never completes
     rig.board.devices.fails_at = {0xc3, 1};
     rig.pass(1s);
   }
