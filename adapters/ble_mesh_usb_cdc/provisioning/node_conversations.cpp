@@ -303,7 +303,7 @@ std::string NodeConversations::changes_from(const Node& before, const Configurat
     changes.push_back(sent.relay_group
                           ? fmt::format("it hears relayed updates in 0x{:04x}", *sent.relay_group)
                           : "it hears no relayed updates");
-  if (changes.empty()) return "as it was before";
+  if (changes.empty()) return "all its settings were sent again";
   return fmt::format("{}", fmt::join(changes, "; "));
 }
 

@@ -252,7 +252,10 @@ void OperatorOrders::take(const NodeConfigOrder& wanted, TimePoint now) {
       return order_.refuse(wanted.publish->model + " is not a model that publishes: `ble config " +
                            wanted.robot + "` shows those that do");
     wishes.publications.erase(to_string(*model));
-    if (wanted.publish->address) wishes.publications[to_string(*model)] = *wanted.publish->address;
+    // The gateway's own address is that of all robots, and changes with the radio's next life.
+    const auto address = wanted.publish->address;
+    if (address && (settings_.gateway_group || !nodes_.is_own(*address)))
+      wishes.publications[to_string(*model)] = *address;
   }
   Node& changed = *nodes_.change().find(node->uuid);
   changed.wishes = wishes;

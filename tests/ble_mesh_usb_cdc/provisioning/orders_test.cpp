@@ -334,6 +334,21 @@ TEST(Orders, ConfigChangesDestinationOfOneModel) {
   EXPECT_TRUE(rig.stored.back().nodes[0].wishes.publications.empty());
 }
 
+TEST(Orders, ConfigTakesTheGatewaysOwnAddressForTheDefault) {
+  JoinedRig rig;
+  NodeConfigOrder order{"ble-0100"};
+  order.publish = {"sensor_update", 0x0001};
+  rig.order(order);
+  rig.pass(20s);
+  EXPECT_FALSE(rig.answer()["wanted"].contains("publishes_to")) << rig.answer();
+  EXPECT_TRUE(rig.has_notice("ble-0100 is reconfigured: all its settings were sent again"));
+  rig.order(ResetBoardOrder{});
+  rig.pass(20s);
+  const auto& requests = rig.device().requests;
+  EXPECT_EQ(std::ranges::count(requests, "0300010200000004000059000600"), 1)
+      << "it follows the gateway to its next address";
+}
+
 TEST(Orders, ConfigRejectsModelsThatDoNotPublish) {
   JoinedRig rig;
   NodeConfigOrder order{"ble-0100"};
@@ -342,7 +357,7 @@ TEST(Orders, ConfigRejectsModelsThatDoNotPublish) {
     rig.order(order);
     EXPECT_NE(text_of(rig.answer()).find("is not a model that publishes"), std::string::npos);
   }
-  order.publish = {"pos_cmd", 0x0001};
+  order.publish = {"pos_cmd", 0xc00a};
   rig.order(order);
   rig.pass(20s);
   EXPECT_NE(rig.answer()["warnings"].dump().find("has no model 0x0059:0x0008"), std::string::npos);

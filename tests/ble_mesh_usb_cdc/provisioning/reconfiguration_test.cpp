@@ -290,7 +290,7 @@ TEST_F(Reconfiguration, UndoesInterruptedChangeWhenSettingsAreRestored) {
   third.device().deaf_to.clear();
   third.start();
   ASSERT_TRUE(third.is_configured_within(5s));
-  EXPECT_TRUE(third.has_notice("ble-0100 is reconfigured: as it was before"));
+  EXPECT_TRUE(third.has_notice("ble-0100 is reconfigured: all its settings were sent again"));
   EXPECT_EQ(third.device().subscriptions.at("00010010"), (Groups{0xc002, 0xc003, 0xc004}));
 }
 
