@@ -119,6 +119,13 @@ void BleMesh::on_iv_update(const IvUpdate& update, TimePoint now) {
         fmt::format("the radio reports the IV index {}, but no node can follow that "
                     "far from {}: it is ignored",
                     update.iv_index, database->iv_index));
+  if (database && update.iv_index < database->iv_index &&
+      std::exchange(lower_iv_index_, update.iv_index) != update.iv_index)
+    return shared_.warn(
+        fmt::format("the radio reports the IV index {}, which is lower than {}: it is ignored "
+                    "until it is reported again",
+                    update.iv_index, database->iv_index));
+  lower_iv_index_.reset();
   emit(Notice{Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
   provisioner_.on_iv_index(update.iv_index, now);
 }

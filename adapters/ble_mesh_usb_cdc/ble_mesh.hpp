@@ -117,8 +117,9 @@ class BleMesh {
   Uplink uplink_;
   Relay relay_;
   bool are_mostly_deaf_ = false;
-  TimePoint up_since_{};                     ///< when the link came up
-  std::optional<std::uint32_t> tried_life_;  ///< begun by try_new_life()
+  std::optional<std::uint32_t> lower_iv_index_;  ///< reported once, and not believed yet
+  TimePoint up_since_{};                         ///< when the link came up
+  std::optional<std::uint32_t> tried_life_;      ///< begun by try_new_life()
   LogThrottle stranger_throttle_{std::chrono::minutes{10}};
 };
 

@@ -234,9 +234,9 @@ bool Admission::was_silent(const Node& node, Duration silence, TimePoint now) co
 void Admission::on_heard(std::uint16_t address) {
   if (nodes_.database() == nullptr || nodes_.find(address) != nullptr) return;
   for (const Node& node : nodes_.database()->nodes) {
-    NodeHistory& history = nodes_.history(node.uuid);
-    if (history.left_address != address) continue;
-    history.left_address = 0;
+    const NodeHistory* history = nodes_.find_history(node.uuid);
+    if (history == nullptr || history->left_address != address) continue;
+    nodes_.history(node.uuid).left_address = 0;
     const std::string id = nodes_.id_of(node.address);
     notify(Severity::warning,
            fmt::format("two devices have the UUID {}: {} joined with it at 0x{:04x}, but the robot "
@@ -443,7 +443,10 @@ void Admission::release(const Uuid& uuid) {
 void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
   if (!joining_) return;
   const Uuid uuid = *std::exchange(joining_, std::nullopt);
-  if (ended.failure.empty()) return;
+  const Node* node = nodes_.find(uuid);
+  const bool is_in_mesh =
+      node != nullptr && node->state != NodeState::reserved && node->new_address == 0;
+  if (ended.failure.empty() || is_in_mesh) return;
   fail(uuid, ended.failure, now);
   if (!ended.may_have_joined) on_not_joined(uuid);
   const Candidate* candidate = candidates_.find(uuid, now);

@@ -793,9 +793,14 @@ TEST(Provisioning, GivesNewRobotsTheIvIndexOfTheMesh) {
   EXPECT_EQ(rig.on_disk().iv_index, 7u);
   rig.say(hex("05 d3 02 07 87 99"));  // as a serial line that lost octets has reported
   EXPECT_EQ(rig.on_disk().iv_index, 7u);
+  rig.say(hex("05 d3 02 00 00 00"));
+  EXPECT_EQ(rig.on_disk().iv_index, 7u);
+  EXPECT_TRUE(rig.has_notice("IV index 2, which is lower than 7"));
   rig.add(1);
   EXPECT_TRUE(rig.all_configured(10s));
   EXPECT_EQ(rig.board.devices.last_iv_index, 7u);
+  rig.say(hex("05 d3 02 00 00 00"));
+  EXPECT_EQ(rig.on_disk().iv_index, 2u) << "it was reported twice";
 }
 
 TEST(Provisioning, ReportsWhenNoAddressIsLeft) {
