@@ -399,6 +399,8 @@ def _lost(result):
     """Returns the loss on the way, always with the messages that did not leave the robot."""
     exact, never_left = result["measured"]["loss"]["exact"], result["measured"].get("never_left")
     text = f"{exact['lost']} of {exact['sent']} sent were lost, {percent(exact)}"
+    if exact["doubled"]:
+        text += f"; {exact['doubled']} arrivals were doubles"
     if never_left and never_left["found"]:
         text = f"{never_left['found']} of {never_left['of']} never left the robot, {percent(never_left)}; {text}"
     return text

@@ -15,7 +15,8 @@ def some_events(count, kind):
     events = []
     for n in range(1, count + 1):
         payload = f"{n % 65536:04x}"[2:] + f"{n:04x}"[:2] + "c8000000" if kind == "probe" else "0a00ecff64002c01"
-        events.append(Event(t_us=n * 200_000, source=ROBOTS, event="sent", robot="robot1", mesh="ble", direction="up", number=n))
+        events.append(Event(t_us=n * 200_000, source=ROBOTS, event="sent", robot="robot1", mesh="ble", direction="up", number=n,
+                            payload=payload))
         events.append(Event(t_us=n * 200_000 + 5000, source=GATEWAY, event="arrived", robot="robot1", mesh="ble", type=kind,
                             direction="up", number=n if kind == "probe" else None, sender_ms=n * 200 if kind == "probe" else None,
                             bytes=len(payload) // 2, payload=payload))

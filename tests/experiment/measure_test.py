@@ -18,8 +18,8 @@ def arrival(t_us, robot="r", kind="update", number=None, **more):
     return Event(t_us=t_us, source=GATEWAY, event="arrived", robot=robot, mesh="ble", type=kind, direction="up", number=number, **more)
 
 
-def at_robot(t_us, event, number, robot="r"):
-    return Event(t_us=t_us, source=ROBOTS, event=event, robot=robot, mesh="ble", direction="up", number=number)
+def at_robot(t_us, event, number, robot="r", payload=""):
+    return Event(t_us=t_us, source=ROBOTS, event=event, robot=robot, mesh="ble", direction="up", number=number, payload=payload)
 
 
 class Thesis(unittest.TestCase):
@@ -50,6 +50,16 @@ class Loss(unittest.TestCase):
     def test_robots_do_not_mix(self):
         gaps = measure.intervals_ms([arrival(0, "a"), arrival(1, "b"), arrival(200_000, "a"), arrival(400_001, "b")], "update")
         self.assertEqual([list(gaps["a"]), list(gaps["b"])], [[200], [400]])
+
+    def test_doubles_do_not_hide_lost_messages(self):
+        """A robot sends the payload ..04 twice, and appends a stray octet. One of ..02 and one of ..04 are lost; ..01 comes three times."""
+        events = [at_robot(n, "sent", n, payload=f"{number:08x}0a") for n, number in enumerate((1, 2, 3, 4, 4))]
+        events += [at_robot(9, "sent", 1, "s", payload="00000002"), arrival(10, "s", payload="00000002")]
+        events += [arrival(20 + n, payload=f"{number:08x}") for n, number in enumerate((1, 3, 4, 1, 1))]
+        found = measure.measured(events, "update", 200)
+        exact = found["loss"]["exact"]
+        self.assertEqual((exact["sent"], exact["lost"], exact["doubled"]), (6, 2, 2))
+        self.assertEqual((found["not_arrived"]["found"], found["not_arrived"]["of"]), (2, 6))
 
     def test_probes_without_the_robots_record(self):
         numbers = [65534, 65535, 1, 0, 1, 5]  # wraps, comes out of order, doubled; 2, 3, 4 are lost
@@ -184,10 +194,10 @@ class Whole(unittest.TestCase):
         for robot in ("a", "b"):
             for number in range(1, 300):
                 t_us = number * PERIOD_US + choose.randrange(3000)
-                events.append(at_robot(t_us, "sent", number, robot))
+                events.append(at_robot(t_us, "sent", number, robot, payload=f"{number:016x}"))
                 if choose.random() < 0.1:
                     continue
-                events.append(arrival(t_us + choose.randrange(20_000), robot, bytes=8, payload="0a00ecff64002c01"))
+                events.append(arrival(t_us + choose.randrange(20_000), robot, bytes=8, payload=f"{number:016x}"))
                 if choose.random() < 0.9:
                     events.append(at_robot(t_us + choose.randrange(20_000, 60_000), "acknowledged", number, robot))
         with tempfile.TemporaryDirectory() as directory:

@@ -212,7 +212,7 @@ class Runs(unittest.TestCase):
         def script(site):
             for number in range(3):
                 if number > 0 or is_whole:
-                    site.say(events.ROBOTS, event="sent", number=number)
+                    site.say(events.ROBOTS, event="sent", number=number, payload=f"0{number}00ecff")
                 site.say(payload=f"0{number}00ecff")
             site.say(payload="0200ecff")
             site.is_over = True

@@ -21,7 +21,7 @@ def events_of(robots, messages, period_ms, lost_each=0):
         for n in range(1, messages + 1):
             at_us = round(n * period_ms * 1000)
             common = {"robot": f"robot{robot + 1}", "mesh": "ble", "direction": "up", "number": n}
-            events.append(Event(t_us=at_us, source=ROBOTS, event="sent", **common))
+            events.append(Event(t_us=at_us, source=ROBOTS, event="sent", payload="0a00ecff", **common))
             if lost_each and n % lost_each == 0:
                 continue
             events.append(Event(t_us=at_us + 4000, source=GATEWAY, event="arrived", type="update", payload="0a00ecff", **common))
