@@ -165,5 +165,11 @@ def find(name):
     return next((one for one in EXPERIMENTS if one.name == name), None)
 
 
-def simulator_options(experiment, mesh):
-    return [*experiment.simulator, *EITHER_MESH.get((experiment.name, mesh), ())]
+def simulator_options(experiment, mesh, more=()):
+    """Returns the options of the simulator: the experiment's own, then `more`, which replace the own ones of the same name."""
+    replaced = {word.partition("=")[0] for word in more}
+    kept, is_kept = [], True
+    for word in (*experiment.simulator, *EITHER_MESH.get((experiment.name, mesh), ())):
+        is_kept = word not in replaced if word.startswith("--") else is_kept
+        kept += [word] if is_kept else []
+    return [*kept, *more]

@@ -323,10 +323,10 @@ def run_one(asked, experiment, mesh, out, version, programs, stop):
 
 def simulated_site(asked, experiment, mesh, payload, request, programs, stop):
     period_ms = request.period_ms / request.compress
-    own = [*catalogue.simulator_options(experiment, mesh), "--payload", payload, "--seed", str(request.seed),
-               "--messages", str(request.messages), "--rate", f"{1000 / period_ms:.6f}"]
+    arguments = ["--payload", payload, "--seed", str(request.seed), "--messages", str(request.messages), "--rate",
+                 f"{1000 / period_ms:.6f}"]
     if mesh == catalogue.THREAD:
-        own += ["--retry", f"{8 / request.compress:.6f}"]
+        arguments += ["--retry", f"{8 / request.compress:.6f}"]
     robots = int(asked.robots[0]) if asked.robots else experiment.robots
-    return SimulatedSite(programs, mesh, robots, [*own, *asked.sim_args], experiment.daemon,
-                         request.message_type, stop)
+    return SimulatedSite(programs, mesh, robots, [*arguments, *catalogue.simulator_options(experiment, mesh, asked.sim_args)],
+                         experiment.daemon, request.message_type, stop)

@@ -326,6 +326,15 @@ class Program(unittest.TestCase):
         self.assertRegex(err, "slam-gateway-sim has ended with status 2: .*7")
         self.assertEqual(err.count("has ended with status 2"), 1)
 
+    def test_options_of_the_simulator_replace_those_of_the_experiment(self):
+        words = catalogue.simulator_options(catalogue.find("ble-hop"), "ble", ["--on-busy=refuse", "--hop-loss", "0.1", "--hops", "3"])
+        self.assertEqual(words, ["--segment-timing", "--no-stray", "--max-obstacles", "1", "--bearer-interval-ms", "20", "--hop-delay-ms",
+                                 "2", "--on-busy=refuse", "--hop-loss", "0.1", "--hops", "3"])
+        with tempfile.TemporaryDirectory() as directory:
+            status, _, err = self.run_program("run", "ble-one-obstacle", "--sim", "--messages", "3", "--sim-args", "--on-busy refuse",
+                                              "--out", f"{directory}/out")
+        self.assertEqual(status, 0, err)
+
     def test_options_of_the_simulator_may_be_one_word(self):
         for words in (["--sim-args", "--no-such-option"], ["--sim-args=--no-such-option"]):
             with tempfile.TemporaryDirectory() as directory:
