@@ -160,11 +160,13 @@ def read_events(directory):
 
 
 def measure_again(directory):
-    """Returns (result, counted events), with `measured` counted again from events.csv."""
+    """Returns (result, counted events), with `measured` and restarts of robots counted again from events.csv."""
     result = read_result(directory)
     conditions, experiment = result["conditions"], catalogue.find(result["experiment"])
     kind, period_ms = conditions["type"], float(conditions["period_ms"])
     ones = measure.counted(read_events(directory), kind, conditions["messages"], period_ms, float(conditions.get("settle_s", 0)))
     result["measured"] = measure.measured(ones, kind, period_ms,
                                           experiment is not None and experiment.is_in_ring())
+    result["incidents"] += [one for one in measure.restarts_of_robots(ones) if one not in result["incidents"]]
+    result["complete"] = result["complete"] and not measure.restarts_of_robots(ones)
     return result, ones

@@ -7,7 +7,8 @@ import numpy
 
 from slamgw_experiment.events import BROKER, GATEWAY, ROBOTS
 
-SEQUENCE_NUMBERS = 65536  # a probe's number wraps
+SEQUENCE_NUMBERS, CLOCK_MS = 2 ** 16, 2 ** 32  # a probe's number and its sender's clock wrap
+LATEST_MS = 30_000        # the last repeat of a probe is not later
 ENOUGH_BEYOND = 5         # values beyond a percentile: with fewer it is meaningless
 RESAMPLES, LEAST_RESAMPLES, MOST_DRAWN = 1000, 200, 20_000_000
 
@@ -52,13 +53,48 @@ def gateway_latencies_ms(events, message_type):
     return {robot: numpy.array(values) for robot, values in sorted(latencies.items())}
 
 
-def probe_delays_ms(events):
-    """{robot: how much later than its fastest probe each probe came}: needs no common clock."""
-    offsets = collections.defaultdict(list)
+def unwrapped(value, last, turn):
+    """Returns the number that is `value` apart from whole turns and lies closest to `last`."""
+    return value + round((last - value) / turn) * turn
+
+
+def probes_of(events):
+    """Returns [(event, (robot, restarts), number, sender_ms)] of the probes that arrived; numbers and clocks do not wrap there.
+
+    A robot has restarted when its clock fell behind, which an old probe explains for LATEST_MS only, or leapt into the future.
+    """
+    found, last = [], {}
     for event in events:
-        if event.is_arrival_of("probe") and event.sender_ms is not None:
-            offsets[event.robot].append(event.t_us / 1000 - event.sender_ms)
-    return {robot: numpy.array(values) - min(values) for robot, values in sorted(offsets.items())}
+        if not event.is_arrival_of("probe") or event.number is None or event.sender_ms is None:
+            continue
+        t_ms = event.t_us / 1000
+        restarts, number, newest_ms, offset_ms = last.get(event.robot, (0, event.number, event.sender_ms, t_ms - event.sender_ms))
+        number, sender_ms = unwrapped(event.number, number, SEQUENCE_NUMBERS), unwrapped(event.sender_ms, newest_ms, CLOCK_MS)
+        later_ms = t_ms - sender_ms - offset_ms
+        if sender_ms < newest_ms and later_ms > LATEST_MS or later_ms < -LATEST_MS:
+            restarts, number, sender_ms = restarts + 1, event.number, event.sender_ms
+            newest_ms, offset_ms = sender_ms, t_ms - sender_ms
+        last[event.robot] = restarts, number, max(newest_ms, sender_ms), min(offset_ms, t_ms - sender_ms)
+        found.append((event, (event.robot, restarts), number, sender_ms))
+    return found
+
+
+def restarts_of_robots(events):
+    """Returns an incident for each restart that the probes show."""
+    begins = {life: event.t_us for event, life, _, _ in reversed(probes_of(events))}
+    return [{"t_us": t_us, "what": f"{robot} restarted: the numbers of its probes began again, so what got lost just then is not counted"}
+            for (robot, restarts), t_us in sorted(begins.items(), key=lambda item: item[1]) if restarts > 0]
+
+
+def probe_delays_ms(events):
+    """{robot: how much later than its fastest probe since its start each probe came}: needs no common clock."""
+    offsets = collections.defaultdict(list)
+    for event, life, _, sender_ms in probes_of(events):
+        offsets[life].append(event.t_us / 1000 - sender_ms)
+    delays = collections.defaultdict(list)
+    for (robot, _), values in sorted(offsets.items()):
+        delays[robot].extend(numpy.array(values) - min(values))
+    return {robot: numpy.array(values) for robot, values in delays.items()}
 
 
 def repeats_by_message(events):
@@ -144,29 +180,12 @@ def estimated_loss(gaps_by_robot, period_ms):
     return _loss(lost + received, lost, "an estimate, from gaps between arrivals (thesis 9.2)") if received else None
 
 
-def unwrapped(numbers):
-    """Unwraps sequence numbers that wrap at 65536 and may come out of order."""
-    out = []
-    for number in numbers:
-        if not out:
-            out.append(number)
-            continue
-        turns = round((out[-1] - number) / SEQUENCE_NUMBERS)
-        out.append(number + turns * SEQUENCE_NUMBERS)
-    return out
-
-
 def probe_counts(events):
-    """{robot: (sequence numbers that arrived, without doubles; arrivals more than once)}"""
+    """{(robot, restarts): (sequence numbers that arrived, without doubles; arrivals more than once)}"""
     numbers = collections.defaultdict(list)
-    for event in events:
-        if event.is_arrival_of("probe") and event.number is not None:
-            numbers[event.robot].append(event.number)
-    counts = {}
-    for robot, ones in sorted(numbers.items()):
-        whole = unwrapped(ones)
-        counts[robot] = (sorted(set(whole)), len(whole) - len(set(whole)))
-    return counts
+    for _, life, number, _ in probes_of(events):
+        numbers[life].append(number)
+    return {life: (sorted(set(ones)), len(ones) - len(set(ones))) for life, ones in sorted(numbers.items())}
 
 
 def counted(events, message_type, messages, period_ms, settle_s):
@@ -204,26 +223,26 @@ def _with_first_of_each_robot(events, message_type, messages, period_us):
 def _with_probes_in_time(events, settle_s):
     """Drops events of probes made before the run began, or too late for their last repeat to come before it ended.
 
-    When a probe was made follows from its sender's clock and the fastest probe of the same robot. What the gateway did with it
-    names the message id only, which a robot uses again.
+    When a probe was made follows from its sender's clock and the fastest probe of the same robot since its start. What the gateway
+    did with it names the message id only, which a robot uses again; the broker names the payload.
     """
-    probes = [event for event in events if event.is_arrival_of("probe") and event.sender_ms is not None]
-    if not probes:
+    arrived = probes_of(events)
+    if not arrived:
         return events
-    offsets = {event.robot: math.inf for event in probes}
-    for event in probes:
-        offsets[event.robot] = min(offsets[event.robot], event.t_us - event.sender_ms * 1000)
+    offsets = {}
+    for event, life, _, sender_ms in arrived:
+        offsets[life] = min(offsets.get(life, math.inf), event.t_us - sender_ms * 1000)
     end_us = events[-1].t_us - settle_s * 1e6
-    is_counted = {}  # (robot, message id): whether the last such message is
+    in_time = {id(event): 0 <= sender_ms * 1000 + offsets[life] <= end_us for event, life, _, sender_ms in arrived}
+    is_counted = {}  # (source, robot, message id or payload): whether the last such message is
     chosen = []
     for event in events:
-        key = event.robot, event.message_id
-        if event.type == "probe" and event.sender_ms is not None and event.robot in offsets:
-            is_in_time = 0 <= event.sender_ms * 1000 + offsets[event.robot] <= end_us
-            if event.source == GATEWAY:
-                is_counted[key] = is_in_time
+        if id(event) in in_time:
+            is_in_time = in_time[id(event)]
+            is_counted[GATEWAY, event.robot, event.message_id] = is_counted[BROKER, event.robot, event.payload] = is_in_time
         else:
-            is_in_time = event.type != "probe" or is_counted.get(key, False)
+            name = event.payload if event.source == BROKER else event.message_id
+            is_in_time = event.type != "probe" or is_counted.get((event.source, event.robot, name), False)
         if is_in_time:
             chosen.append(event)
     return chosen

@@ -125,6 +125,7 @@ class Run:
             ended = "no message of the wanted type arrived"
         if not ended and self._site.simulator_arguments is not None and measure.has_unsent_arrivals(ones, self._asked.message_type):
             ended = "the robots' record is incomplete: more messages arrived than it says were sent"
+        self._incidents += measure.restarts_of_robots(counted)
         is_complete = not ended and not self._incidents
         result = self._result(measured, is_complete, self._daemon)
         if ended:

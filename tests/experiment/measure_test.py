@@ -80,6 +80,45 @@ class Loss(unittest.TestCase):
         found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 60, 200, 9), "probe")
         self.assertEqual((found["sent"], found["lost"]), (61 - 45, 1))
 
+    def probes(self, begin, clock_ms, restart=None, robot="r"):
+        """400 probes of which each tenth gets lost; after `restart` of them, 5 s after its start, the robot begins with number 0."""
+        events = []
+        for n in range(400):
+            number, ms = begin + n, clock_ms + n * 200
+            if restart is not None and n >= restart:
+                number, ms = n - restart, 5000 + (n - restart) * 200
+            if n % 10 != 5:
+                more = {"number": number % 2 ** 16, "sender_ms": ms % 2 ** 32, "payload": f"{number % 2 ** 16:04x}{ms % 2 ** 32:08x}"}
+                events += [arrival(1_000_000 + n * PERIOD_US, robot, "probe", **more),
+                           Event(t_us=1_000_500 + n * PERIOD_US, source=BROKER, event="received", robot=robot, type="probe", **more)]
+        return measure.counted(events, "probe", 400, 200, 1)
+
+    def check_probes(self, events, sent, lost, restarts=0):
+        found = measure.measured(events, "probe", 200)
+        self.assertEqual((found["loss"]["exact"]["sent"], found["loss"]["exact"]["lost"]), (sent, lost))
+        self.assertEqual(found["counts"]["received_at_broker"], found["counts"]["arrived"])
+        self.assertEqual(found["probe_delay_ms"]["max"], 0)
+        self.assertEqual([one["t_us"] for one in measure.restarts_of_robots(events)], [41_000_000] * restarts)
+
+    def test_probes_count_on_when_number_or_clock_wraps(self):
+        for begin, clock_ms in ((100, 5000), (65500, 5000), (100, 2 ** 32 - 20_000)):
+            with self.subTest(begin=begin, clock_ms=clock_ms):
+                self.check_probes(self.probes(begin, clock_ms), 395, 39)
+
+    def test_a_restarted_robot_counts_from_its_start(self):
+        """A robot whose numbers began again showed 98 % loss, or 300 probes in place of 400."""
+        for begin, clock_ms in ((40_000, 5000), (100, 5000), (100, 2 ** 31 + 60_000)):
+            with self.subTest(begin=begin, clock_ms=clock_ms):
+                self.check_probes(self.probes(begin, clock_ms, restart=200), 395, 39, restarts=1)
+        both = sorted(self.probes(100, 5000) + self.probes(100, 5000, 200, "s"), key=lambda event: event.t_us)
+        self.check_probes(both, 790, 78, restarts=1)
+
+    def test_a_late_probe_is_no_restart(self):
+        events = self.probes(100, 5000)
+        late = events.pop(20)
+        late.t_us += 24_000_000
+        self.assertEqual(measure.restarts_of_robots(sorted(events + [late], key=lambda event: event.t_us)), [])
+
     def test_counts_leave_out_messages_made_after_the_end(self):
         """Figure 8.13 showed 40 sent and 165 received: a real robot goes on in the last 25 s."""
         events = []
