@@ -819,8 +819,7 @@ static inline bool slam_sn_on_message_(struct slam_sn_client* client, unsigned t
     case SLAM_SN_PUBACK_: return slam_sn_on_puback_(client, body, now, event);
     case SLAM_SN_PUBREC_:
     case SLAM_SN_PUBCOMP_: return slam_sn_on_qos2_(client, type, slam_sn_read_(body), now, event);
-    case SLAM_SN_PUBREL_:
-      if (slam_sn_read_(body) == client->delivered_id) client->delivered_id = 0;
+    case SLAM_SN_PUBREL_:  // delivered_id stays: the network may still bring a late copy
       slam_sn_copy_(slam_sn_begin_(client, SLAM_SN_PUBCOMP_, 2), body, 2);
       return true;
     case SLAM_SN_PINGREQ_: slam_sn_begin_(client, SLAM_SN_PINGRESP_, 0); return true;

@@ -230,7 +230,22 @@ TEST(SnClient, ReportsAQos2MessageOnce) {
   EXPECT_EQ(robot.sent(), Hex{vector_named("PUBCOMP")});
   robot.hear(vector_named("PUBREL"));
   EXPECT_EQ(robot.sent(), Hex{vector_named("PUBCOMP")});
+}
+
+TEST(SnClient, RecognizesALateCopyOfAQos2MessageAfterPubrel) {
+  SnRobot robot({{"a/b", 0, SLAM_SN_SUBSCRIBE | SLAM_SN_QOS2}});
+  robot.get_ready();
   EXPECT_EQ(robot.hear(vector_named("PUBLISH-q2-normal")).kind, SLAM_SN_MESSAGE);
+  robot.sent();
+  robot.hear(vector_named("PUBREL"));
+  robot.sent();
+  for (const std::string name : {"PUBLISH-q2-normal", "PUBLISH-q2-dup"}) {
+    EXPECT_EQ(robot.hear(vector_named(name)).kind, SLAM_SN_NOTHING) << name;
+    EXPECT_EQ(robot.sent(), Hex{vector_named("PUBREC")});
+  }
+  robot.sleep_and_wake();
+  EXPECT_EQ(robot.hear(vector_named("PUBLISH-q2-normal")).kind, SLAM_SN_MESSAGE)
+      << "a new message of a gateway whose ids begin again";
 }
 
 TEST(SnClient, LearnsTopicsOfAWildcard) {
