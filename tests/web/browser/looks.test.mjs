@@ -7,7 +7,7 @@ import { after, before, test } from 'node:test';
 import { World, eventually, keepDirectory } from './world.mjs';
 
 const isShort = Boolean(process.env.SLAMGW_SHORT);
-const SIZES = [[390, 844], [820, 1180], [1280, 800], [1920, 1080]];
+const SIZES = [[320, 568], [360, 640], [390, 844], [820, 1180], [1280, 800], [1920, 1080]];
 const VIEWS = ['map', 'robots', 'trace', '/robot/robot5'];
 const LONG = 'a-robot-with-a-rather-long-name-of-the-second-floor';
 let world;
@@ -15,6 +15,7 @@ before(async () => {
   world = await World.start();
   await world.publish(`ntnu-slam/gateway/the-gateway-of-the-second-floor/robots/${LONG}`, '{"state":"online","mesh":"thread","address":"[fd12:3456:789a:1:c0de:5a1a:1234:5678]:47193"}', '-r');
   await world.publish(`ntnu-slam/gateway/the-gateway-of-the-second-floor/state`, '{"state":"offline"}', '-r'); // the longest words at the top
+  await world.publish(`ntnu-slam/gateway/${'gateway'.repeat(43)}/state`, '{"state":"offline"}', '-r');
 });
 after(() => world?.stop());
 
