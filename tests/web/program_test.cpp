@@ -83,8 +83,11 @@ class WebProgramUnderLoad : public testing::Test {
   }
   std::string status_of_the_page() { return status_of("/"); }
   std::string status_of(const std::string& path, const std::string& header = "") {
-    tcp::socket socket = ask(
-        "GET " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n" + header + "\r\n");
+    return answer_to("GET " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n" +
+                     header + "\r\n");
+  }
+  std::string answer_to(const std::string& request) {
+    tcp::socket socket = ask(request);
     std::string status(12, ' ');
     boost::system::error_code error;
     boost::asio::read(socket, boost::asio::buffer(status), error);
@@ -120,6 +123,17 @@ TEST_F(WebProgramUnderLoad, AnswersBesideMoreIncompleteRequestsThanPlaces) {
   for (int i = 0; i < 300; ++i) half.push_back(ask("GET / HTTP/1.1\r\nHo"));
   EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
   EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
+}
+
+TEST_F(WebProgramUnderLoad, RefusesWhatItCannotServe) {
+  EXPECT_EQ(answer_to("POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5\r\n\r\nhello"),
+            "HTTP/1.1 405");
+  EXPECT_EQ(status_of("/", "Content-Length: 5\r\n"), "HTTP/1.1 400");
+  EXPECT_EQ(status_of("/", "Transfer-Encoding: chunked\r\n"), "HTTP/1.1 400");
+  EXPECT_EQ(status_of("/", "Host: 127.0.0.1\r\n"), "HTTP/1.1 400");
+  EXPECT_EQ(status_of("/", "Content-Length: 0\r\n"), "HTTP/1.1 200");
+  EXPECT_EQ(answer_to("GET / HTTP/1.1\r\nHost : 127.0.0.1\r\n\r\n"), "HTTP/1.1 400");
+  EXPECT_EQ(answer_to("\x16\x03\x01\r\n\r\n"), "HTTP/1.1 400");
 }
 
 TEST_F(WebProgramUnderLoad, DelaysOnlyWrongTokens) {

@@ -24,6 +24,11 @@ Request request_of(const http::request<http::empty_body>& message) {
           beast::websocket::is_upgrade(message)};
 }
 
+bool is_malformed(beast::error_code error) {
+  return error.category() == beast::error_code(http::error::bad_version).category() &&
+         error != http::error::end_of_stream && error != http::error::partial_message;
+}
+
 }  // namespace
 
 HttpConnection::HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server,
@@ -42,15 +47,20 @@ void HttpConnection::read() {
   parser_->header_limit(max_header_bytes);
   stream_.expires_after(idle_limit);
   server_.places().set_waiting(place_, [this] { stream_.close(); });
-  http::async_read(stream_, input_, *parser_,
-                   [self = shared_from_this()](beast::error_code error, std::size_t) {
-                     if (!error) self->on_request();
-                   });
+  http::async_read_header(stream_, input_, *parser_,
+                          [self = shared_from_this()](beast::error_code error, std::size_t) {
+                            if (!error || is_malformed(error)) self->on_request(!error);
+                          });
 }
 
-void HttpConnection::on_request() {
+void HttpConnection::on_request(bool is_readable) {
   server_.places().set_waiting(place_, nullptr);
-  Answer answer = server_.answers().to(request_of(parser_->get()));
+  Answer answer = is_readable ? server_.answers().to(request_of(parser_->get()))
+                              : refuse(400, "This is not an HTTP request.");
+  // RFC 9112 section 3.2. A body is not read, so the connection ends with the answer.
+  const bool is_wrong = !parser_->is_done() || parser_->get().count(http::field::host) > 1;
+  if (is_wrong && answer.status < 400)
+    answer = refuse(400, "A request here has one Host and no body.");
   if (answer.is_web_socket && becomes_page(answer)) return;
   if (answer.is_metrics && !may_read_metrics()) return refuse_metrics();
   if (answer.is_metrics) {

@@ -28,7 +28,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   using Parser = boost::beast::http::request_parser<boost::beast::http::empty_body>;
   using Response = boost::beast::http::response<boost::beast::http::string_body>;
 
-  void on_request();
+  void on_request(bool is_readable);
   /// Hands the stream to a PageConnection if there is room; else makes `answer` a refusal.
   bool becomes_page(Answer& answer);
   /// Metrics need a token where watching needs one.
