@@ -214,7 +214,7 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
                  [&](const Pubcomp& p) { downlink_.on_pubcomp(session, p, now); },
                  [&](const Subscribe& p) { subscriptions_.on_subscribe(session, p, now); },
                  [&](const Unsubscribe& p) {
-                   if (const auto filter = subscriptions_.on_unsubscribe(session, p))
+                   if (const auto filter = subscriptions_.on_unsubscribe(session, p, now))
                      downlink_.drop_unwanted(session, *filter, now);
                  },
                  [&](const WillTopicUpd& p) { wills_.on_willtopicupd(session, p, now); },

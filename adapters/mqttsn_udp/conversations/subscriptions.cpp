@@ -41,14 +41,23 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
 }
 
 std::optional<std::string> Subscriptions::on_unsubscribe(ClientSession& session,
-                                                         const Unsubscribe& request) {
+                                                         const Unsubscribe& request,
+                                                         TimePoint now) {
   if (!answers_.has_room(session)) return std::nullopt;
   const auto filter =
       filter_of(session, request.topic_id_type, request.topic_id, request.topic_name);
+  const bool is_known = filter && session.subscriptions.contains(*filter);
+  const bool may_be_kept = filter && !is_known && is_valid_filter(*filter) &&
+                           rules_.policy.may_subscribe(session.client_id, session.robot, *filter);
+  if (may_be_kept &&
+      !session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now)) {
+    output_.count(Count::subscribes_bounded);
+    return std::nullopt;  // the client repeats it
+  }
   answers_.answer(session, Unsuback{request.msg_id});
-  if (!filter || !session.subscriptions.contains(*filter)) return std::nullopt;
-  drop(session, *filter);
-  return filter;
+  if (is_known) drop(session, *filter);
+  if (may_be_kept) output_.emit(UnsubscribeRequest{Mesh::thread, session.robot, *filter});
+  return is_known || may_be_kept ? filter : std::nullopt;
 }
 
 /// The broker's refusal may come after the filter was granted while the broker was away.

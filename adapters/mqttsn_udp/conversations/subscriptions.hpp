@@ -36,8 +36,10 @@ class Subscriptions : Conversation {
       : Conversation(common), answers_(answers) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
-  /// Returns the filter that the client no longer has, if it had it.
-  std::optional<std::string> on_unsubscribe(ClientSession& session, const Unsubscribe& request);
+  /// Returns the filter that the client no longer has. The broker's session may have a filter from
+  /// another gateway that is not known here.
+  std::optional<std::string> on_unsubscribe(ClientSession& session, const Unsubscribe& request,
+                                            TimePoint now);
   /// Handles the broker's answer about one of the session's filters.
   void on_subscribe_result(ClientSession& session, const std::string& filter, bool granted,
                            TimePoint now);

@@ -159,6 +159,26 @@ TEST(SnGateway, R101_UnsubscribesAtTheBrokerForEachRobot) {
   EXPECT_EQ(rig.unsubscribes[1].robot, "r2");
 }
 
+/// The robot's session at the broker may have filters from another gateway.
+TEST(SnGateway, R101_UnsubscribesAFilterThatIsNotKnownHere) {
+  ConnectedRig rig(false);
+  rig.send(1, not_by_name("a/x", 1));
+  EXPECT_EQ(rig.last_to(1), "UNSUBACK msg=1");
+  ASSERT_EQ(rig.unsubscribes.size(), 1U);
+  EXPECT_EQ(rig.unsubscribes[0].filter, "a/x");
+  for (const std::string filter : {"ntnu-slam/fleet/robots/r1/waiting", "a/#/x", ""})
+    rig.send(1, not_by_name(filter, 2));
+  EXPECT_EQ(rig.unsubscribes.size(), 1U) << "no client can have subscribed to these";
+}
+
+TEST(SnGateway, BoundsUnsubscribesOfUnknownFilters) {
+  ConnectedRig rig(false);
+  for (unsigned i = 0; i < limits::subscribe_burst + 5; ++i)
+    rig.send(1, not_by_name("a/" + std::to_string(i), 1));
+  EXPECT_EQ(rig.unsubscribes.size(), limits::subscribe_burst);
+  EXPECT_EQ(rig.sent_to(1).size(), limits::subscribe_burst + 1) << "with CONNACK";
+}
+
 TEST(SnGateway, R102_DeliversARetainedMessageWithItsRetainFlag) {
   ConnectedRig rig;
   rig.subscribe(1, "a/x", 0);
