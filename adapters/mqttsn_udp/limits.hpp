@@ -109,7 +109,7 @@ constexpr std::chrono::seconds note_patience{2};
 /// CONNECTs that wait for notes; further ones do not wait.
 constexpr std::size_t max_waiting_connects = 256;
 /// Time from a change to the note about it, and notes that are made in one turn of the loop.
-constexpr std::chrono::seconds note_interval{1};
+constexpr std::chrono::milliseconds note_interval{50};
 constexpr std::size_t notes_a_turn = 64;
 /// Brokers limit messages, and a robot's session takes a few hundred octets.
 constexpr std::size_t max_note_octets = 65536;

@@ -104,7 +104,7 @@ class Output {
   /// Call when something in the session has changed that must survive a restart.
   void mark_changed(const ClientSession& session) {
     changed_.mark(session);
-    if (!session.is_clean || session.note_hash != 0) noteworthy_.mark(session);
+    noteworthy_.mark(session);
   }
 
   std::optional<Action> next_action() { return actions_.pop(); }

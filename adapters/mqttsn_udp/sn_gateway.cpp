@@ -391,8 +391,8 @@ std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoi
 /// retained messages.
 void SnGateway::on_session_held(const std::string& robot) {
   ClientSession* session = clients_.find_robot(robot);
-  if (!session || session->is_clean) return;
-  session->note_hash = Restoring::unknown_note_hash;
+  if (!session) return;
+  if (session->note_hash != 0) session->note_hash = Restoring::unknown_note_hash;
   output_.mark_noteworthy(*session);
 }
 

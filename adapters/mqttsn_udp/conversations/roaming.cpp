@@ -97,13 +97,12 @@ void Notes::on_deadline(TimePoint now) {
 }
 
 void Notes::update(ClientSession& session, TimePoint now) {
-  Bytes note;
-  std::uint64_t hash = 0;
-  if (!session.is_clean) {
-    note = encode_session(to_note(to_snapshot(session, now)));
-    if (note.size() > limits::max_note_octets) note.clear();  // none is better than an old one
-    if (!note.empty()) hash = fingerprint(note);
-  }
+  const SessionSnapshot content = to_note(to_snapshot(session, now));
+  const bool is_empty =
+      session.is_clean && !content.will && content.topics.empty() && content.subscriptions.empty();
+  Bytes note = is_empty ? Bytes{} : encode_session(content);
+  if (note.size() > limits::max_note_octets) note.clear();  // none is better than an old one
+  const std::uint64_t hash = note.empty() ? 0 : fingerprint(note);
   if (std::exchange(session.note_hash, hash) == hash) return;
   output_.emit(NoteChanged{Mesh::thread, session.robot, std::move(note)});
 }
@@ -147,7 +146,7 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
     output_.validation.restore_allowance(address, snapshot.allowance);
     if (clients_.bind(session, *snapshot.peer, session.local)) downlink_.on_address(session);
   }
-  if (!snapshot.is_clean) session.note_hash = unknown_note_hash;
+  session.note_hash = unknown_note_hash;
   subscriptions_.restore(session, *robot == snapshot.robot, now);
   lifecycle_.enter(session, snapshot.state, now);
   if (snapshot.peer && !rules_.may_speak(snapshot.client_id, *snapshot.peer)) {

@@ -55,8 +55,9 @@ class Roaming : Conversation {
   std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
 };
 
-/// Reports the note with which another gateway can continue a kept session (CleanSession 0). A
-/// changed note waits a little, so that one note has all that a client sets up together.
+/// Reports the note with which another gateway can continue a session, also one that began clean: a
+/// CONNECT with CleanSession 0 resumes it while it lasts (R36). A changed note waits a little, so
+/// that one note has all that a client sets up together.
 class Notes : Conversation {
  public:
   explicit Notes(const Conversation& common) : Conversation(common) {}

@@ -38,7 +38,7 @@ TEST(Notes, ArePublishedAgainWhenTheBrokerSessionOpens) {
   rig.connect(2, "r2");
   rig.gateway.on_session_held("r2");
   rig.pass_s(2);
-  EXPECT_EQ(rig.notes.size(), 2U) << "a clean session has no note";
+  EXPECT_EQ(rig.notes.size(), 2U) << "a clean session without topics has no note";
 }
 
 TEST(Notes, AreNotRewrittenForMessagesStatesOrAddresses) {
@@ -63,22 +63,40 @@ TEST(Notes, AreNotRewrittenForMessagesStatesOrAddresses) {
   EXPECT_TRUE(decode_session(rig.notes[0].note)->subscriptions.empty());
 }
 
-TEST(Notes, ExistOnlyForKeptSessions) {
-  ConnectedRig rig;
+/// A robot may go to its next gateway just after it has subscribed.
+TEST(Notes, AreWrittenAtOnce) {
+  ConnectedRig rig(false);
+  rig.pass_s(2);
+  rig.notes.clear();
   rig.subscribe(1, "a/x", 1);
-  rig.pass_s(5);
-  EXPECT_TRUE(rig.notes.empty());
-  rig.connect(1, "r1", false);
+  rig.pass(std::chrono::milliseconds(50));
+  ASSERT_EQ(rig.notes.size(), 1U);
+  EXPECT_EQ(decode_session(rig.notes[0].note)->subscriptions.size(), 1U);
+}
+
+/// A CONNECT without CleanSession resumes a clean session that still goes on (R36), also at another
+/// gateway.
+TEST(Notes, DescribeACleanSessionUntilItEnds) {
+  ConnectedRig rig;
+  rig.pass_s(2);
+  EXPECT_TRUE(rig.notes.empty()) << "there is nothing to continue";
+  rig.subscribe(1, "a/x", 1);
   rig.pass_s(2);
   ASSERT_EQ(rig.notes.size(), 1U);
-  EXPECT_FALSE(rig.notes[0].note.empty());
+  EXPECT_EQ(decode_session(rig.notes[0].note)->subscriptions.size(), 1U);
+  rig.connect(1, "r1", false);
+  rig.pass_s(2);
+  EXPECT_EQ(rig.notes.size(), 1U) << "its content is the same";
   rig.connect(1, "r1", true);
   rig.pass_s(2);
   ASSERT_EQ(rig.notes.size(), 2U);
   EXPECT_TRUE(rig.notes[1].note.empty());
+  rig.subscribe(1, "a/x", 1);
+  rig.pass_s(2);
   rig.send(1, Disconnect{});
   rig.pass_s(5);
-  EXPECT_EQ(rig.notes.size(), 2U);
+  ASSERT_EQ(rig.notes.size(), 4U);
+  EXPECT_TRUE(rig.notes[3].note.empty());
 }
 
 TEST(Notes, AreWithdrawnWithTheSession) {
