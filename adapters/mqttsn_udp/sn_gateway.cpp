@@ -309,7 +309,8 @@ void SnGateway::on_subscribe_result(const std::string& robot, const std::string&
 void SnGateway::on_deadline(TimePoint now) {
   discovery_.on_deadline(now);
   connecting_.on_deadline(now);
-  while (auto waited = roaming_.take_overdue(now)) resume_connect(std::move(*waited), {}, now);
+  while (auto waited = roaming_.take_overdue(now))
+    resume_connect(std::move(*waited), std::nullopt, now);
   supervision_.on_deadline(now);
   notes_.on_deadline(now);
   pings_.on_deadline(now);
@@ -392,6 +393,7 @@ std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoi
 void SnGateway::on_session_held(const std::string& robot) {
   ClientSession* session = clients_.find_robot(robot);
   if (!session) return;
+  if (session->dropped_before_note) return output_.emit(NoteRequest{Mesh::thread, robot});
   if (session->note_hash != 0) session->note_hash = Restoring::unknown_note_hash;
   output_.mark_noteworthy(*session);
 }
@@ -401,22 +403,27 @@ void SnGateway::forget(const std::string& robot, TimePoint now) {
     lifecycle_.expel(*session, "an operator removed the robot (slam-gatewayctl forget)", now);
 }
 
-void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) {
-  if (auto waited = roaming_.take(robot)) resume_connect(std::move(*waited), note, now);
+void SnGateway::on_note(const std::string& robot, std::optional<ByteView> note, TimePoint now) {
+  if (auto waited = roaming_.take(robot)) return resume_connect(std::move(*waited), note, now);
+  ClientSession* session = clients_.find_robot(robot);
+  if (session && session->dropped_before_note && note)
+    restoring_.complete(*session, read_note(session->client_id, robot, *note), now);
 }
 
 /// Continues a CONNECT that has waited. Without a note the session starts empty, and is kept.
-void SnGateway::resume_connect(Roaming::WaitingConnect waited, ByteView note, TimePoint now) {
+void SnGateway::resume_connect(Roaming::WaitingConnect waited, std::optional<ByteView> note,
+                               TimePoint now) {
   const std::string& client_id = waited.connect.client_id;
   if (!clients_.find(client_id) && lifecycle_.make_room(waited.arrival.peer, now)) {
     SessionSnapshot fresh;
     fresh.client_id = client_id;
     fresh.robot = waited.robot;
     fresh.is_clean = false;
-    const auto known = read_note(waited, note);
+    const auto known = note ? read_note(client_id, waited.robot, *note) : std::nullopt;
     restoring_.restore(known.value_or(std::move(fresh)), now);
     if (ClientSession* session = clients_.find(client_id)) {
-      session->note_hash = known ? fingerprint(note) : 0;
+      session->note_hash = known ? fingerprint(*note) : 0;
+      if (!note) session->dropped_before_note = std::make_unique<std::set<std::string>>();
       clients_.set_evictable(*session, now + limits::crowd_patience);  // after the will's handshake
     }
   }
@@ -427,12 +434,11 @@ void SnGateway::resume_connect(Roaming::WaitingConnect waited, ByteView note, Ti
 }
 
 /// Reads a note, but takes from it only what the client itself could have requested here.
-std::optional<SessionSnapshot> SnGateway::read_note(const Roaming::WaitingConnect& waited,
-                                                    ByteView note) const {
+std::optional<SessionSnapshot> SnGateway::read_note(const std::string& client_id,
+                                                    const std::string& robot, ByteView note) const {
   if (note.empty() || note.size() > limits::max_note_octets) return std::nullopt;
   std::optional<SessionSnapshot> session = decode_session(note);
-  if (!session || session->robot != waited.robot || session->client_id != waited.connect.client_id)
-    return std::nullopt;
+  if (!session || session->robot != robot || session->client_id != client_id) return std::nullopt;
   session = to_note(*session);
   const auto is_forbidden = [&](const Will& will) {
     return !is_valid_topic_name(will.topic) ||

@@ -67,12 +67,14 @@ class SnGateway {
   /// a request to the broker. Returns the messages that were never on the air; commands that were
   /// on the air end as `timeout`.
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
-  /// Call when this gateway holds the robot's session at the broker: tells its note again.
+  /// Call when this gateway holds the robot's session at the broker: reports its note again, or
+  /// asks for a note that could not be read.
   void on_session_held(const std::string& robot);
   /// Ends the session of a robot that an operator wants forgotten.
   void forget(const std::string& robot, TimePoint now);
-  /// Answers NoteRequest with the note of the robot's former gateway; empty: there is none.
-  void on_note(const std::string& robot, ByteView note, TimePoint now);
+  /// Answers NoteRequest with the note of the robot's former gateway; empty: there is none;
+  /// nothing: it cannot be read before on_session_held().
+  void on_note(const std::string& robot, std::optional<ByteView> note, TimePoint now);
 
   /// Call when the daemon stops. Refuses undelivered messages that no session keeps.
   void on_stop(TimePoint now);
@@ -106,8 +108,8 @@ class SnGateway {
   }
 
  private:
-  void resume_connect(Roaming::WaitingConnect waited, ByteView note, TimePoint now);
-  std::optional<SessionSnapshot> read_note(const Roaming::WaitingConnect& waited,
+  void resume_connect(Roaming::WaitingConnect waited, std::optional<ByteView> note, TimePoint now);
+  std::optional<SessionSnapshot> read_note(const std::string& client_id, const std::string& robot,
                                            ByteView note) const;
   void receive(const Arrival& arrival, Packet packet);
   void advance_client_at(const Arrival& arrival);

@@ -55,8 +55,9 @@ class MeshAdapter {
   virtual std::vector<WaitingMessage> give_up(const std::string& /*robot*/) { return {}; }
   /// Deletes everything kept of a robot that is offline, as an operator asked.
   virtual void forget(const std::string& /*robot*/) {}
-  /// Answers a NoteRequest. `note` is empty when there is none.
-  virtual void on_note(const std::string& /*robot*/, ByteView /*note*/) {}
+  /// Answers a NoteRequest. `note` is empty when there is none; nothing: it cannot be read before
+  /// on_session_held().
+  virtual void on_note(const std::string& /*robot*/, std::optional<ByteView> /*note*/) {}
   /// The link to the broker came up or went down.
   virtual void on_broker_link(bool is_up) = 0;
 

@@ -397,7 +397,7 @@ void RobotSession::end_note(Bytes note) {
   if (!std::exchange(note_until_, std::nullopt)) return;
   if (note.size() > max_note_octets) note.clear();
   if (is_held()) actions_.push(UnsubscribeSession{robot_, names_.note_topic(robot_)});
-  actions_.push(NoteRead{robot_, std::move(note)});
+  actions_.push(NoteRead{robot_, std::move(note), is_held()});
 }
 
 // --- Messages ------------------------------------------------------------------------------------

@@ -62,8 +62,8 @@ class RobotSessions {
   void on_shown_elsewhere(const std::string& robot, const Now& now);
   /// Call when another gateway serves the robot. Has no effect while the session is held here.
   void on_given_up(const std::string& robot);
-  /// Takes the session and reads the robot's note. Answered by NoteRead, at once when the broker is
-  /// away.
+  /// Takes the session and reads the robot's note. Answered by NoteRead, at once and without a note
+  /// when the broker is away.
   void read_note(const std::string& robot, const Now& now);
   /// Attaches a robot that was not heard, because it was this gateway's before a restart, or its
   /// gateway has died. `after`: a delay, so that a gateway that hears the robot comes first.

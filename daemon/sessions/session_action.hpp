@@ -89,6 +89,7 @@ struct RefuseStale {
 struct NoteRead {
   std::string robot;
   Bytes note;
+  bool is_known = true;  ///< false: the note could not be read, because the session is not held
 };
 /// Another client repeatedly takes the session of a robot that is heard here, or no longer does.
 struct SessionContested {

@@ -90,7 +90,10 @@ void FuzzLife::link_or_roam(std::uint8_t argument) {
   switch (argument % 4) {
     case 0: return gateway_.on_broker_link(argument % 8 == 0, now_);
     case 1: (void)gateway_.give_up(robot, now_); return;
-    default: return gateway_.on_note(robot, notes_[robot], now_);
+    case 2: return gateway_.on_session_held(robot);
+    default:
+      return gateway_.on_note(
+          robot, argument % 8 == 3 ? std::nullopt : std::optional<ByteView>(notes_[robot]), now_);
   }
 }
 

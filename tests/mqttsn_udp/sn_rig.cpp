@@ -130,8 +130,13 @@ void SnRig::subscribe_result(const std::string& filter, bool granted) {
   drain();
 }
 
-void SnRig::note(const std::string& robot, ByteView note) {
+void SnRig::note(const std::string& robot, std::optional<ByteView> note) {
   gateway.on_note(robot, note, now);
+  drain();
+}
+
+void SnRig::session_held(const std::string& robot) {
+  gateway.on_session_held(robot);
   drain();
 }
 

@@ -53,7 +53,9 @@ class SnRig {
   void receipt(std::uint64_t id, ReceiptOutcome outcome = ReceiptOutcome::safe);
   /// Answers all robots that wait for this SUBSCRIBE at the broker.
   void subscribe_result(const std::string& filter, bool granted);
-  void note(const std::string& robot, ByteView note);
+  /// Nothing: the note cannot be read yet.
+  void note(const std::string& robot, std::optional<ByteView> note);
+  void session_held(const std::string& robot);
   std::vector<WaitingMessage> give_up(const std::string& robot);
   void broker_link(bool is_up);
   void ping(std::uint64_t id, const std::string& robot);

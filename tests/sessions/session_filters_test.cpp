@@ -204,6 +204,23 @@ TEST_F(RobotSessionRulesUp, ReadsTheRetainedNoteAndIgnoresOneThatWaitedInTheSess
   EXPECT_EQ(as_text(read[0].note), "new");
 }
 
+TEST_F(RobotSessionRulesUp, TellsANoteThatCannotBeReadFromOneThatIsNotThere) {
+  sessions.read_note("r1", now);
+  sessions.on_attached("r1", /*is_present=*/false, now);
+  auto read = drain<NoteRead>();
+  ASSERT_EQ(read.size(), 1U);
+  EXPECT_TRUE(read[0].is_known && read[0].note.empty());
+  sessions.read_note("r1", now);
+  sessions.on_broker_down(now);
+  read = drain<NoteRead>();
+  ASSERT_EQ(read.size(), 1U);
+  EXPECT_FALSE(read[0].is_known) << "the broker went while the note was read";
+  sessions.read_note("r1", now);
+  read = drain<NoteRead>();
+  ASSERT_EQ(read.size(), 1U);
+  EXPECT_FALSE(read[0].is_known) << "the broker is away";
+}
+
 /// The robot's first CONNECT was dropped when another gateway took the session.
 TEST_F(RobotSessionRulesUp, TakesTheSessionAgainForTheNoteOfARobotThatConnectsAgain) {
   sessions.read_note("r1", now);

@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -91,6 +92,9 @@ class ClientSession : public SessionTerms {
   TimePoint first_takeover{};
   TimePoint contested_until{};
   std::uint64_t note_hash = 0;  ///< of the last NoteChanged; 0: there is none
+  /// Not null: the former gateway's note could not be read yet, and holds more than this session.
+  /// Holds the filters that the client has unsubscribed since.
+  std::unique_ptr<std::set<std::string>> dropped_before_note;
 
   std::unique_ptr<Will> will;  ///< may be null
   TopicTable topics;

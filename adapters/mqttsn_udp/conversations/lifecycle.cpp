@@ -73,6 +73,7 @@ void Lifecycle::displace(ClientSession& session, TimePoint now) {
 
 void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint now) {
   session.answers.clear();
+  session.dropped_before_note.reset();
   subscriptions_.forget_all(session);
   session.will.reset();
   session.topics.clear();

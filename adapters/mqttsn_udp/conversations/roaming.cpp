@@ -97,6 +97,7 @@ void Notes::on_deadline(TimePoint now) {
 }
 
 void Notes::update(ClientSession& session, TimePoint now) {
+  if (session.dropped_before_note) return;
   const SessionSnapshot content = to_note(to_snapshot(session, now));
   const bool is_empty =
       session.is_clean && !content.will && content.topics.empty() && content.subscriptions.empty();
@@ -156,6 +157,16 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
     supervision_.advance(session, now);
   }
   return true;
+}
+
+void Restoring::complete(ClientSession& session, const std::optional<SessionSnapshot>& note,
+                         TimePoint now) {
+  const auto dropped = std::exchange(session.dropped_before_note, nullptr);
+  output_.mark_changed(session);
+  if (!note) return;
+  for (const TopicTable::Topic& topic : note->topics) session.topics.restore(topic);
+  if (!session.will && note->will) session.will = std::make_unique<Will>(*note->will);
+  subscriptions_.add_noted(session, note->subscriptions, *dropped, now);
 }
 
 /// Leaves all former names before it takes new ones, because robots may swap names.

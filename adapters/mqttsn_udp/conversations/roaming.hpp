@@ -89,6 +89,9 @@ class Restoring : Conversation {
   /// Continues the session; the client notices nothing. Returns false, and refuses its commands, if
   /// it is known already, there is no room, or its client id or address is now another robot's.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
+  /// Completes a session that began before the former gateway's note could be read. `note`:
+  /// nothing when there is none.
+  void complete(ClientSession& session, const std::optional<SessionSnapshot>& note, TimePoint now);
 
   /// Stands for the hash of a note that the broker may not have any more: one from before a
   /// restart, or from before another gateway held the robot's session.

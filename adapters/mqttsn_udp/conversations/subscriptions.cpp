@@ -55,6 +55,8 @@ std::optional<std::string> Subscriptions::on_unsubscribe(ClientSession& session,
     return std::nullopt;  // the client repeats it
   }
   answers_.answer(session, Unsuback{request.msg_id});
+  if (session.dropped_before_note && (is_known || may_be_kept))
+    session.dropped_before_note->insert(*filter);
   if (is_known) drop(session, *filter);
   if (may_be_kept) output_.emit(UnsubscribeRequest{Mesh::thread, session.robot, *filter});
   return is_known || may_be_kept ? filter : std::nullopt;
@@ -151,6 +153,17 @@ void Subscriptions::restore(ClientSession& session, bool are_standing, TimePoint
                   now);
   notice_given_up(session, std::move(too_large),
                   "all clients' filters together are larger than the bound", now);
+}
+
+void Subscriptions::add_noted(ClientSession& session,
+                              const std::vector<SubscriptionSnapshot>& noted,
+                              const std::set<std::string>& dropped, TimePoint now) {
+  for (const auto& [filter, subscription] : session.subscriptions) discharge(session, filter);
+  for (const SubscriptionSnapshot& s : noted)
+    if (!dropped.contains(s.filter))
+      session.subscriptions.emplace(s.filter,
+                                    Subscription{s.qos, s.topic_id_type, s.topic_id, 0, {}});
+  restore(session, /*are_standing=*/true, now);
 }
 
 void Subscriptions::notice_given_up(const ClientSession& session, std::vector<std::string> filters,

@@ -3,10 +3,12 @@
 // for them to its robot's session at the broker. Downlink delivers the messages.
 #pragma once
 
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
 #include "adapters/mqttsn_udp/conversations/conversation.hpp"
 
 namespace slamgw::mqttsn {
@@ -56,6 +58,9 @@ class Subscriptions : Conversation {
   /// Asks the broker for the filters of a session that comes back, from the store or from another
   /// gateway. `are_standing`: the robot's session at the broker has them already.
   void restore(ClientSession& session, bool are_standing, TimePoint now);
+  /// Adds the filters of the former gateway's note that the client has not changed since.
+  void add_noted(ClientSession& session, const std::vector<SubscriptionSnapshot>& noted,
+                 const std::set<std::string>& dropped, TimePoint now);
 
   /// Call before a rename: the robot's former name gives up all filters.
   void suspend(ClientSession& session);

@@ -194,7 +194,7 @@ std::vector<WaitingMessage> MqttsnAdapter::give_up(const std::string& robot) {
 
 void MqttsnAdapter::forget(const std::string& robot) { driver_->forget(robot, read_clocks()); }
 
-void MqttsnAdapter::on_note(const std::string& robot, ByteView note) {
+void MqttsnAdapter::on_note(const std::string& robot, std::optional<ByteView> note) {
   driver_->on_note(robot, note, read_clocks());
 }
 

@@ -40,7 +40,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void on_session_held(const std::string& robot) override;
   std::vector<WaitingMessage> give_up(const std::string& robot) override;
   void forget(const std::string& robot) override;
-  void on_note(const std::string& robot, ByteView note) override;
+  void on_note(const std::string& robot, std::optional<ByteView> note) override;
   Counters counters() const override;
   std::optional<MeshPlaces> places() const override { return driver().machine().places(); }
 

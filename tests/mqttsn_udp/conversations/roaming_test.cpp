@@ -113,12 +113,64 @@ TEST(Roaming, AcceptsARobotWithoutANoteAfterTwoSeconds) {
     rig.robot_comes();
     rig.pass(milliseconds(1999));
     EXPECT_TRUE(rig.is_silent(1));
-    if (is_answered) rig.note("r1", {});
+    if (is_answered) rig.note("r1", ByteView());
     rig.pass(milliseconds(1));
     EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
     EXPECT_TRUE(rig.cleaned.empty()) << "the broker keeps its subscriptions";
     rig.note("r1", note_of_r1());
-    EXPECT_TRUE(rig.subscribes.empty()) << "a late note is ignored";
+    EXPECT_EQ(rig.subscribes.empty(), is_answered) << "a late note completes the session";
+  }
+}
+
+/// The robot has moved while the broker was away.
+TEST(Roaming, CompletesASessionFromANoteThatCouldNotBeRead) {
+  Next rig;
+  rig.robot_comes();
+  rig.note("r1", std::nullopt);
+  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
+  rig.subscribe(1, "a/x", 1);
+  rig.pass_s(5);
+  EXPECT_TRUE(rig.notes.empty()) << "the former gateway's note holds more";
+  EXPECT_EQ(rig.note_requests.size(), 1U);
+  rig.session_held("r1");
+  EXPECT_EQ(rig.note_requests.size(), 2U);
+  rig.subscribes.clear();
+  rig.note("r1", note_of_r1());
+  EXPECT_EQ(rig.filters["r1"], (std::set<std::string>{"a/x", r1_command}));
+  for (const SubscribeRequest& each : rig.subscribes) EXPECT_TRUE(each.is_standing);
+  rig.publish(1, 1, 0, 0);
+  ASSERT_EQ(rig.reports.size(), 1U) << "its topic ids keep their meaning";
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 1U);
+  const SessionSnapshot merged = read(rig.notes[0].note);
+  EXPECT_EQ(merged.subscriptions.size(), 2U);
+  EXPECT_TRUE(merged.will);
+  rig.session_held("r1");
+  EXPECT_EQ(rig.note_requests.size(), 2U) << "nothing is missing any more";
+}
+
+TEST(Roaming, RestoresNoFilterFromALateNoteThatTheRobotHasGivenUp) {
+  Next rig;
+  rig.robot_comes();
+  rig.note("r1", std::nullopt);
+  rig.send(1, Unsubscribe{TopicIdType::normal, 3, r1_command, 0});
+  rig.session_held("r1");
+  rig.note("r1", note_of_r1());
+  EXPECT_TRUE(rig.filters["r1"].empty());
+}
+
+TEST(Roaming, WritesANoteWhenTheFormerGatewayHasLeftNone) {
+  for (const bool is_clean : {true, false}) {
+    Next rig;
+    rig.robot_comes();
+    rig.note("r1", std::nullopt);
+    if (is_clean) rig.connect(1, "r1", true);
+    rig.subscribe(1, "a/x", 1);
+    rig.session_held("r1");
+    EXPECT_EQ(rig.note_requests.size(), is_clean ? 1U : 2U);
+    rig.note("r1", ByteView());
+    rig.pass_s(2);
+    EXPECT_EQ(rig.notes.size(), 1U);
   }
 }
 
@@ -183,7 +235,7 @@ TEST(Roaming, DeliversEarlyCommandsAfterTheWillHandshake) {
   Next rig;
   rig.send(1, Connect{true, false, protocol_id, 60, "r1"});
   rig.robot_message({"r1", {r1_command, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
-  rig.note("r1", {});
+  rig.note("r1", ByteView());
   EXPECT_EQ(rig.sent_to(1), Lines{"WILLTOPICREQ"});
   rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
   rig.send(1, WillMsg{to_bytes("bye")});

@@ -18,7 +18,8 @@ class FakeCore final : public MeshListener {
   void on_mesh_event(MeshEvent event) override {
     if (auto* request = std::get_if<SubscribeRequest>(&event))
       adapter->on_subscribe_result(request->robot, request->filter, true);
-    if (auto* request = std::get_if<NoteRequest>(&event)) adapter->on_note(request->robot, {});
+    if (auto* request = std::get_if<NoteRequest>(&event))
+      adapter->on_note(request->robot, ByteView());
     if (auto* report = std::get_if<Report>(&event)) {
       reports.push_back(*report);
       if (report->receipt.is_owed()) adapter->on_receipt(report->receipt.id, ReceiptOutcome::safe);
