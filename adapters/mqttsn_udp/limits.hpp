@@ -111,6 +111,8 @@ constexpr std::size_t max_waiting_connects = 256;
 /// Time from a change to the note about it, and notes that are made in one turn of the loop.
 constexpr std::chrono::milliseconds note_interval{50};
 constexpr std::size_t notes_a_turn = 64;
+/// Filters that a client unsubscribes while its former gateway's note cannot be read.
+constexpr std::size_t max_dropped_before_note = 256;
 /// Brokers limit messages, and a robot's session takes a few hundred octets.
 constexpr std::size_t max_note_octets = 65536;
 /// The core gets at most one sign of life of each client in this time.

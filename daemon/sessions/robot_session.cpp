@@ -117,6 +117,7 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   for (auto& [filter, entry] : filters_) ask(filter, entry);
   if (!note_until_) return;
   if (!is_present) return end_note({});
+  note_until_ = now + longest_note_wait;
   subscribe_own(names_.note_topic(robot_), /*wants_retained=*/true);
 }
 

@@ -55,8 +55,11 @@ std::optional<std::string> Subscriptions::on_unsubscribe(ClientSession& session,
     return std::nullopt;  // the client repeats it
   }
   answers_.answer(session, Unsuback{request.msg_id});
-  if (session.dropped_before_note && (is_known || may_be_kept))
+  if (session.dropped_before_note && (is_known || may_be_kept)) {
     session.dropped_before_note->insert(*filter);
+    if (session.dropped_before_note->size() > limits::max_dropped_before_note)
+      session.dropped_before_note.reset();  // the note is not read any more
+  }
   if (is_known) drop(session, *filter);
   if (may_be_kept) output_.emit(UnsubscribeRequest{Mesh::thread, session.robot, *filter});
   return is_known || may_be_kept ? filter : std::nullopt;
