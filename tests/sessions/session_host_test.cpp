@@ -161,6 +161,17 @@ TEST_P(SessionHosts, RefuseWaitingCommandsWhereTheFormerProcessUsedAnotherBroker
   EXPECT_TRUE(next.taken.empty());
 }
 
+/// A proxy in front of a broker that is away can make the gateway try MQTT 3.1.1.
+TEST_P(SessionHosts, TakeWaitingCommandsWhenOnlyTheVersionOfMqttIsAnother) {
+  serve(a, "p/server/r1/+");
+  a.host.on_broker_down();
+  publish("p/server/r1/run", "1");
+  a.up(broker.port(), GetParam() == MqttVersion::v5 ? MqttVersion::v3_1_1 : MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return a.taken.size() + a.stale.size() == 1; }));
+  EXPECT_TRUE(a.stale.empty());
+}
+
 TEST_P(SessionHosts, ReopenAllSessionsWhenTheBrokerIsBack) {
   a.up(broker.port(), GetParam());
   for (int i = 0; i < 20; ++i) a.hear("r" + std::to_string(i));

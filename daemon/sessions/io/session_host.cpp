@@ -27,7 +27,6 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
 // --- The broker ----------------------------------------------------------------------------------
 
 void SessionHost::on_broker_up(RobotBroker broker, bool is_other) {
-  is_other = is_other || (broker_ && broker_->version != broker.version);
   broker_ = std::make_shared<const RobotBroker>(std::move(broker));
   driver_->on_broker_up(broker_->version == MqttVersion::v5, is_other, read_clocks());
 }
