@@ -82,7 +82,8 @@ void FleetMember::stop() {
 
 void FleetMember::on_broker_link(bool is_up) {
   if (!is_up) {
-    up_since_.reset();
+    const TimePoint now = read_clocks().mono;
+    if (std::exchange(up_since_, std::nullopt)) last_up_ = host_.sessions().lost_since(now);
     has_kept_orphans_ = false;
     last_alive_.on_broker_down();
     return host_.on_broker_down();
@@ -139,11 +140,13 @@ void FleetMember::on_state(const std::string& gateway, const BrokerMessage& mess
   const auto before =
       known == neighbours_.gateways().end() ? sessions::Neighbours::State{} : known->second;
   const TimePoint now = read_clocks().mono;
+  // A gateway that is shown as dead after an outage was alive before it.
+  const TimePoint last_alive = message.retain ? last_up_ : now;
   for (const auto& orphan : neighbours_.on_state(gateway, message.payload)) {
     if (is_held(orphan.robot))
       withdraw_from(gateway, orphan.robot);
     else
-      keep(orphan.robot, now, orphan.after);
+      keep(orphan.robot, last_alive, orphan.after);
   }
   gateway_driver_->hear_all_commands(neighbours_.is_first());
   give_up_lost();

@@ -128,6 +128,7 @@ class FleetMember {
   Timer newcomer_timer_;
   LogThrottle newcomer_lines_;
   std::optional<TimePoint> up_since_;  ///< when the broker came online
+  TimePoint last_up_{};                ///< when it was online last
   std::string broker_uri_;             ///< of the newest connection, also of the former process
   bool has_kept_orphans_ = false;
   bool sends_retained_ = false;  ///< the broker sends retained messages to wildcard subscriptions

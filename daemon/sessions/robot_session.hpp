@@ -130,6 +130,7 @@ class RobotSession {
   void keep(TimePoint now);
   /// `when`: no gateway has held the session since then; nothing: another living gateway holds it.
   void set_unheld_since(std::optional<TimePoint> when) { unheld_since_ = when; }
+  std::optional<TimePoint> unheld_since() const { return unheld_since_; }
   /// When another client took the session last; nothing when that was not so, or is not known.
   std::optional<TimePoint> lost_at() const { return lost_at_; }
   void set_queued() { enter(State::queued); }

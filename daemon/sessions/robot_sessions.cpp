@@ -88,9 +88,11 @@ void RobotSessions::settle(const std::string& robot, RobotSession& session, Time
 
 void RobotSessions::keep(const std::string& robot, std::optional<TimePoint> unheld_since,
                          Duration after, const Now& now) {
+  const bool is_new = find(robot) == nullptr;
   RobotSession* session = find_or_make(robot, now);
   if (!session || session->is_held()) return;
-  if (unheld_since) session->set_unheld_since(unheld_since);
+  if (unheld_since && (is_new || session->unheld_since() < unheld_since))
+    session->set_unheld_since(unheld_since);
   session->set_keeps_at(earlier(session->keeps_at(), now.mono + after));
   settle(robot, *session, now);
 }
@@ -274,8 +276,7 @@ bool RobotSessions::has_stood_still(TimePoint now) const {
   return last_tick_ && now - *last_tick_ > longest_pause;
 }
 
-/// Returns since when no gateway may have held a session that is lost now: a process that stood
-/// still notices the loss only when it goes on.
+/// A process that stood still notices the loss only when it goes on.
 TimePoint RobotSessions::lost_since(TimePoint now) const {
   if (has_stood_still(now)) return *last_tick_;
   return now < goes_on_at_ + catching_up ? stood_still_since_ : now;

@@ -67,7 +67,8 @@ class RobotSessions {
   void read_note(const std::string& robot, const Now& now);
   /// Attaches a robot that was not heard, because it was this gateway's before a restart, or its
   /// gateway has died. `after`: a delay, so that a gateway that hears the robot comes first.
-  /// `unheld_since`: no gateway has held its session since then; nothing: unknown.
+  /// `unheld_since`: no gateway has held its session since then; nothing: unknown. A later time
+  /// that is known already stands.
   void keep(const std::string& robot, std::optional<TimePoint> unheld_since, Duration after,
             const Now& now);
   /// Attaches the robots that wait in keep() at once. Call when there is no other gateway.
@@ -101,6 +102,8 @@ class RobotSessions {
   /// Returns true for a while after the process stood still, while it may hold fewer sessions than
   /// it knows.
   bool is_waking(TimePoint now) const { return has_stood_still(now) || now < goes_on_at_ + waking; }
+  /// Returns since when no gateway may have held a session that is lost now.
+  TimePoint lost_since(TimePoint now) const;
 
   std::optional<SessionAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
@@ -122,7 +125,6 @@ class RobotSessions {
   RobotSession* find_or_make(const std::string& robot, TimePoint now);
   void open_next();
   bool has_stood_still(TimePoint now) const;
-  TimePoint lost_since(TimePoint now) const;
   void end_forgetting(const std::string& robot);
   /// Has on_deadline() visit the session at `when`, or earlier.
   void wake_at(const std::string& robot, TimePoint when);

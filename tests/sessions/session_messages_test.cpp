@@ -139,8 +139,8 @@ TEST_F(RobotSessionRulesUp, Rule7_DatesALossNoticedAfterAStandstillFromItsBeginn
 }
 
 TEST_F(RobotSessionRulesUp, Rule7_ARetainedMessageIsNotStale) {
-  subscribe("ntnu-slam/server/r1/run");
   sessions.keep("r1", now.mono - seconds{60}, {}, now);
+  subscribe("ntnu-slam/server/r1/run");
   pass({});
   sessions.on_attached("r1", true, now);
   forget_actions();
@@ -167,6 +167,17 @@ TEST_F(RobotSessionRulesUp, Rule7_TakesRecentCommandsOfARobotHeardBeforeItsConne
   attach(true);
   arrives(command("1"));
   EXPECT_EQ(fenced().size(), 1U) << "its gateway died two seconds ago";
+}
+
+/// After an outage, a gateway that is back first takes the others for dead.
+TEST_F(RobotSessionRulesUp, Rule7_TakesRecentCommandsOfARobotWhoseGatewayIsBackLater) {
+  now.mono += std::chrono::hours{5};
+  sessions.keep("r1", now.mono, seconds{5}, now);
+  now.mono += seconds{8};
+  sessions.keep("r1", now.mono - 2 * RobotSession::stale_after, seconds{5}, now);
+  attach(true);
+  arrives(command("1"));
+  EXPECT_EQ(fenced().size(), 1U) << "its gateway was online eight seconds ago";
 }
 
 TEST_F(RobotSessionRulesUp, Rule7_RefusesCommandsThatMayHaveWaitedSinceTheStartOfTheProcess) {
