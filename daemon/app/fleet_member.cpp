@@ -247,7 +247,8 @@ void FleetMember::handle(const NoteRequest& request) {
 }
 
 void FleetMember::handle(const Report& report) {
-  if (!report.is_will) on_heard(report.mesh, report.robot);
+  if (report.is_will) return host_->prove(report.robot);
+  on_heard(report.mesh, report.robot);
 }
 
 /// From now on the core shows the robot. While the broker is offline, also before its first
@@ -371,6 +372,9 @@ void FleetMember::perform(sessions::SessionHost::Report& report) {
       overloaded{
           [this](sessions::SessionHeld& held) { on_held(held); },
           [this](sessions::SessionLost& lost) { on_lost(lost); },
+          [this](sessions::SessionProven& proven) {
+            gateway_driver_->on_session_proven(proven.robot, read_clocks());
+          },
           [this](sessions::SessionSorted& sorted) {
             gateway_driver_->commands().on_session_sorted(sorted.robot);
           },

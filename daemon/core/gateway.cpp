@@ -236,8 +236,12 @@ void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
 void Gateway::on_session_held(const std::string& robot, bool was_present,
                               const std::string& dead_owner, const Now& now) {
   presence_.on_session_held(robot, dead_owner, now);
-  if (auto will = presence_.take_will(robot)) pass_up(std::move(*will), now);
+  on_session_proven(robot, now);
   commands_.on_session_held(robot, was_present, now);
+}
+
+void Gateway::on_session_proven(const std::string& robot, const Now& now) {
+  if (auto will = presence_.take_will(robot)) pass_up(std::move(*will), now);
 }
 
 void Gateway::on_configured(std::set<std::string> robots) {

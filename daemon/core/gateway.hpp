@@ -70,6 +70,8 @@ class Gateway {
   /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
   void on_session_held(const std::string& robot, bool was_present, const std::string& dead_owner,
                        const Now& now);
+  /// This gateway still held the robot's session after the last report.
+  void on_session_proven(const std::string& robot, const Now& now);
   /// The daemon shuts down: publishes the `state` `offline`, as the last will would.
   void on_stop(const Now& now);
 

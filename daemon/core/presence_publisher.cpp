@@ -177,12 +177,10 @@ void PresencePublisher::on_stop() {
   if (broker_.is_up) publish_state();  // else the last will has said the same
 }
 
-/// The gateway that holds the robot's session publishes the will. While it is not known which
-/// gateway that is, the robot may be alive at another one.
+/// The gateway that holds the robot's session publishes the will, when the broker has shown that it
+/// still does. The robot may be alive at another gateway while the connection is stalled.
 bool PresencePublisher::keep_will(Report& will, const Now& now) {
-  if (directory_.places.is_alone() || directory_.places.is_held(will.robot) ||
-      waiting_wills_.size() >= max_waiting_wills)
-    return false;
+  if (directory_.places.is_alone() || waiting_wills_.size() >= max_waiting_wills) return false;
   if (!wills_due_ && up_since_) wills_due_ = now.mono + will_patience;
   const std::string robot = will.robot;
   waiting_wills_.insert_or_assign(robot, WaitingWill{std::move(will), now.mono});

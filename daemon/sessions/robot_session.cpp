@@ -81,7 +81,14 @@ void RobotSession::leave() {
   enter(State::detached);
 }
 
+void RobotSession::prove() {
+  if (!is_held()) return;
+  proof_ = ++last_fence_;
+  actions_.push(AskFence{robot_, proof_});
+}
+
 void RobotSession::drop_unfenced() {
+  proof_ = 0;
   for (auto& [filter, fence] : given_up_) fence = 0;
   counts_.fenced_off += unfenced_.size();
   unfenced_.clear();
@@ -529,6 +536,10 @@ void RobotSession::end_sorting() {
 }
 
 void RobotSession::on_fence(std::uint64_t number, TimePoint now) {
+  if (proof_ != 0 && proof_ <= number) {
+    proof_ = 0;
+    actions_.push(SessionProven{robot_});
+  }
   std::erase_if(given_up_,
                 [number](const auto& each) { return each.second != 0 && each.second <= number; });
   for (Unfenced& each : unfenced_) {

@@ -163,6 +163,8 @@ class RobotSession {
   void grant_waiting(TimePoint end = TimePoint::max());
   /// Reads the robot's note, and asks for the session if it is not held. Answered by NoteRead.
   void read_note(TimePoint now);
+  /// Asks the broker whether the session is still held; answered by SessionProven, or lost.
+  void prove();
   /// Answers a waiting reader with `note`. Has no effect when there is none.
   void end_note(Bytes note);
 
@@ -264,6 +266,7 @@ class RobotSession {
   std::map<std::string, std::uint64_t> given_up_;
   std::list<Unfenced> unfenced_;  ///< in the order in which they came
   std::uint64_t last_fence_ = 0;
+  std::uint64_t proof_ = 0;  ///< the fence that answers prove(); 0: none
   std::optional<TimePoint> unheld_since_;
   std::string marker_;  ///< not empty: messages that come before it are stale
   unsigned markers_back_ = 0;

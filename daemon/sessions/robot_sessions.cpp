@@ -52,6 +52,10 @@ void RobotSessions::begin_clean(const std::string& robot, const Now& now) {
   settle(robot, *session, now);
 }
 
+void RobotSessions::prove(const std::string& robot) {
+  if (RobotSession* session = find(robot)) session->prove();
+}
+
 void RobotSessions::on_shown_elsewhere(const std::string& robot, const Now& now) {
   if (RobotSession* session = find(robot)) session->on_shown_elsewhere(now);
 }

@@ -57,6 +57,9 @@ class RobotSessions {
                  const Now& now);
   void unsubscribe(const std::string& robot, const std::string& filter);
   void begin_clean(const std::string& robot, const Now& now);
+  /// Asks the broker whether the robot's session is still held here. SessionProven says so; nothing
+  /// is said when it is not.
+  void prove(const std::string& robot);
   /// Call when another gateway newly shows the robot: it is not tried again before it is heard
   /// here.
   void on_shown_elsewhere(const std::string& robot, const Now& now);

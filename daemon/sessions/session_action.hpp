@@ -59,6 +59,10 @@ struct SessionLost {
   std::string robot;
   LossReason why = LossReason::taken;
 };
+/// The session was still held when prove() was called.
+struct SessionProven {
+  std::string robot;
+};
 /// The messages that waited for a robot that starts a clean session were refused; the broker now
 /// forgets them.
 struct SessionSorted {
@@ -99,7 +103,7 @@ struct SessionContested {
 
 using SessionAction =
     std::variant<OpenSession, CloseSession, SubscribeSession, UnsubscribeSession, AskFence,
-                 SendMarker, SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
-                 RefuseStale, NoteRead, SessionContested, Notice>;
+                 SendMarker, SessionHeld, SessionLost, SessionProven, SessionSorted, FilterAnswered,
+                 TakeMessage, RefuseStale, NoteRead, SessionContested, Notice>;
 
 }  // namespace slamgw::sessions

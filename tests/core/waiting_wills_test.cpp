@@ -28,11 +28,21 @@ class WaitingWills : public test::SharedGatewayRig {
   const std::vector<std::string> none{};
 };
 
-TEST_F(WaitingWills, ArePublishedAtOnceWhenTheSessionIsHeld) {
+/// The connection may be stalled, and the robot at another gateway.
+TEST_F(WaitingWills, ArePublishedWhenTheSessionIsProvenToBeHeld) {
   broker_comes();
   held.insert("a");
   will_of("a");
+  EXPECT_EQ(published(), none);
+  gateway.on_session_proven("a", now);
   EXPECT_EQ(published(), std::vector<std::string>{"gone"});
+  will_of("a");
+  held.erase("a");
+  broker_is(false);
+  broker_comes();
+  elsewhere.insert("a");
+  pass(PresencePublisher::will_patience);
+  EXPECT_EQ(published(), none) << "another gateway has taken the session";
 }
 
 TEST_F(WaitingWills, ArePublishedAtOnceByAGatewayThatIsAlone) {

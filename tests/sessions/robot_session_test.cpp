@@ -420,6 +420,22 @@ TEST_F(RobotSessionRulesUp, SubscribesEverythingAtAnotherBrokerAndRefusesItsOldC
   EXPECT_TRUE(fenced().empty());
 }
 
+TEST_F(RobotSessionRulesUp, Rule2_ProvesThatItHoldsASessionByAFence) {
+  sessions.prove("r1");
+  attach();
+  forget_actions();
+  sessions.prove("r1");
+  const auto fences = drain<AskFence>();
+  ASSERT_EQ(fences.size(), 1U);
+  sessions.on_detached("r1", now);
+  attach();
+  sessions.on_fence("r1", fences[0].number, now);
+  EXPECT_TRUE(drain<SessionProven>().empty()) << "the session was lost meanwhile";
+  sessions.prove("r1");
+  sessions.on_fence("r1", drain<AskFence>().at(0).number, now);
+  EXPECT_EQ(drain<SessionProven>().size(), 1U);
+}
+
 // --- Forgetting ----------------------------------------------------------------------------------
 
 TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNothingAtTheBroker) {

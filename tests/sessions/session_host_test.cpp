@@ -59,6 +59,7 @@ class Host {
   void take(FilterAnswered& what) { answered.push_back(what); }
   void take(TakeMessage& what) { taken.push_back(what); }
   void take(NoteRead& what) { notes.push_back(what); }
+  void take(SessionProven&) {}
   void take(SessionSorted&) {}
   void take(RefuseStale& what) { stale.push_back(what); }
   void take(SessionContested&) {}

@@ -21,8 +21,9 @@ namespace slamgw::sessions {
 class SessionHost {
  public:
   /// Actions for the application: the second group of session_action.hpp.
-  using Report = std::variant<SessionHeld, SessionLost, SessionSorted, FilterAnswered, TakeMessage,
-                              RefuseStale, NoteRead, SessionContested, Notice>;
+  using Report =
+      std::variant<SessionHeld, SessionLost, SessionProven, SessionSorted, FilterAnswered,
+                   TakeMessage, RefuseStale, NoteRead, SessionContested, Notice>;
 
   SessionHost(boost::asio::io_context& io, SessionNames names,
               RobotSessions::ServedElsewhere is_served_elsewhere,
