@@ -108,8 +108,7 @@ constexpr std::chrono::seconds contest_window{60};
 constexpr std::chrono::seconds note_patience{2};
 /// CONNECTs that wait for notes; further ones do not wait.
 constexpr std::size_t max_waiting_connects = 256;
-/// Time from a change to the note about it, and notes that are made in one turn of the loop.
-constexpr std::chrono::milliseconds note_interval{50};
+/// Notes that are made in one turn of the loop.
 constexpr std::size_t notes_a_turn = 64;
 /// Filters that a client unsubscribes while its former gateway's note cannot be read.
 constexpr std::size_t max_dropped_before_note = 256;

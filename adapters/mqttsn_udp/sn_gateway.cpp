@@ -141,7 +141,7 @@ void SnGateway::renew_local(const Arrival& arrival) {
   ClientSession* session = clients_.find(arrival.peer);
   if (!session || session->local == arrival.local) return;
   session->local = arrival.local;
-  output_.mark_changed(*session);
+  output_.mark_unsaved(*session);
 }
 
 /// A robot that has made a new DTLS connection goes on with its session, as if it had not moved.

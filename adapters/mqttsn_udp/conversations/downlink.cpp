@@ -119,7 +119,7 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
     output_.count(Count::queue_dropped);
     return refuse(session, outgoing, "the robot does not answer messages on this topic", now);
   }
-  if (outgoing.qos != Qos::at_most_once) output_.mark_changed(session);
+  if (outgoing.qos != Qos::at_most_once) output_.mark_unsaved(session);
   session.delivery.queue.push_back(std::move(outgoing));
   keep_in_bounds(session, now);
 }
@@ -339,14 +339,14 @@ void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint
 }
 
 void Downlink::on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now) {
-  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) output_.mark_changed(session);
+  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) output_.mark_unsaved(session);
 }
 
 void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandResult result,
                       std::string why, TimePoint now) {
   if (result == CommandResult::delivered || result == CommandResult::sent)
     output_.count(Count::delivered_down);
-  if (outgoing.qos != Qos::at_most_once) output_.mark_changed(session);
+  if (outgoing.qos != Qos::at_most_once) output_.mark_unsaved(session);
   commands_.end(outgoing.command, result, std::move(why), now);
 }
 
@@ -530,7 +530,7 @@ void Downlink::expire_commands(ClientSession& session, TimePoint now) {
 void Downlink::time_out(ClientSession& session, const Outgoing& outgoing, std::string why,
                         TimePoint now) {
   remember_abandoned(session.delivery, outgoing);
-  output_.mark_changed(session);
+  output_.mark_unsaved(session);
   commands_.end(outgoing.command, CommandResult::timeout, std::move(why), now);
 }
 
@@ -582,7 +582,7 @@ bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, Ti
 void Downlink::refuse(ClientSession& session, const Outgoing& outgoing, std::string why,
                       TimePoint now) {
   remember_abandoned(session.delivery, outgoing);
-  if (outgoing.command) output_.mark_changed(session);  // the outcome is not reported again
+  if (outgoing.command) output_.mark_unsaved(session);  // the outcome is not reported again
   const bool was_sent = outgoing.msg_id != 0;
   commands_.end(outgoing.command, was_sent ? CommandResult::timeout : CommandResult::refused,
                 std::move(why), now);

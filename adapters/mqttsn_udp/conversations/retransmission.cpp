@@ -47,7 +47,7 @@ void Release::begin(ClientSession& session, std::uint16_t msg_id, TimePoint now)
   if (delivery.releasing.size() >= limits::max_open_releases)
     delivery.releasing.erase(delivery.releasing.begin());
   delivery.releasing.push_back(begin_attempt(settings_, delivery, msg_id, now));
-  output_.mark_changed(session);
+  output_.mark_unsaved(session);
   output_.send(session, Pubrel{msg_id});
 }
 
@@ -106,7 +106,7 @@ bool Release::on_time(ClientSession& session, TimePoint now) {
     is_silent |= !was_heard;
     return was_heard;
   };
-  if (std::erase_if(session.delivery.releasing, is_over) > 0) output_.mark_changed(session);
+  if (std::erase_if(session.delivery.releasing, is_over) > 0) output_.mark_unsaved(session);
   return is_silent;
 }
 

@@ -80,20 +80,16 @@ std::optional<TimePoint> Roaming::deadline() const {
   return waiting_.front().until;
 }
 
-/// Returns a time in the past after a change: on_deadline() then starts the interval at once.
+/// Returns a time in the past after a change: the note is written in the next turn of the loop.
 std::optional<TimePoint> Notes::deadline() const {
   if (!output_.has_noteworthy()) return std::nullopt;
-  return due_.value_or(TimePoint{});
+  return TimePoint{};
 }
 
 void Notes::on_deadline(TimePoint now) {
-  if (!output_.has_noteworthy()) return;
-  if (!due_) due_ = now + limits::note_interval;
-  if (now < *due_) return;
   for (const std::string& id : output_.take_noteworthy(limits::notes_a_turn)) {
     if (ClientSession* session = clients_.find(id)) update(*session, now);
   }
-  if (!output_.has_noteworthy()) due_.reset();
 }
 
 void Notes::update(ClientSession& session, TimePoint now) {

@@ -56,8 +56,8 @@ class Roaming : Conversation {
 };
 
 /// Reports the note with which another gateway can continue a session, also one that began clean: a
-/// CONNECT with CleanSession 0 resumes it while it lasts (R36). A changed note waits a little, so
-/// that one note has all that a client sets up together.
+/// CONNECT with CleanSession 0 resumes it while it lasts (R36). A note is written at once, because
+/// the robot may go to its next gateway just after a change.
 class Notes : Conversation {
  public:
   explicit Notes(const Conversation& common) : Conversation(common) {}
@@ -67,8 +67,6 @@ class Notes : Conversation {
 
  private:
   void update(ClientSession& session, TimePoint now);
-
-  std::optional<TimePoint> due_;  // nothing: no change was seen since the last notes
 };
 
 /// Turns sessions into snapshots and restores them: over a restart of the daemon, or from another

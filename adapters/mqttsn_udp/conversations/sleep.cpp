@@ -10,7 +10,7 @@ void Supervision::fall_asleep(ClientSession& session, std::chrono::seconds durat
   session.sleep_duration = duration;
   if (session.delivery.forgets_ids_asleep) session.topics.forget_known();
   sleep_again(session, now);
-  output_.mark_changed(session);
+  output_.mark_unsaved(session);
 }
 
 void Supervision::wake(ClientSession& session, TimePoint now) {
@@ -23,7 +23,7 @@ void Supervision::follow(ClientSession& session, const Arrival& arrival) {
   const Peer& peer = arrival.peer;
   if (ClientSession* former = clients_.find(peer)) lifecycle_.displace(*former, arrival.now);
   if (clients_.bind(session, peer, arrival.local)) downlink_.on_address(session);
-  output_.mark_changed(session);
+  output_.mark_unsaved(session);
   lifecycle_.report_presence(session, presence_of(session.state()), arrival.now);
 }
 

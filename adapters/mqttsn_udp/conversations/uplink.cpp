@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -54,7 +55,7 @@ void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint n
   const auto found = session.inbound_qos2.find(pubrel.msg_id);
   if (found != session.inbound_qos2.end() && found->second.is_safe) {
     complete(session, found, now);
-    output_.mark_changed(session);
+    output_.mark_unsaved(session);
   }
   output_.send(session, Pubcomp{pubrel.msg_id});
 }
@@ -120,7 +121,7 @@ std::string Uplink::name_of(ClientSession& session, const Publish& publish) cons
     return rules_.topic_of(session.client_id, publish.topic_id_type, publish.topic_id).value_or("");
   TopicTable::Topic* const known = session.topics.find(publish.topic_id);
   if (!known) return {};
-  known->is_own = true;
+  if (!std::exchange(known->is_own, true)) output_.mark_changed(session);
   return SpareBuffers<std::string>::copy(known->name);
 }
 
@@ -152,7 +153,7 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
   const bool did_count = session.repeats.counts_ids();
   const Receipt receipt = open_receipt(session, publish);
   session.repeats.add({mark, now, receipt.id, publish.topic_id, publish.msg_id});
-  if (session.repeats.counts_ids() != did_count) output_.mark_changed(session);
+  if (session.repeats.counts_ids() != did_count) output_.mark_unsaved(session);
   report(session, std::move(publish), std::move(topic), receipt);
 }
 
@@ -173,7 +174,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   if (known == session.inbound_qos2.end()) make_room(session, now);
   const Receipt receipt = open_receipt(session, publish);
   session.inbound_qos2[publish.msg_id] = {mark, receipt.id};
-  output_.mark_changed(session);
+  output_.mark_unsaved(session);
   report(session, std::move(publish), std::move(topic), receipt);
 }
 
@@ -242,7 +243,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
     if (is_known) found->second.is_safe = true;
-    if (is_known) output_.mark_changed(session);
+    if (is_known) output_.mark_unsaved(session);
   }
   if (!is_known || !session.is_connected()) return;
   if (open.qos == Qos::at_least_once) {

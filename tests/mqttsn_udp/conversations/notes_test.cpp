@@ -63,13 +63,13 @@ TEST(Notes, AreNotRewrittenForMessagesStatesOrAddresses) {
   EXPECT_TRUE(decode_session(rig.notes[0].note)->subscriptions.empty());
 }
 
-/// A robot may go to its next gateway just after it has subscribed.
+/// A robot may go to its next gateway just after it has subscribed, or unsubscribed.
 TEST(Notes, AreWrittenAtOnce) {
   ConnectedRig rig(false);
   rig.pass_s(2);
   rig.notes.clear();
   rig.subscribe(1, "a/x", 1);
-  rig.pass(std::chrono::milliseconds(50));
+  rig.pass({});
   ASSERT_EQ(rig.notes.size(), 1U);
   EXPECT_EQ(decode_session(rig.notes[0].note)->subscriptions.size(), 1U);
 }
@@ -97,6 +97,19 @@ TEST(Notes, DescribeACleanSessionUntilItEnds) {
   rig.pass_s(5);
   ASSERT_EQ(rig.notes.size(), 4U);
   EXPECT_TRUE(rig.notes[3].note.empty());
+}
+
+TEST(Notes, NameATopicOfTheGatewayOnceTheRobotPublishesToIt) {
+  ConnectedRig rig(false);
+  rig.subscribe(1, "a/#", 0);
+  rig.broker("a/x");
+  rig.send(1, Regack{1, 1, ReturnCode::accepted});
+  rig.pass_s(2);
+  rig.notes.clear();
+  rig.publish(1, 1, 0, 0);
+  rig.pass({});
+  ASSERT_EQ(rig.notes.size(), 1U);
+  EXPECT_EQ(decode_session(rig.notes[0].note)->topics.size(), 1U);
 }
 
 TEST(Notes, AreWithdrawnWithTheSession) {
