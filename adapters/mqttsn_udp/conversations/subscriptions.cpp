@@ -47,13 +47,11 @@ std::optional<std::string> Subscriptions::on_unsubscribe(ClientSession& session,
   const auto filter =
       filter_of(session, request.topic_id_type, request.topic_id, request.topic_name);
   const bool is_known = filter && session.subscriptions.contains(*filter);
-  const bool may_be_kept = filter && !is_known && is_valid_filter(*filter) &&
-                           rules_.policy.may_subscribe(session.client_id, session.robot, *filter);
-  if (may_be_kept &&
-      !session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now)) {
-    output_.count(Count::subscribes_bounded);
-    return std::nullopt;  // the client repeats it
-  }
+  // Beyond the rate of SUBSCRIBE, unknown filters do not reach the broker.
+  const bool may_be_kept =
+      filter && !is_known && is_valid_filter(*filter) &&
+      rules_.policy.may_subscribe(session.client_id, session.robot, *filter) &&
+      session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now);
   answers_.answer(session, Unsuback{request.msg_id});
   if (session.dropped_before_note && (is_known || may_be_kept)) {
     session.dropped_before_note->insert(*filter);
