@@ -43,19 +43,20 @@ TEST_F(KeptSocket, IsNotUsedWhenItsInterfaceWasRecreated) {
   EXPECT_EQ(socket.port(), 47193);
 }
 
-/// Returns whether a second socket can be opened at the port of the first.
+/// Returns whether a second socket can be opened at the port of the first. Tries several ports,
+/// because another program may use the second address at one of them.
 bool both_open(const std::string& first, const std::string& second, std::uint16_t& port) {
   boost::asio::io_context io;
-  const UdpSocket socket(io, first + ":0", "");
-  port = socket.port();
-  try {
-    const UdpSocket other(io, fmt::format("{}:{}", second, port), "");
-    return true;
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("Address already in use"), std::string::npos)
-        << error.what();
-    return false;
-  }
+  for (int attempt = 0; attempt < 3; ++attempt) try {
+      const UdpSocket socket(io, first + ":0", "");
+      port = socket.port();
+      const UdpSocket other(io, fmt::format("{}:{}", second, port), "");
+      return true;
+    } catch (const std::runtime_error& error) {
+      EXPECT_NE(std::string(error.what()).find("Address already in use"), std::string::npos)
+          << error.what();
+    }
+  return false;
 }
 
 /// Returns whether the configuration may name both addresses, in one list and in two.
