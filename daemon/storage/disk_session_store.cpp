@@ -112,7 +112,7 @@ bool DiskSessionStore::open(bool skips_unreadable, std::vector<Session>& loaded)
   is_disk_failing_ = false;
   try {
     log_.emplace(directory_, segment_bytes);
-    // What cannot be kept up to date may be out of date already: topic ids may have changed.
+    // Sessions on a read-only disk may be old: topic ids may have changed since.
     if (log_->is_read_only()) throw LogError(directory_, EROFS);
     const RecordLog::Summary summary = log_->open(skips_unreadable);
     read_all(skips_unreadable, loaded);

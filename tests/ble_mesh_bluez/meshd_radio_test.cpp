@@ -58,6 +58,15 @@ struct RadioRig {
     if (std::holds_alternative<DeviceJoined>(*about_nodes)) ++joined;
     if (const auto* ended = std::get_if<RadioCleared>(about_nodes)) cleared.push_back(*ended);
   }
+  /// A device of meshd begins to join.
+  void begin_join() {
+    meshd.robots.add(1);
+    ProvisionDevice device;
+    device.address = destination;
+    std::ranges::copy(meshd.robots.devices[0].uuid, device.uuid.begin());
+    radio.provision(device);
+    settle();
+  }
   void run_for(Duration time) {
     for (const TimePoint end = now + time; now < end; now += 5ms) {
       if (radio.deadline() && *radio.deadline() <= now) radio.on_deadline(now);
@@ -232,12 +241,7 @@ TEST(MeshdRadio, FailsJoinThatMeshdDoesNotReport) {
 
 TEST(MeshdRadio, ReportsEndOfDeviceThatWasRefused) {
   RadioRig rig;
-  rig.meshd.robots.add(1);
-  ProvisionDevice device;
-  device.address = destination;
-  std::ranges::copy(rig.meshd.robots.devices[0].uuid, device.uuid.begin());
-  rig.radio.provision(device);
-  rig.settle();
+  rig.begin_join();
   rig.radio.answer_device("its addresses are taken", rig.now);
   while (auto request = rig.radio.next_request())
     if (const auto* given = std::get_if<GiveAddress>(&*request))
@@ -250,12 +254,7 @@ TEST(MeshdRadio, ReportsEndOfDeviceThatWasRefused) {
 TEST(MeshdRadio, BreaksOffOnlyAJoinWithoutAnAddress) {
   for (const bool has_address : {false, true}) {
     RadioRig rig;
-    rig.meshd.robots.add(1);
-    ProvisionDevice device;
-    device.address = destination;
-    std::ranges::copy(rig.meshd.robots.devices[0].uuid, device.uuid.begin());
-    rig.radio.provision(device);
-    rig.settle();
+    rig.begin_join();
     if (has_address) rig.radio.answer_device("", rig.now);
     rig.radio.break_off_join("the daemon ends");
     rig.settle();

@@ -80,6 +80,14 @@ class LoadConfig : public testing::Test {
   }
 
   /// The problems of a configuration, without this test's directory, joined by line ends.
+  /// Returns file, line and key of each line of `problems`.
+  static std::string places_of(const std::string& problems) {
+    std::string places;
+    std::istringstream lines(problems);
+    for (std::string line; std::getline(lines, line);)
+      places += line.substr(0, line.find(": ", line.find(": ") + 2)) + "\n";
+    return places;
+  }
   std::string problems_of(const std::string& text) {
     std::string result;
     for (const Problem& problem : load_config(write("gateway.json", text)).problems)
@@ -203,7 +211,7 @@ TEST_F(LoadConfig, ReadsCredentialFromSystemd) {
 TEST_F(LoadConfig, FindsFilesThatServiceUserCannotRead) {
   if (geteuid() != 0) GTEST_SKIP() << "only root can check the access of another user";
   std::filesystem::permissions(directory_, std::filesystem::perms(0755));
-  const std::string user = "nobody";  // Debian's user without rights
+  const std::string user = "nobody";  // a system account without rights
   EXPECT_FALSE(may_user_read(user, write("closed.json", "{}", 0600)));
   EXPECT_TRUE(may_user_read(user, write("open.json", "{}", 0644)));
   EXPECT_TRUE(may_user_read(user, directory_ / "missing.json"))
@@ -302,11 +310,7 @@ TEST_F(LoadConfig, ReportsWrongKeysOfOtherFilesBesideSyntaxError) {
   write("gateway.d/d.json", R"({"log": {"level": "loud"}})");
   const std::string tls = R"({"broker": {"tls": {"certificate_file": "c.pem"}}})";
   const std::string problems = problems_of(tls);
-  std::string places;
-  std::istringstream lines(problems);
-  for (std::string line; std::getline(lines, line);)
-    places += line.substr(0, line.find(": ", line.find(": ") + 2)) + "\n";
-  EXPECT_EQ(places,
+  EXPECT_EQ(places_of(problems),
             "gateway.d/a.json:1: broker.url\n"
             "gateway.d/b.json:1: syntax\n"
             "gateway.d/c.json:1: syntax\n"
@@ -320,11 +324,7 @@ TEST_F(LoadConfig, ReportsWrongValuesThatLaterFilesOverrule) {
   write("gateway.d/b.json", R"({"log": {"level": "soft"}, "zz": 3, "mqttsn": {"gateway_id": 2}})");
   write("gateway.d/c.json", R"({"log": {"level": "info"}, "fleet": {"enabled": false}})");
   const std::string problems = problems_of(R"({"log": {"level": "loud"}, "zz": 1})");
-  std::string places;
-  std::istringstream lines(problems);
-  for (std::string line; std::getline(lines, line);)
-    places += line.substr(0, line.find(": ", line.find(": ") + 2)) + "\n";
-  EXPECT_EQ(places,
+  EXPECT_EQ(places_of(problems),
             "gateway.json:1: log.level\n"
             "gateway.json:1: zz\n"
             "gateway.d/a.json:1: zz\n"
