@@ -391,8 +391,7 @@ void FleetMember::perform(sessions::SessionHost::Report& report) {
                                                          it.has_begun_anew);
           },
           [this](sessions::NoteRead& it) {
-            meshes_.each(&MeshAdapter::on_note, it.robot,
-                         it.is_known ? std::optional<ByteView>(it.note) : std::nullopt);
+            meshes_.each(&MeshAdapter::on_note, it.robot, std::optional<ByteView>(it.note));
           },
           [this](sessions::SessionContested& it) {
             gateway_driver_->presence().on_contested(it.robot, it.is_contested, read_clocks());

@@ -404,8 +404,9 @@ void RobotSession::on_note(BrokerMessage message) {
 void RobotSession::end_note(Bytes note) {
   if (!std::exchange(note_until_, std::nullopt)) return;
   if (note.size() > max_note_octets) note.clear();
-  if (is_held()) actions_.push(UnsubscribeSession{robot_, names_.note_topic(robot_)});
-  actions_.push(NoteRead{robot_, std::move(note), is_held()});
+  if (!is_held()) return actions_.push(NoteRead{robot_, std::nullopt});
+  actions_.push(UnsubscribeSession{robot_, names_.note_topic(robot_)});
+  actions_.push(NoteRead{robot_, std::move(note)});
 }
 
 // --- Messages ------------------------------------------------------------------------------------

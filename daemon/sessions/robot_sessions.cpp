@@ -68,7 +68,7 @@ void RobotSessions::on_given_up(const std::string& robot) {
 void RobotSessions::read_note(const std::string& robot, const Now& now) {
   RobotSession* session = is_broker_up_ ? find_or_make(robot, now) : nullptr;
   if (!session) {
-    actions_.push(NoteRead{robot, {}, false});
+    actions_.push(NoteRead{robot, std::nullopt});
     return;
   }
   session->note_heard(is_served_elsewhere_(robot), now);

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <variant>
 
@@ -89,11 +90,11 @@ struct RefuseStale {
   bool has_begun_anew = false;
 };
 
-/// The retained note of the robot; empty when there is none. Answers read_note().
+/// The retained note of the robot; empty when there is none. Answers read_note(). Nothing: the note
+/// could not be read, because the session is not held.
 struct NoteRead {
   std::string robot;
-  Bytes note;
-  bool is_known = true;  ///< false: the note could not be read, because the session is not held
+  std::optional<Bytes> note;
 };
 /// Another client repeatedly takes the session of a robot that is heard here, or no longer does.
 struct SessionContested {

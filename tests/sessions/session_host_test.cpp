@@ -227,12 +227,12 @@ TEST_P(SessionHosts, Rule9_ReadTheNoteWithTheSession) {
   hold(b, "another");
   b.host->read_note(std::string("r1"), read_clocks());
   ASSERT_TRUE(eventually(io, [&] { return b.notes.size() == 1; }));
-  EXPECT_EQ(as_text(b.notes[0].note), "a note");
+  EXPECT_EQ(b.notes[0].note, to_bytes("a note"));
   EXPECT_TRUE(b.host.sessions().is_held("r1"));
   test::mosquitto_publish(broker, {"-t", "p/fleet/robots/r1", "-n", "-r", "-q", "1"});
   b.host->read_note(std::string("r1"), read_clocks());
   ASSERT_TRUE(eventually(io, [&] { return b.notes.size() == 2; }));
-  EXPECT_TRUE(b.notes[1].note.empty());
+  EXPECT_EQ(b.notes[1].note, Bytes{});
 }
 
 TEST_P(SessionHosts, Rule4_HolderOfTheSessionGetsMessagesOfTheMailbox) {

@@ -221,9 +221,9 @@ class WorldGateway {
     if (lost.why == LossReason::taken) lost_.insert(lost.robot);
   }
   void perform(NoteRead& read) {
-    if (read.note.empty()) return subscribe(read.robot, filter_of(read.robot));
-    sessions_->subscribe(read.robot, std::string(as_text(read.note)), Qos::at_least_once, true,
-                         now());
+    const Bytes note = read.note.value_or(Bytes{});
+    if (note.empty()) return subscribe(read.robot, filter_of(read.robot));
+    sessions_->subscribe(read.robot, std::string(as_text(note)), Qos::at_least_once, true, now());
   }
   void perform(FilterAnswered& answer) {
     if (unanswered_.erase({answer.robot, answer.filter}) == 0 && answer.is_granted)
