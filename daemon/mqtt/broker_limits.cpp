@@ -22,6 +22,7 @@ std::string to_words(const BrokerLimits& limits) {
   if (limits.max_qos != Qos::exactly_once)
     words += fmt::format(", QoS up to {}", static_cast<int>(limits.max_qos));
   if (!limits.keeps_retained) words += ", no retained messages";
+  if (!limits.takes_wildcards) words += ", no subscriptions with wildcards";
   return words.empty() ? words : words.substr(2);
 }
 

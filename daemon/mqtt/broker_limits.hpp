@@ -16,6 +16,8 @@ struct BrokerLimits {
   std::optional<std::uint32_t> max_packet_bytes;  ///< nothing: no limit
   Qos max_qos = Qos::exactly_once;
   bool keeps_retained = true;
+  bool takes_wildcards = true;  ///< in subscriptions
+  bool takes_subscription_ids = true;
   bool operator==(const BrokerLimits&) const = default;
 };
 

@@ -61,6 +61,13 @@ struct ConnectFailure {
   ConnectAnswer answer = ConnectAnswer::other;
 };
 
+enum class LossCause : std::uint8_t {
+  unknown,
+  told,        ///< the broker's DISCONNECT has a reason
+  taken_over,  ///< the broker says that another client has connected with our id
+  misread,     ///< the library takes the broker's packet for an error of the protocol
+};
+
 /// Called on the loop's thread, never from inside a call to the link, and not after abandon().
 class MqttLinkListener {
  public:
@@ -68,9 +75,8 @@ class MqttLinkListener {
   /// One of these two is called, once.
   virtual void on_connected(const BrokerLimits& limits) = 0;
   virtual void on_connect_failed(ConnectFailure failure) = 0;
-  /// Called only after on_connected(). `is_taken_over`: the broker says that another client has
-  /// connected with our id.
-  virtual void on_lost(std::string why, bool is_taken_over) = 0;
+  /// Called only after on_connected().
+  virtual void on_lost(std::string why, LossCause cause) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
   /// `code`: the reason code of the PUBACK or PUBREC.
   virtual void on_publish_refused(std::uint64_t sequence, int code) = 0;

@@ -192,6 +192,7 @@ void Upstream::go_on(const std::string& why, Duration least) {
 void Upstream::on_connected(const BrokerLimits& limits) {
   limits_ = limits;
   if (limits_.max_packet_bytes == 0) limits_.max_packet_bytes.reset();  // a protocol error
+  limits_.max_qos = std::min(limits_.max_qos, place().max_qos);
   place().attempt = 0;
   place().version.on_connected();
   up_since_ = std::chrono::steady_clock::now();
@@ -200,6 +201,7 @@ void Upstream::on_connected(const BrokerLimits& limits) {
   last_answered_ = 0;
   answered_at_ = up_since_;
   trial_.reset();
+  has_sent_qos_2_ = false;
   come_up();
 }
 
@@ -287,7 +289,7 @@ bool Upstream::adapt_will(int code) {
 
 /// Goes on to the next broker, and explains a likely rival. Two gateways with one client id end
 /// each other's connections without end, and not every broker says so.
-void Upstream::on_lost(std::string why, bool is_taken_over) {
+void Upstream::on_lost(std::string why, LossCause cause) {
   place().version.on_lost();
   const TimePoint now = std::chrono::steady_clock::now();
   if (now - up_since_ >= RivalWatch::stable_after) {
@@ -295,11 +297,16 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     if (at_ == 0) return_backoff_.reset();
     tried_ = 0;
   }
+  if (cause == LossCause::misread && has_sent_qos_2_ && version() == MqttVersion::v3_1_1) {
+    place().max_qos = Qos::at_least_once;
+    why += ": the broker does not answer QoS 2 as MQTT wants; QoS 1 is used instead";
+  }
   // Some brokers close the connection after a refusal. The outbox makes sure that this is rare.
   const bool is_for_a_message = now - refused_at_ < refusal_to_loss || trial_;
   if (is_for_a_message) backoff_.reset();
-  if (rivals_.on_lost(is_taken_over, is_for_a_message || !unanswered_.empty(), now) &&
-      !is_taken_over)
+  const bool is_taken_over = cause == LossCause::taken_over;
+  const bool is_no_rival = is_for_a_message || cause == LossCause::told || !unanswered_.empty();
+  if (rivals_.on_lost(is_taken_over, is_no_rival, now) && !is_taken_over)
     why += fmt::format(" shortly after connecting, repeatedly; perhaps {}",
                        explain_rival(broker().client_id));
   go_on(why, rivals_.pause());
@@ -344,7 +351,7 @@ void Upstream::on_unsubscribed(const std::string& filter) {
     return on_lost(
         fmt::format("the broker has not answered one message for {} s, but has answered others",
                     traits_.longest_answer.count()),
-        false);
+        LossCause::unknown);
   watch_for_stall();  // the deadline may be earlier now
   if (was_silent) listener_.on_silence(false);
 }
@@ -362,6 +369,7 @@ void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message, boo
   if (accepted.qos != Qos::at_most_once)
     unanswered_.emplace_hint(unanswered_.end(), sequence, std::chrono::steady_clock::now());
   if (is_trial) trial_ = sequence;
+  has_sent_qos_2_ = has_sent_qos_2_ || accepted.qos == Qos::exactly_once;
   link_->publish(sequence, accepted);
   if (stall_watch_.on_sent()) watch_for_stall();
 }
@@ -383,7 +391,7 @@ void Upstream::on_stall_deadline(TimePoint now) {
     case StallWatch::Step::stalled:
       return on_lost(
           fmt::format("the broker has not answered for {} s", stall_watch_.patience().count()),
-          false);
+          LossCause::unknown);
   }
 }
 
@@ -406,8 +414,14 @@ bool Upstream::fits_packet(std::uint64_t sequence, const BrokerMessage& message)
   return false;
 }
 
+/// Answers in the place of a broker that would end the connection for the wildcard.
 void Upstream::subscribe(const std::string& filter) {
-  if (is_up_) link_->subscribe(filter);
+  if (!is_up_) return;
+  if (limits_.takes_wildcards || filter.find_first_of("+#") == std::string::npos)
+    return link_->subscribe(filter);
+  boost::asio::post(io_, [this, filter, link = std::weak_ptr(link_)] {
+    if (!link.expired() && link.lock() == link_) listener_.on_subscribe_result(filter, false);
+  });
 }
 
 void Upstream::unsubscribe(const std::string& filter) {

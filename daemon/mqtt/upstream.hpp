@@ -85,6 +85,9 @@ class Upstream final : private MqttLinkListener {
     BrokerAddress address;
     VersionChoice version;
     LastWill will;
+    /// Over MQTT 3.1.1 a broker announces no limit, and one that takes QoS 2 for QoS 1 answers with
+    /// PUBACK, at which libmosquitto ends the connection.
+    Qos max_qos = Qos::exactly_once;
     unsigned attempt = 0;
   };
 
@@ -112,7 +115,7 @@ class Upstream final : private MqttLinkListener {
 
   void on_connected(const BrokerLimits& limits) override;
   void on_connect_failed(ConnectFailure failure) override;
-  void on_lost(std::string why, bool is_taken_over) override;
+  void on_lost(std::string why, LossCause cause) override;
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, int code) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
@@ -149,6 +152,7 @@ class Upstream final : private MqttLinkListener {
   std::uint64_t last_answered_ = 0;     ///< the highest that the broker has answered
   TimePoint answered_at_{};             ///< when the broker last answered one
   std::optional<std::uint64_t> trial_;  ///< a publish that is not answered yet
+  bool has_sent_qos_2_ = false;         ///< on the present connection
   TimePoint refused_at_{};              ///< when the broker last refused a publish
   RivalWatch rivals_;
   ReadCredentials read_credentials_;

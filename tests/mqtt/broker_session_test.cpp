@@ -9,6 +9,7 @@
 
 #include "daemon/mqtt/connection_probe.hpp"
 #include "tests/mqtt/broker_link.hpp"
+#include "tests/support/fake_broker.hpp"
 #include "tests/support/free_port.hpp"
 #include "tests/support/mosquitto.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -157,6 +158,19 @@ TEST_P(BrokerSession, ReportsTheReasonOfTheBrokersDisconnect) {
   ASSERT_TRUE(link.sees([&] { return !link.listener.reasons.empty(); }));
   EXPECT_NE(link.listener.reasons[0].find("another client connects as"), std::string::npos)
       << link.listener.reasons[0];
+}
+
+TEST_P(BrokerSession, SuspectsNoOtherClientWhenTheBrokerSaysWhyItCloses) {
+  test::FakeBroker broker;
+  broker.misbehave([](test::FakeBroker::Connection& connection, const auto& packet) {
+    if (packet.type() != test::FakeBroker::connect) return false;
+    connection.send(0x20, {0, 0, 0});
+    connection.send(0xe0, {0x89, 0});
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() == 3; }));
+  for (const std::string& why : link.listener.reasons) EXPECT_EQ(why, "the broker is busy");
 }
 
 TEST_P(BrokerSession, ReadsItsCredentialsAgainForEachAttempt) {

@@ -333,6 +333,55 @@ TEST_P(Upstreams, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
 }
 
+/// RabbitMQ 3.10 answers QoS 2 with PUBACK, as QoS 1; libmosquitto ends the connection then.
+TEST_P(Upstreams, UsesQos1WhereAnOldBrokerAnswersQos2WithAPuback) {
+  FakeBroker broker;
+  broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.type() == FakeBroker::connect && connection.is_v5()) {
+      connection.send(0x20, {0, 0x84, 0});
+      connection.close();
+      return true;
+    }
+    if (packet.type() != FakeBroker::publish || (packet.first >> 1 & 3) != 2) return false;
+    const std::size_t id_at = 2 + packet.body[1];
+    connection.send(0x40, {packet.body[id_at], packet.body[id_at + 1]});
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::exactly_once, false});
+  if (GetParam() == MqttClient::paho) {
+    EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
+    return;
+  }
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  EXPECT_NE(link.listener.reasons[0].find("QoS 1 is used instead"), std::string::npos)
+      << link.listener.reasons[0];
+  EXPECT_EQ(link.listener.limits.max_qos, Qos::at_least_once) << "the next line names it";
+  link.upstream->publish(2, {"t", to_bytes("x"), Qos::exactly_once, false});
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(2); }));
+  EXPECT_EQ(link.listener.ups, 2);
+}
+
+TEST_P(Upstreams, SendsNoWildcardToABrokerThatTakesNone) {
+  FakeBroker broker;
+  std::atomic<int> wildcards{0};
+  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.type() == FakeBroker::subscribe && packet.contains("+")) ++wildcards;
+    if (packet.type() != FakeBroker::connect) return false;
+    connection.send(0x20, {0, 0, 2, 0x28, 0});
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(to_words(link.listener.limits), "no subscriptions with wildcards");
+  link.upstream->subscribe("a/+");
+  link.upstream->subscribe("a/b");
+  EXPECT_TRUE(link.sees([&] { return link.listener.subscribed.size() == 2; }));
+  EXPECT_EQ(link.listener.subscribed, (std::map<std::string, bool>{{"a/+", false}, {"a/b", true}}));
+  EXPECT_EQ(wildcards, 0);
+}
+
 /// Returns a message whose PUBLISH has `packet_bytes` octets.
 BrokerMessage message_of(std::size_t packet_bytes, Qos qos, std::size_t property_bytes) {
   BrokerMessage message{"t", {}, qos, false, Provenance{Mesh::thread, WallTime{}}};

@@ -6,12 +6,14 @@
 #include <sys/socket.h>
 
 #include <algorithm>
+#include <atomic>
 #include <boost/asio/post.hpp>
 #include <filesystem>
 
 #include "daemon/sessions/io/session_host.hpp"
 #include "daemon/sessions/session_names.hpp"
 #include "tests/support/eventually.hpp"
+#include "tests/support/fake_broker.hpp"
 #include "tests/support/mosquitto.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -401,6 +403,58 @@ TEST_F(OneSessionHost, LeavesNoDescriptorOpenAcrossExecAndNoLargeBuffer) {
     EXPECT_LT(room, 10'000) << "each octet in it costs the kernel 768";
   }
   EXPECT_EQ(pairs, 20);
+}
+
+/// A broker may send one copy of a message with the identifiers of all subscriptions (MQTT 5
+/// section 3.3.4). libmosquitto ends the connection then.
+TEST_F(OneSessionHost, UsesMqtt311WhereAMessageHasSeveralSubscriptionIdentifiers) {
+  test::FakeBroker broker;
+  broker.misbehave([](test::FakeBroker::Connection& connection, const auto& packet) {
+    if (packet.type() != test::FakeBroker::subscribe || !packet.contains("p/server/r1/+"))
+      return false;
+    std::vector<std::uint8_t> command{0, 15};
+    for (const char each : std::string("p/server/r1/run")) command.push_back(each);
+    command.insert(command.end(), {0, 9});
+    if (connection.is_v5()) command.insert(command.end(), {4, 0x0b, 1, 0x0b, 3});
+    command.push_back('1');
+    connection.send(0x32, command);
+    return false;
+  });
+  a.up(broker.port(), MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 1; }));
+  a.subscribe("r1", "p/server/r1/+");
+  ASSERT_TRUE(eventually(io, [&] { return !a.taken.empty(); }));
+  EXPECT_EQ(as_text(a.taken[0].message.payload), "1");
+  ASSERT_EQ(a.notices.size(), 1U);
+  EXPECT_NE(a.notices[0].find("MQTT 3.1.1"), std::string::npos) << a.notices[0];
+}
+
+TEST_F(OneSessionHost, KeepsToTheBrokersLimitsOfSubscriptions) {
+  constexpr std::uint8_t no_wildcards = 0x28, no_identifiers = 0x29;
+  for (const std::uint8_t limit : {no_wildcards, no_identifiers}) {
+    test::FakeBroker broker;
+    std::atomic<bool> is_v3{false};
+    broker.misbehave([&](test::FakeBroker::Connection& connection, const auto& packet) {
+      if (packet.type() != test::FakeBroker::connect) return false;
+      is_v3 = !connection.is_v5();
+      if (is_v3) return false;
+      connection.send(0x20, {0, 0, 2, limit, 0});
+      return true;
+    });
+    a.notices.clear();
+    a.up(broker.port(), MqttVersion::v5, /*is_other=*/true);
+    a.hear("r1");
+    ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); }));
+    if (limit == no_wildcards) {
+      EXPECT_NE(a.notices[0].find("wildcards"), std::string::npos) << a.notices[0];
+      EXPECT_FALSE(a.host.sessions().is_held("r1"));
+    } else {
+      EXPECT_TRUE(eventually(io, [&] { return a.host.sessions().is_held("r1"); }));
+      EXPECT_TRUE(is_v3);
+    }
+    a.host.on_broker_down();
+  }
 }
 
 TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {

@@ -17,6 +17,12 @@ namespace {
 /// Returns true when the broker, or its host, has closed the connection.
 bool is_closing(int error) { return error == ECONNRESET || error == EPIPE; }
 
+LossCause cause_of(int result) {
+  if (result == session_taken_over) return LossCause::taken_over;
+  if (result >= MosquittoClient::first_reason) return LossCause::told;
+  return result == MOSQ_ERR_PROTOCOL ? LossCause::misread : LossCause::unknown;
+}
+
 }  // namespace
 
 MosquittoLink::MosquittoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane,
@@ -118,7 +124,7 @@ void MosquittoLink::on_connack(const Connack& connack) {
 
 void MosquittoLink::on_ended(const Ended& ended) {
   if (!is_open()) return fail(explain_failure(ended));
-  listener_.on_lost(explain_loss(ended), ended.result == session_taken_over);
+  listener_.on_lost(explain_loss(ended), cause_of(ended.result));
 }
 
 void MosquittoLink::on_confirmed(const Confirmed& confirmed) {

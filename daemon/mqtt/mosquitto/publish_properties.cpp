@@ -45,6 +45,10 @@ BrokerLimits limits_of(const mosquitto_property* connack) {
     limits.max_qos = static_cast<Qos>(octet);
   if (mosquitto_property_read_byte(connack, MQTT_PROP_RETAIN_AVAILABLE, &octet, false))
     limits.keeps_retained = octet != 0;
+  if (mosquitto_property_read_byte(connack, MQTT_PROP_WILDCARD_SUB_AVAILABLE, &octet, false))
+    limits.takes_wildcards = octet != 0;
+  if (mosquitto_property_read_byte(connack, MQTT_PROP_SUBSCRIPTION_ID_AVAILABLE, &octet, false))
+    limits.takes_subscription_ids = octet != 0;
   return limits;
 }
 

@@ -394,16 +394,15 @@ void PahoLink::connection_lost(const std::string& cause) {
   report_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
 }
 
-void PahoLink::report_lost(std::string why, bool is_taken_over) {
-  post_to_loop([why = std::move(why), is_taken_over](MqttLinkListener& listener) {
-    listener.on_lost(why, is_taken_over);
-  });
+void PahoLink::report_lost(std::string why, LossCause cause) {
+  post_to_loop(
+      [why = std::move(why), cause](MqttLinkListener& listener) { listener.on_lost(why, cause); });
 }
 
 void PahoLink::report_ended(int reason) {
-  const bool is_taken_over = reason == session_taken_over;
-  report_lost(is_taken_over ? explain_rival(settings_.client_id) : explain_connect_failure(reason),
-              is_taken_over);
+  if (reason == session_taken_over)
+    return report_lost(explain_rival(settings_.client_id), LossCause::taken_over);
+  report_lost(explain_connect_failure(reason), LossCause::told);
 }
 
 void PahoLink::message_arrived(mqtt::const_message_ptr message) {

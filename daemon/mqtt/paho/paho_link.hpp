@@ -213,7 +213,7 @@ class PahoLink final : public MqttLink,
   void post_to_lane(std::function<void(PahoLink&)> work);
   void report_failure(int code);
   ConnectFailure explain_failure(int code, bool is_in_time) const;
-  void report_lost(std::string why, bool is_taken_over = false);
+  void report_lost(std::string why, LossCause cause = LossCause::unknown);
   void report_ended(int reason);
 
   boost::asio::io_context& io_;

@@ -101,6 +101,9 @@ BrokerLimits limits_of(const mqtt::token& token, MqttVersion version) {
     limits.max_qos = static_cast<Qos>(mqtt::get<std::uint8_t>(said, property::MAXIMUM_QOS));
   if (said.contains(property::RETAIN_AVAILABLE))
     limits.keeps_retained = mqtt::get<std::uint8_t>(said, property::RETAIN_AVAILABLE) != 0;
+  if (said.contains(property::WILDCARD_SUBSCRIPTION_AVAILABLE))
+    limits.takes_wildcards =
+        mqtt::get<std::uint8_t>(said, property::WILDCARD_SUBSCRIPTION_AVAILABLE) != 0;
   return limits;
 }
 

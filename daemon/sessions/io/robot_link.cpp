@@ -86,6 +86,11 @@ void RobotLink::publish(const std::string& topic, const std::string& text) {
 // --- Events; the host may end this link at any time ----------------------------------------------
 
 void RobotLink::on_connack(const Connack& connack) {
+  if (connack.code == 0 && !connack.limits.takes_wildcards)
+    return host_.on_attach_failed(
+        robot_, {.why = "the broker takes no subscriptions with wildcards, so no commands arrive"});
+  if (connack.code == 0 && !connack.limits.takes_subscription_ids)
+    return host_.on_no_subscription_ids();
   if (connack.code == 0)
     return host_->on_attached(robot_, connack.is_session_present, read_clocks());
   host_.on_attach_failed(robot_, {.why = explain_connect_failure(connack.code),
@@ -94,6 +99,8 @@ void RobotLink::on_connack(const Connack& connack) {
 
 /// MosquittoClient has reported all that came before the end.
 void RobotLink::on_ended(const Ended& ended) {
+  // One copy of a message with several identifiers: libmosquitto takes it for an error.
+  if (ended.result == MOSQ_ERR_DUPLICATE_PROPERTY) return host_.on_no_subscription_ids();
   if (is_open())
     return host_.on_detached(
         robot_, is_own(ended.result, ended.error) ? LossReason::broken : LossReason::taken);

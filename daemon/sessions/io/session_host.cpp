@@ -27,6 +27,8 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
 // --- The broker ----------------------------------------------------------------------------------
 
 void SessionHost::on_broker_up(RobotBroker broker, bool is_other) {
+  has_subscription_ids_ = has_subscription_ids_ || is_other;
+  if (!has_subscription_ids_) broker.version = MqttVersion::v3_1_1;
   broker_ = std::make_shared<const RobotBroker>(std::move(broker));
   driver_->on_broker_up(broker_->version == MqttVersion::v5, is_other, read_clocks());
 }
@@ -88,6 +90,17 @@ void SessionHost::on_subscribed(const std::string& robot, const std::string& fil
           robot});
   }
   driver_->on_subscribed(robot, filter, is_granted, read_clocks());
+}
+
+/// Begins again with MQTT 3.1.1, which has no identifiers: there the gateway does without them.
+void SessionHost::on_no_subscription_ids() {
+  if (!std::exchange(has_subscription_ids_, false)) return;
+  report_(Notice{Severity::notice,
+                 "the broker gives no subscription identifiers, or several with one message; "
+                 "robots' sessions use MQTT 3.1.1",
+                 {}});
+  on_broker_down();
+  on_broker_up(*broker_, /*is_other=*/false);
 }
 
 // --- To the links --------------------------------------------------------------------------------

@@ -59,6 +59,7 @@ class SessionHost {
   void on_attach_failed(const std::string& robot, const AttachFailure& failure);
   void on_detached(const std::string& robot, LossReason why);
   void on_subscribed(const std::string& robot, const std::string& filter, bool is_granted);
+  void on_no_subscription_ids();
 
   std::string explain(const std::string& robot, const AttachFailure& failure) const;
   RobotLink* find(const std::string& robot);
@@ -85,6 +86,7 @@ class SessionHost {
   MachineDriver<RobotSessions> driver_;
   Timer tick_;
   std::shared_ptr<const RobotBroker> broker_;  ///< the newest; null before the first
+  bool has_subscription_ids_ = true;           ///< false: sessions at this broker use MQTT 3.1.1
   std::uint64_t attempts_ = 0;  ///< a host may have several addresses: each attempt tries the next
   std::map<std::string, std::shared_ptr<RobotLink>> links_;
   std::string last_ticked_;  ///< the robot whose link was the last to tick
