@@ -20,26 +20,26 @@ bool is_carried(const std::string& text) {
 
 std::optional<Credentials> parse_credentials(const std::string& text, const std::string& file,
                                              Problems& problems) {
-  const auto members = read_group(text, file, shape, problems);
-  if (!members) return std::nullopt;
+  const auto document = read_group(text, file, shape, problems);
+  if (!document) return std::nullopt;
   const auto add = [&](int line, const std::string& key, std::string_view wrong) {
     problems.push_back({file, line, key, fmt::format("{}; allowed: {}", wrong, shape)});
   };
   Credentials credentials;
   std::set<std::string> missing{"username", "password"};
-  for (const JsonNode& member : *members) {
-    const bool is_username = member.key == "username";
-    const auto* word = member.value.get_ptr<const std::string*>();
-    if (!is_username && member.key != "password")
-      add(member.place.line, member.key, "unknown key");
+  for (const auto& [key, value] : document->root.items()) {
+    const bool is_username = key == "username";
+    const auto* word = value.get_ptr<const std::string*>();
+    if (!is_username && key != "password")
+      add(document->line_of(key), key, "unknown key");
     else if (word == nullptr || !is_carried(*word) || (is_username && word->empty()))
-      add(member.place.line, member.key,
+      add(document->line_of(key), key,
           is_username ? "is not a text of 1 to 65535 octets without null characters"
                       : "is not a text of at most 65535 octets without null characters (not shown: "
                         "it is secret)");
     else
       (is_username ? credentials.username : credentials.password) = *word;
-    missing.erase(member.key);
+    missing.erase(key);
   }
   for (const char* const key : {"username", "password"})
     if (missing.contains(key)) add(1, key, "is missing");

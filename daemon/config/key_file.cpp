@@ -27,24 +27,23 @@ std::optional<Bytes> parse_key(std::string_view hex) {
 
 RobotKeys parse_key_file(const std::string& text, const std::string& file, Problems& problems) {
   RobotKeys keys;
-  const auto members = read_group(text, file, R"({"CLIENT ID": "HEX DIGITS", ...})", problems);
-  if (!members) return keys;
-  const auto add = [&](const JsonNode& member, std::string wrong) {
+  const auto document = read_group(text, file, R"({"CLIENT ID": "HEX DIGITS", ...})", problems);
+  if (!document) return keys;
+  const auto add = [&](const std::string& name, std::string wrong) {
     // A name in the form of a key is one, where name and key were exchanged.
-    const std::string shown = parse_key(member.key) ? "(not shown)" : member.key;
-    problems.push_back({file, member.place.line, shown, std::move(wrong)});
+    const std::string shown = parse_key(name) ? "(not shown)" : name;
+    problems.push_back({file, document->line_of(name), shown, std::move(wrong)});
   };
-  for (const JsonNode& member : *members) {
-    const auto* hex = member.value.get_ptr<const std::string*>();
+  for (const auto& [name, value] : document->root.items()) {
+    const auto* hex = value.get_ptr<const std::string*>();
     const auto key = hex ? parse_key(*hex) : std::nullopt;
-    if (!is_valid_level(member.key)) {
-      add(member, "is not an MQTT-SN client id; allowed: one topic level");
+    if (!is_valid_level(name)) {
+      add(name, "is not an MQTT-SN client id; allowed: one topic level");
     } else if (!key) {
-      add(member,
-          fmt::format("is not a key (not shown: it is secret); allowed: {} to {} hex digits",
-                      2 * min_key_octets, 2 * max_key_octets));
+      add(name, fmt::format("is not a key (not shown: it is secret); allowed: {} to {} hex digits",
+                            2 * min_key_octets, 2 * max_key_octets));
     } else {
-      keys[member.key] = *key;
+      keys[name] = *key;
     }
   }
   return keys;

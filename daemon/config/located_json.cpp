@@ -6,8 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <iterator>
-#include <map>
+#include <limits>
 #include <utility>
+#include <vector>
 
 namespace slamgw {
 
@@ -111,158 +112,112 @@ class LineIterator {
   int line_ = 1;
 };
 
-/// Builds a tree from SAX events. Pointers in `open_` stay valid: only the innermost open node
-/// grows.
-class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
+/// Follows the parser from value to value: notes lines, and refuses what nlohmann-json accepts.
+class Follower {
  public:
-  TreeBuilder(LocatedJson& out, const std::string& file, const int& line)
-      : out_(out), file_(file), line_(line) {}
+  Follower(LocatedJson& out, const int& line) : out_(out), line_(line) {}
 
-  bool null() override { return add(nullptr); }
-  bool boolean(bool value) override { return add(value); }
-  bool number_integer(number_integer_t value) override { return add(value); }
-  bool number_unsigned(number_unsigned_t value) override { return add(value); }
-  bool number_float(number_float_t value, const string_t&) override { return add(value); }
-  bool string(string_t& value) override { return add(std::move(value)); }
-  bool binary(binary_t&) override { return false; }  // JSON text has none
-  bool start_object(std::size_t) override { return open(nlohmann::json::object()); }
-  bool start_array(std::size_t) override { return open(nlohmann::json::array()); }
-  bool end_object() override { return close(); }
-  bool end_array() override { return close(); }
-
-  bool key(string_t& name) override {
-    key_ = name;
-    key_line_ = line_;
+  /// Returns false for a key that the parser must leave out. `depth`: 0 for the whole document.
+  bool on_event(std::size_t depth, Json::parse_event_t event, const Json& parsed) {
+    using Event = Json::parse_event_t;
+    if (event == Event::object_end || event == Event::array_end || depth > left_out_) return true;
+    if (depth < left_out_) left_out_ = nothing;
+    if (event == Event::key) return on_key(depth, parsed.get_ref<const std::string&>());
+    if (depth == 0) out_.line = line_;
+    if (depth == 0) is_text_ = parsed.is_string();
+    if (depth > 0 && open_[depth - 1].is_list) on_element(depth);
+    if (event == Event::value) return true;
+    if (depth == max_depth) throw TooDeep();
+    open_.resize(depth);
+    open_.push_back({depth == 0 ? "" : path_, event == Event::array_start});
     return true;
-  }
-
-  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& e) override {
-    return fail(is_key_outside() ? "a key stands outside of { }; write { ... } around everything"
-                                 : syntax_words(e.what()));
-  }
-
- private:
-  bool add(nlohmann::json value) {
-    place(std::move(value));
-    return true;
-  }
-
-  bool open(nlohmann::json value) {
-    if (open_.size() == max_depth) return fail("nested too deeply; 16 levels are allowed");
-    open_.push_back(&place(std::move(value)));
-    return true;
-  }
-
-  bool close() {
-    drop_repeated_keys(*open_.back());
-    open_.pop_back();
-    return true;
-  }
-
-  JsonNode& place(nlohmann::json value) {
-    const int line = key_line_ > 0 ? std::exchange(key_line_, 0) : line_;
-    JsonNode node{std::exchange(key_, {}), {file_, line}, std::move(value), {}};
-    if (open_.empty()) return out_.root = std::move(node);
-    return open_.back()->children.emplace_back(std::move(node));
-  }
-
-  void drop_repeated_keys(JsonNode& object) {
-    if (!object.value.is_object()) return;
-    std::map<std::string, int> lines;
-    std::vector<JsonNode> kept;
-    for (JsonNode& child : object.children) {
-      const auto [first, is_new] = lines.emplace(child.key, child.place.line);
-      if (is_new) {
-        kept.push_back(std::move(child));
-      } else {
-        out_.problems.push_back({file_, child.place.line, path() + child.key,
-                                 "is already set in line " + std::to_string(first->second) +
-                                     "; each key once is allowed"});
-      }
-    }
-    object.children = std::move(kept);
-  }
-
-  /// The path of the innermost open object, with a dot at its end.
-  std::string path() const {
-    std::string result;
-    for (std::size_t i = 1; i < open_.size(); ++i) {
-      const JsonNode& parent = *open_[i - 1];
-      if (parent.value.is_array()) {
-        if (!result.empty()) result.pop_back();
-        result += "[" + std::to_string(parent.children.size() - 1) + "].";
-      } else {
-        result += open_[i]->key + ".";
-      }
-    }
-    return result;
   }
 
   /// Recognizes `"broker": {...}` pasted without braces: the key alone is then the whole document.
-  bool is_key_outside() const { return open_.empty() && out_.root.value.is_string(); }
+  bool is_text() const { return is_text_; }
 
-  bool fail(std::string words) {
-    out_.problems = {{file_, line_, "syntax", std::move(words)}};
-    return false;
+  struct TooDeep {};
+
+ private:
+  static constexpr std::size_t nothing = std::numeric_limits<std::size_t>::max();
+
+  /// A group or a list around the value that is being read.
+  struct Open {
+    std::string path;
+    bool is_list = false;
+    std::size_t count = 0;
+  };
+
+  bool on_key(std::size_t depth, const std::string& key) {
+    const std::string& group = open_[depth - 1].path;
+    path_ = group.empty() ? key : group + "." + key;
+    const auto [first, is_new] = out_.lines.emplace(path_, line_);
+    left_out_ = is_new ? nothing : depth;
+    if (!is_new)
+      out_.problems.push_back(
+          {out_.file, line_, path_,
+           fmt::format("is already set in line {}; each key once is allowed", first->second)});
+    return is_new;
+  }
+
+  void on_element(std::size_t depth) {
+    path_ = fmt::format("{}[{}]", open_[depth - 1].path, open_[depth - 1].count++);
+    out_.lines.emplace(path_, line_);
   }
 
   LocatedJson& out_;
-  const std::string& file_;
   const int& line_;
-  std::vector<JsonNode*> open_;
-  std::string key_;
-  int key_line_ = 0;
+  std::vector<Open> open_;
+  std::string path_;                ///< of the newest key or element
+  std::size_t left_out_ = nothing;  ///< the depth of a repeated key, while its value is read
+  bool is_text_ = false;
 };
 
 }  // namespace
 
 LocatedJson read_located_json(std::string_view text, const std::string& file) {
-  LocatedJson result;
-  if (const std::size_t null = text.find('\0'); null != text.npos) {  // ends the text for the lexer
-    const auto line = 1 + std::ranges::count(text.substr(0, null), '\n');
-    result.problems.push_back({file, static_cast<int>(line), "syntax",
-                               "a null character; write the file again, as plain text"});
-    return result;
-  }
+  LocatedJson result{file, {}, 1, {}, false, {}};
   int line = 1;
-  TreeBuilder builder(result, file, line);
+  const auto fail = [&](std::string words) {
+    result.problems = {{file, line, "syntax", std::move(words)}};
+    return result;
+  };
+  if (const std::size_t null = text.find('\0'); null != text.npos) {  // ends the text for the lexer
+    line += static_cast<int>(std::ranges::count(text.substr(0, null), '\n'));
+    return fail("a null character; write the file again, as plain text");
+  }
+  Follower follower(result, line);
   const char* end = text.data() + text.size();
-  result.is_complete =
-      nlohmann::json::sax_parse(LineIterator(text.data(), &line), LineIterator(end, &line),
-                                &builder, nlohmann::json::input_format_t::json,
-                                true /* nothing after the value */, true /* with comments */);
+  try {
+    result.root = Json::parse(
+        LineIterator(text.data(), &line), LineIterator(end, &line),
+        [&follower](int depth, Json::parse_event_t event, const Json& parsed) {
+          return follower.on_event(static_cast<std::size_t>(depth), event, parsed);
+        },
+        true /* throws */, true /* with comments */);
+  } catch (const Follower::TooDeep&) {
+    return fail("nested too deeply; 16 levels are allowed");
+  } catch (const Json::exception& error) {
+    return fail(follower.is_text() ? "a key stands outside of { }; write { ... } around everything"
+                                   : syntax_words(error.what()));
+  }
+  result.is_complete = true;
   return result;
 }
 
-std::optional<std::vector<JsonNode>> read_group(std::string_view text, const std::string& file,
-                                                std::string_view shape, Problems& problems) {
+std::optional<LocatedJson> read_group(std::string_view text, const std::string& file,
+                                      std::string_view shape, Problems& problems) {
   if (text.find_first_not_of(" \t\r\n") == text.npos) {
     problems.push_back({file, 1, "syntax", fmt::format("the file is empty; allowed: {}", shape)});
     return std::nullopt;
   }
   LocatedJson document = read_located_json(text, file);
-  std::ranges::move(document.problems, std::back_inserter(problems));
+  problems.insert(problems.end(), document.problems.begin(), document.problems.end());
   if (!document.is_complete) return std::nullopt;
-  if (document.root.value.is_object()) return std::move(document.root.children);
+  if (document.root.is_object()) return document;
   problems.push_back(
-      {file, document.root.place.line, "syntax", "is not a group; allowed: " + std::string(shape)});
+      {file, document.line, "syntax", "is not a group; allowed: " + std::string(shape)});
   return std::nullopt;
-}
-
-void overlay(JsonNode& base, JsonNode over) {
-  if (!base.value.is_object() || !over.value.is_object()) {
-    base = std::move(over);
-    return;
-  }
-  for (JsonNode& child : over.children) {
-    const auto below = std::find_if(base.children.begin(), base.children.end(),
-                                    [&](const JsonNode& node) { return node.key == child.key; });
-    if (below == base.children.end()) {
-      base.children.push_back(std::move(child));
-    } else {
-      overlay(*below, std::move(child));
-    }
-  }
 }
 
 }  // namespace slamgw

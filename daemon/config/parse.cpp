@@ -26,79 +26,82 @@ namespace {
 /// A group of older configurations. Its keys are allowed with any value and have no effect.
 constexpr std::string_view meaningless_group = "fleet";
 
-/// Walks the tree along the schema.
+/// Reads the keys of one part along the schema. They override those of the parts before it.
 class Reader {
  public:
-  explicit Reader(ParseResult& result) : result_(result) {}
+  Reader(const LocatedJson& document, ParseResult& result) : document_(document), result_(result) {}
 
-  void read_root(const JsonNode& root) { read_members(root, {}, {}); }
+  void read_root() { read_members(document_.root, {}, {}); }
 
  private:
   /// `path` is the key as shown (`robots[0].id`), `row` as in the schema (`robots[].id`).
-  void read_members(const JsonNode& node, const std::string& path, const std::string& row) {
-    for (const JsonNode& child : node.children) {
-      const std::string dot = path.empty() ? "" : ".";
-      read_key(child, path + dot + child.key, row + dot + child.key);
-    }
+  void read_members(const Json& group, const std::string& path, const std::string& row) {
+    const std::string dot = path.empty() ? "" : ".";
+    for (const auto& [key, json] : group.items())
+      read_key(key, Value(document_, json, path + dot + key, result_), row + dot + key);
   }
 
-  void read_key(const JsonNode& node, const std::string& path, const std::string& row) {
-    if (node.key.find_first_of(".[") != std::string::npos) return report_unknown(node, path, row);
-    if (row == meaningless_group) return read_meaningless(node, path);
+  void read_key(const std::string& name, Value value, const std::string& row) {
+    if (name.find_first_of(".[") != std::string::npos) return report_unknown(name, value, row);
+    if (row == meaningless_group) return read_meaningless(value);
     const SchemaKey* key = find_key(row);
     const bool has_members = is_group(row);
     const bool has_elements = is_group(row + "[]");
-    if (key == nullptr && !has_members && !has_elements) return report_unknown(node, path, row);
-    Place& place = result_.places[path] = node.place;
-    place.is_null = node.value.is_null();
-    Value value(node, path, result_);
+    if (key == nullptr && !has_members && !has_elements) return report_unknown(name, value, row);
+    take_place(value);
     if (has_elements) return read_elements(value, row + "[]");
-    if (has_members && !node.value.is_object() && !(key != nullptr && value.is_null()))
+    if (has_members && !value.json().is_object() && !(key != nullptr && value.is_null()))
       return value.not_allowed("a group of keys in braces { ... }", false);
     if (key != nullptr) key->read(value, result_.config);
-    if (has_members) read_members(node, path, row);
+    if (has_members) read_members(value.json(), value.path(), row);
+  }
+
+  /// Joins groups of several parts, which keep their first place. Any other value replaces that of
+  /// an earlier part, with all that is below it.
+  void take_place(const Value& value) {
+    Place& place = result_.places.try_emplace(value.path(), value.place()).first->second;
+    if (value.json().is_object() && !place.is_null) return;
+    place = value.place();
+    std::erase_if(result_.places, [&path = value.path()](const auto& entry) {
+      return entry.first.starts_with(path + ".") || entry.first.starts_with(path + "[");
+    });
   }
 
   void read_elements(Value list, const std::string& row) {
+    if (list.json().is_array()) find_key(row)->read(list, result_.config);
     list.list(
         [&](Value item) {
-          result_.places[item.path()] = item.node().place;
-          if (!item.node().value.is_object())
+          result_.places[item.path()] = item.place();
+          if (!item.json().is_object())
             return item.not_allowed("a group of keys in braces { ... }", false);
           find_key(row)->read(item, result_.config);
-          read_members(item.node(), item.path(), row);
+          read_members(item.json(), item.path(), row);
         },
         "groups { ... }");
   }
 
-  void read_meaningless(const JsonNode& node, const std::string& path) {
-    if (!node.value.is_object() || node.children.empty()) return add_notice(node, path);
-    for (const JsonNode& child : node.children) add_notice(child, path + "." + child.key);
+  void read_meaningless(const Value& group) {
+    if (!group.json().is_object() || group.json().empty()) return add_notice(group.path());
+    for (const auto& member : group.json().items()) add_notice(group.path() + "." + member.key());
   }
 
-  void add_notice(const JsonNode& node, const std::string& path) {
+  void add_notice(const std::string& path) {
     result_.notices.push_back(
-        {node.place.file, node.place.line, path,
+        {document_.file, document_.line_of(path), path,
          "has no meaning any more: gateways on one broker need only different "
          "values of gateway.id"});
   }
 
-  void report_unknown(const JsonNode& node, const std::string& path, const std::string& row) {
-    if (is_credential(node.key))
-      return add_problem(node, path,
-                         fmt::format("does not belong in this file, which others may read; put "
-                                     "{{\"username\": \"...\", \"password\": \"...\"}} into "
-                                     "{}credentials.json (mode 0600)",
-                                     row.starts_with("web.") ? "web-" : ""));
-    if (node.key.find('.') != std::string::npos)
-      return add_problem(
-          node, path,
+  static void report_unknown(const std::string& name, Value value, const std::string& row) {
+    if (is_credential(name))
+      return value.problem(fmt::format(
+          "does not belong in this file, which others may read; put {{\"username\": \"...\", "
+          "\"password\": \"...\"}} into {}credentials.json (mode 0600)",
+          row.starts_with("web.") ? "web-" : ""));
+    if (name.find('.') != std::string::npos)
+      return value.problem(
           "a dot in a key is not allowed; allowed: groups, like \"broker\": {\"uri\": ...}");
-    add_problem(node, path, "unknown key; " + suggestion(row));
-  }
-
-  void add_problem(const JsonNode& node, const std::string& path, std::string text) {
-    result_.problems.push_back({node.place.file, node.place.line, path, std::move(text)});
+    value.problem("unknown key; " + suggestion(row));
   }
 
   static bool is_credential(std::string_view key) {
@@ -106,6 +109,7 @@ class Reader {
     return std::find(std::begin(names), std::end(names), key) != std::end(names);
   }
 
+  const LocatedJson& document_;
   ParseResult& result_;
 };
 
@@ -128,54 +132,30 @@ void sort_by_place(Problems& problems, const std::vector<ConfigFile>& parts) {
   });
 }
 
-void append(Problems& all, const Problems& more) {
-  all.insert(all.end(), more.begin(), more.end());
+/// Returns false when the part cannot be read.
+bool read_part(ParseResult& result, const ConfigFile& part) {
+  const LocatedJson document = read_located_json(part.text, part.name);
+  result.problems.insert(result.problems.end(), document.problems.begin(), document.problems.end());
+  if (!document.is_complete) return false;
+  if (document.root.is_object()) {
+    Reader(document, result).read_root();
+    return true;
+  }
+  result.problems.push_back({part.name, document.line, "syntax",
+                             "the configuration is not a group; write { ... } around it"});
+  return false;
 }
 
-/// The readable parts as one tree.
-struct Tree {
-  std::optional<JsonNode> root;  ///< nothing when no part can be read
-  bool is_complete = true;       ///< whether all parts are in it
-  Problems problems{};           ///< of each part by itself: a later part may overrule the value
-  Problems notices{};            ///< likewise
-  struct BanList {
-    Place place;
-    std::vector<std::string> entries;
-  };
-  std::vector<BanList> bans{};  ///< of each part; the last is in force
+/// The list of bans in one part; the last is in force.
+struct BanList {
+  Place place;
+  std::vector<std::string> entries;
 };
 
-Tree read_tree(const std::vector<ConfigFile>& parts) {
-  Tree tree;
-  for (const ConfigFile& part : parts) {
-    LocatedJson document = read_located_json(part.text, part.name);
-    append(tree.problems, document.problems);
-    if (!document.is_complete) {
-      tree.is_complete = false;
-    } else if (!document.root.value.is_object()) {
-      tree.is_complete = false;
-      tree.problems.push_back({part.name, document.root.place.line, "syntax",
-                               "the configuration is not a group; write { ... } around it"});
-    } else {
-      ParseResult alone;
-      Reader(alone).read_root(document.root);
-      append(tree.problems, alone.problems);
-      append(tree.notices, alone.notices);
-      if (const auto place = alone.places.find("bans"); place != alone.places.end())
-        tree.bans.push_back({place->second, alone.config.bans});
-      if (tree.root)
-        overlay(*tree.root, std::move(document.root));
-      else
-        tree.root = std::move(document.root);
-    }
-  }
-  return tree;
-}
-
 /// Warns of bans that are not in force, because a later part has a list of its own.
-void warn_of_overruled_bans(ParseResult& result, const Tree& tree) {
+void warn_of_overruled_bans(ParseResult& result, const std::vector<BanList>& lists) {
   const std::set<std::string> in_force(result.config.bans.begin(), result.config.bans.end());
-  for (const Tree::BanList& list : tree.bans) {
+  for (const BanList& list : lists) {
     std::vector<std::string> lost = list.entries;
     std::erase_if(lost, [&](const std::string& entry) {
       const auto is_it = std::bind_front(Bans::are_same, entry);
@@ -198,17 +178,21 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment
                          const Files& files) {
   ParseResult result;
   result.file = parts.front().name;
-  const Tree tree = read_tree(parts);
-  if (tree.root) Reader(result).read_root(*tree.root);
-  result.problems = tree.problems;
-  result.notices = tree.notices;
+  bool is_complete = true;
+  std::vector<BanList> bans;
+  for (const ConfigFile& part : parts) {
+    is_complete = read_part(result, part) && is_complete;
+    const auto place = result.places.find("bans");
+    if (place != result.places.end() && place->second.file == part.name)
+      bans.push_back({place->second, result.config.bans});
+  }
   // An unreadable part may set keys that the others need; without it, checks would report them.
-  if (tree.is_complete) {
+  if (is_complete) {
     fill_defaults(result.config, environment);
     check_relations(result);
     if (environment.is_daemon) {
       warn_of_relations(result);
-      warn_of_overruled_bans(result, tree);
+      warn_of_overruled_bans(result, bans);
       read_credentials(result, environment, files);
       read_robot_keys(result, files);
       check_tls_files(result, files);
@@ -221,9 +205,7 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Environment
 ParseResult parse_keys(const ConfigFile& part) {
   ParseResult result;
   result.file = part.name;
-  const Tree tree = read_tree({part});
-  if (tree.root) Reader(result).read_root(*tree.root);
-  result.problems = tree.problems;
+  read_part(result, part);
   return result;
 }
 

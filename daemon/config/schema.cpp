@@ -44,7 +44,7 @@ constexpr TextRule topic{
 // Functions for keys that need more than one call, then the table.
 
 std::optional<BrokerAddress> broker_address(Value value) {
-  const auto* text = value.node().value.get_ptr<const std::string*>();
+  const auto* text = value.json().get_ptr<const std::string*>();
   if (text != nullptr && text->find('@') != std::string::npos) {
     value.problem(  // never shown: it may hold a password
         "a user name or password in the URI is not allowed; allowed: mqtt://HOST[:PORT], and the "
@@ -63,9 +63,9 @@ void read_broker_uri(Value value, Config& config) {
     const auto address = broker_address(each);
     if (address) each.add_once(brokers, *address);
   };
-  if (!value.node().value.is_array()) {
+  if (!value.json().is_array()) {
     read(value);
-  } else if (value.node().children.empty()) {
+  } else if (value.json().empty()) {
     value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], or a list of them", false);
   } else {
     value.list(read, "broker URIs");
@@ -79,7 +79,7 @@ void read_broker_uri(Value value, Config& config) {
 
 void read_groups(Value value, Config& config) {
   auto& groups = config.ble_mesh.groups;
-  if (value.node().value.is_array()) groups.clear();
+  if (value.json().is_array()) groups.clear();
   value.list(
       [&groups](Value item) {
         std::uint16_t group = 0;
@@ -87,6 +87,15 @@ void read_groups(Value value, Config& config) {
         if (group != 0) item.add_once(groups, group);
       },
       "group addresses");
+}
+
+/// Clears a list at its begin, and appends each element.
+template <class Element>
+void begin(Value value, std::vector<Element>& list) {
+  if (value.json().is_array())
+    list.clear();
+  else
+    list.emplace_back();
 }
 
 bool is_controller(std::string_view name) {
@@ -100,7 +109,7 @@ bool is_controller(std::string_view name) {
 
 /// Refuses 1 (Mesh Profile section 3.4.4.5): such a message is never relayed, as with 0.
 void read_ttl(Value value, Config& config) {
-  const nlohmann::json& json = value.node().value;
+  const Json& json = value.json();
   const std::uint64_t ttl = json.is_number_unsigned() ? json.get<std::uint64_t>() : 1;
   if (ttl > 127 || ttl == 1)
     return value.not_allowed("0 or a whole number from 2 to 127", json.is_number());
@@ -143,7 +152,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
      }},
     {"presence.offline_after_s",
      [](Value v, Config& c) { v.seconds(c.ble_mesh.offline_after, 1, day_s); }},
-    {"robots[]", [](Value, Config& c) { c.robots.emplace_back(); }},
+    {"robots[]", [](Value v, Config& c) { begin(v, c.robots); }},
     {"robots[].id", [](Value v, Config& c) { v.text(c.robots.back().id, level); }},
     {"robots[].ble_address",
      [](Value v, Config& c) { v.address(c.robots.back().ble_address, 0x0001, 0x7fff); }},
@@ -244,7 +253,10 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
      }},
     {"ble_mesh.will",
      [](Value v, Config& c) {
-       if (!v.is_null()) c.ble_mesh.will.emplace();
+       if (v.is_null())
+         c.ble_mesh.will.reset();
+       else if (!c.ble_mesh.will)
+         c.ble_mesh.will.emplace();
      }},
     {"ble_mesh.will.topic", [](Value v, Config& c) { v.text(c.ble_mesh.will->topic, topic); }},
     {"ble_mesh.will.message",
@@ -273,7 +285,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
     {"mqttsn.advertise_interval_s",
      [](Value v, Config& c) { v.seconds(c.mqttsn.advertise_interval, 1, max_u16); }},
     {"mqttsn.predefined_topics[]",
-     [](Value, Config& c) { c.mqttsn.predefined_topics.emplace_back(); }},
+     [](Value v, Config& c) { begin(v, c.mqttsn.predefined_topics); }},
     {"mqttsn.predefined_topics[].id",
      [](Value v, Config& c) { v.integer(c.mqttsn.predefined_topics.back().id, 1, 65534); }},
     {"mqttsn.predefined_topics[].name",
@@ -306,7 +318,7 @@ constexpr auto all_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) {
        using mqttsn::RequireIdentity;
        RequireIdentity& required = c.mqttsn.require_identity;
-       const nlohmann::json& value = v.node().value;
+       const Json& value = v.json();
        if (value == "all") {
          required = RequireIdentity::all;
        } else if (value.is_boolean()) {

@@ -13,8 +13,8 @@
 
 namespace slamgw {
 
-/// `robots[]` stands for each element of the list `robots`; its row comes before those of its
-/// members and appends the element.
+/// `robots[]` stands for the list `robots`, which its row clears, and for each element, which its
+/// row appends.
 struct SchemaKey {
   std::string_view path;
   void (*read)(Value value, Config& config);

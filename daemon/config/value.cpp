@@ -16,23 +16,22 @@ constexpr std::size_t longest_echo = 40;
 
 /// Describes the value for "... is not allowed". Shows only short texts, quoted as JSON, and no
 /// text or number unless `is_shown`.
-std::string description(const JsonNode& node, bool is_shown) {
-  const nlohmann::json& value = node.value;
+std::string description(const Json& value, bool is_shown) {
   switch (value.type()) {
-    case nlohmann::json::value_t::object: return "a group in braces";
-    case nlohmann::json::value_t::array: return node.children.empty() ? "an empty list" : "a list";
-    case nlohmann::json::value_t::string:
+    case Json::value_t::object: return "a group in braces";
+    case Json::value_t::array: return value.empty() ? "an empty list" : "a list";
+    case Json::value_t::string:
       if (value.get_ref<const std::string&>().empty()) return "an empty text";
       if (value.get_ref<const std::string&>().size() > longest_echo || !is_shown)
         return "this text";
       return value.dump();
-    case nlohmann::json::value_t::null:
-    case nlohmann::json::value_t::boolean: return value.dump();
-    case nlohmann::json::value_t::number_integer:
-    case nlohmann::json::value_t::number_unsigned:
-    case nlohmann::json::value_t::number_float: return is_shown ? value.dump() : "this number";
-    case nlohmann::json::value_t::binary:
-    case nlohmann::json::value_t::discarded: break;  // never in a parsed text
+    case Json::value_t::null:
+    case Json::value_t::boolean: return value.dump();
+    case Json::value_t::number_integer:
+    case Json::value_t::number_unsigned:
+    case Json::value_t::number_float: return is_shown ? value.dump() : "this number";
+    case Json::value_t::binary:
+    case Json::value_t::discarded: break;  // never in a parsed text
   }
   return "this";
 }
@@ -51,16 +50,16 @@ std::optional<unsigned> parse_hex(std::string_view text) {
 }  // namespace
 
 void Value::boolean(bool& out) {
-  if (node_.value.is_boolean()) {
-    out = node_.value.get<bool>();
+  if (json_.is_boolean()) {
+    out = json_.get<bool>();
   } else {
     not_allowed("true or false", false);
   }
 }
 
 void Value::number(double& out, double min, double max) {
-  const bool is_number = node_.value.is_number();
-  const double number = is_number ? node_.value.get<double>() : 0;
+  const bool is_number = json_.is_number();
+  const double number = is_number ? json_.get<double>() : 0;
   if (is_number && number >= min && number <= max) {
     out = number;
   } else {
@@ -114,7 +113,7 @@ void Value::file_path(std::optional<std::string>& out) {
 
 void Value::address(std::uint16_t& out, std::uint16_t min, std::uint16_t max) {
   std::optional<std::uint64_t> number;
-  if (node_.value.is_number_unsigned()) number = node_.value.get<std::uint64_t>();
+  if (json_.is_number_unsigned()) number = json_.get<std::uint64_t>();
   if (string() != nullptr) number = parse_hex(*string());
   if (number && *number >= min && *number <= max) {
     out = static_cast<std::uint16_t>(*number);
@@ -124,20 +123,20 @@ void Value::address(std::uint16_t& out, std::uint16_t min, std::uint16_t max) {
 }
 
 void Value::address(std::optional<std::uint16_t>& out, std::uint16_t min, std::uint16_t max) {
+  if (is_null()) return out.reset();
   std::uint16_t read = 0;
-  if (!is_null()) address(read, min, max);
+  address(read, min, max);
   if (read != 0) out = read;
 }
 
 void Value::list(const std::function<void(Value)>& each, std::string_view allowed) {
-  if (!node_.value.is_array())
-    return not_allowed(fmt::format("a list [...] of {}", allowed), false);
-  for (std::size_t i = 0; i < node_.children.size(); ++i)
-    each(Value(node_.children[i], fmt::format("{}[{}]", path_, i), result_));
+  if (!json_.is_array()) return not_allowed(fmt::format("a list [...] of {}", allowed), false);
+  for (std::size_t i = 0; i < json_.size(); ++i)
+    each(Value(document_, json_[i], fmt::format("{}[{}]", path_, i), result_));
 }
 
 void Value::texts(std::vector<std::string>& out, const TextRule& rule) {
-  if (node_.value.is_array()) out.clear();
+  if (json_.is_array()) out.clear();
   list(
       [&](Value item) {
         std::string read;
@@ -151,19 +150,19 @@ void Value::texts(std::vector<std::string>& out, const TextRule& rule) {
 }
 
 void Value::not_allowed(std::string_view allowed, bool is_shown) {
-  problem(fmt::format("{} is not allowed; allowed: {}", description(node_, is_shown), allowed));
+  problem(fmt::format("{} is not allowed; allowed: {}", description(json_, is_shown), allowed));
 }
 
 void Value::problem(std::string text) {
-  result_.problems.push_back({node_.place.file, node_.place.line, path_, std::move(text)});
+  result_.problems.push_back({document_.file, document_.line_of(path_), path_, std::move(text)});
 }
 
 std::optional<std::uint64_t> Value::whole_number(std::uint64_t min, std::uint64_t max) {
-  if (node_.value.is_number_unsigned()) {
-    const auto number = node_.value.get<std::uint64_t>();
+  if (json_.is_number_unsigned()) {
+    const auto number = json_.get<std::uint64_t>();
     if (number >= min && number <= max) return number;
   }
-  not_allowed(fmt::format("a whole number from {} to {}", min, max), node_.value.is_number());
+  not_allowed(fmt::format("a whole number from {} to {}", min, max), json_.is_number());
   return std::nullopt;
 }
 

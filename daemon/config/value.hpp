@@ -29,12 +29,14 @@ struct TextRule {
 /// A setting changes only when the value is good.
 class Value {
  public:
-  Value(const JsonNode& node, std::string path, ParseResult& result)
-      : node_(node), path_(std::move(path)), result_(result) {}
+  /// `json`: the value at `path` in `document`.
+  Value(const LocatedJson& document, const Json& json, std::string path, ParseResult& result)
+      : document_(document), json_(json), path_(std::move(path)), result_(result) {}
 
-  bool is_null() const { return node_.value.is_null(); }
+  bool is_null() const { return json_.is_null(); }
   const std::string& path() const { return path_; }
-  const JsonNode& node() const { return node_; }
+  const Json& json() const { return json_; }
+  Place place() const { return {document_.file, document_.line_of(path_), is_null()}; }
 
   void boolean(bool& out);
   void number(double& out, double min, double max);
@@ -68,7 +70,7 @@ class Value {
   template <class E>
   void one_of(E& out, std::initializer_list<std::pair<std::string_view, E>> names) {
     const auto found = std::find_if(names.begin(), names.end(), [this](const auto& name) {
-      return node_.value.is_string() && node_.value.get_ref<const std::string&>() == name.first;
+      return string() && *string() == name.first;
     });
     if (found != names.end()) {
       out = found->second;
@@ -77,7 +79,7 @@ class Value {
     std::string allowed;
     for (const auto& [name, value] : names)
       allowed += (allowed.empty() ? "\"" : ", \"") + std::string(name) + "\"";
-    not_allowed(allowed, node_.value.is_string());
+    not_allowed(allowed, string() != nullptr);
   }
 
   /// Reports "<description of the value> is not allowed; allowed: <allowed>". A value of a wrong
@@ -88,10 +90,11 @@ class Value {
  private:
   std::optional<std::uint64_t> whole_number(std::uint64_t min, std::uint64_t max);
   bool is_good(const TextRule& rule) const { return string() && rule.is_good(*string()); }
-  const std::string* string() const { return node_.value.get_ptr<const std::string*>(); }
+  const std::string* string() const { return json_.get_ptr<const std::string*>(); }
   std::string absolute(const std::string& path) const;
 
-  const JsonNode& node_;
+  const LocatedJson& document_;
+  const Json& json_;
   std::string path_;
   ParseResult& result_;
 };
