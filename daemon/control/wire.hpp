@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The control socket's language: a line of JSON each way. Pure; used by ControlSession and
+// The control socket's language: a line of JSON each way. Pure; used by ControlServer and
 // slam-gatewayctl.
 //
 //   request   {"command": "status" | "reload" | "fleet"}
