@@ -538,12 +538,13 @@ void App::on_request(const std::string& who, control::Request request, Answer an
 }
 
 nlohmann::json App::status() {
-  Status status = status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono);
-  if (config_.ble_mesh.provisioning.over_mqtt)
-    join_requests_.add_to(status.meshes[Mesh::ble].counters);
-  status.configuration = std::filesystem::absolute(config_file_).lexically_normal().string();
-  if (border_router_) status.meshes[Mesh::thread].role = border_router_->role();
-  return to_json(status);
+  PerMesh<MeshLink> links = status_.mesh_links();
+  if (config_.ble_mesh.provisioning.over_mqtt) join_requests_.add_to(links[Mesh::ble].counters);
+  if (border_router_) links[Mesh::thread].role = border_router_->role();
+  nlohmann::json status =
+      status_.status(links, control_ ? control_->counters() : Counters{}, read_clocks().mono);
+  status["configuration"] = std::filesystem::absolute(config_file_).lexically_normal().string();
+  return status;
 }
 
 void App::on_watched(bool is_watched) {

@@ -5,8 +5,6 @@
 
 #include <fmt/format.h>
 
-#include "daemon/core/retained_topics.hpp"
-
 namespace slamgw {
 
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)  // names as in the JSON
@@ -14,12 +12,6 @@ NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)  // names as in th
 namespace {
 
 using nlohmann::json;
-
-json to_json(const Counters& counters) {
-  json out = json::object();
-  for (const Counter& counter : counters) out[std::string(counter.name)] = counter.value;
-  return out;
-}
 
 json to_json(const RefusedTopic& topic, TimePoint now) {
   return {{"topic", topic.topic},
@@ -30,25 +22,12 @@ json to_json(const RefusedTopic& topic, TimePoint now) {
           {"for_s", std::chrono::duration_cast<std::chrono::seconds>(now - topic.since).count()}};
 }
 
-std::string explain_refused(const Status::Broker& broker) {
-  const RefusedTopic& first = broker.refused.front();
+std::string explain(const RefusedSummary& refused) {
+  const RefusedTopic& first = refused.list.front();
   std::string why =
       fmt::format("{} on {} ({} messages wait)", first.refusal.why, first.topic, first.waiting);
-  if (broker.refused_topics > 1)
-    why += fmt::format(", and {} more topics", broker.refused_topics - 1);
+  if (refused.topics > 1) why += fmt::format(", and {} more topics", refused.topics - 1);
   return why;
-}
-
-json to_json(const Status::Broker& broker, TimePoint now) {
-  json refused = json::array();
-  for (const RefusedTopic& topic : broker.refused) refused.push_back(to_json(topic, now));
-  const char* state = broker.link.is_up ? "up" : "down";
-  return {{"state", broker.is_refusing() ? "refusing" : state},
-          {"uri", broker.uri},
-          {"since", to_iso8601(broker.link.since)},
-          {"why", broker.is_refusing() ? explain_refused(broker) : broker.link.why},
-          {"missing_rights", broker.missing_rights},
-          {"refused", {{"topics", broker.refused_topics}, {"list", std::move(refused)}}}};
 }
 
 json to_json(const MeshPlaces::Crowd& crowd) {
@@ -73,32 +52,6 @@ json to_json(const LatencyHistogram& latency) {
           {"buckets", std::move(buckets)}};
 }
 
-json to_json(const Status::MeshLink& mesh) {
-  const char* state = mesh.is_up ? "up" : "down";
-  json out{{"enabled", mesh.is_enabled},
-           {"state", mesh.is_enabled ? state : "disabled"},
-           {"detail", mesh.detail},
-           {"counters", to_json(mesh.counters)}};
-  if (mesh.is_enabled) out["latency"] = to_json(mesh.latency);
-  if (mesh.is_enabled) out["messages"] = {{"up", mesh.up}, {"down", mesh.down}};
-  if (mesh.places) out["places"] = to_json(*mesh.places);
-  if (!mesh.role.empty()) out["role"] = mesh.role;
-  return out;
-}
-
-json to_json(const PerMesh<Status::MeshLink>& meshes) {
-  json out;
-  for (const Mesh mesh : all_meshes) out[std::string(to_string(mesh))] = to_json(meshes[mesh]);
-  return out;
-}
-
-json to_json(const Status::Retained& retained) {
-  json most;
-  if (retained.most > 0) most = {{"robot", retained.most_by}, {"topics", retained.most}};
-  return {
-      {"topics", retained.topics}, {"max", RetainedTopics::max_in_all}, {"most", std::move(most)}};
-}
-
 /// Returns the robot of the flow `<prefix>/robot/<id>`; the flow itself when it is not a robot's.
 std::string robot_of(const std::string& flow) {
   constexpr std::string_view before = "/robot/";
@@ -107,23 +60,14 @@ std::string robot_of(const std::string& flow) {
   return id.empty() || id.find('/') != std::string::npos ? flow : id;
 }
 
-json to_json(const Status::Store& store) {
-  json largest;
-  if (const std::string& flow = store.largest.name; !flow.empty())
-    largest = {{"robot", robot_of(flow)}, {"bytes", store.largest.value}};
-  return {{"state", store.state},
-          {"why", store.why},
-          {"depth", store.depth},
-          {"bytes", store.bytes},
-          {"max_bytes", store.max_bytes},
-          {"full", store.is_full},
-          {"largest", largest},
-          {"filled_by", store.is_nearly_full ? largest : json(nullptr)},
-          {"oldest_age_s", store.oldest_age.count()},
-          {"dead_letters", store.dead_letters},
-          {"dead_letter_bytes", store.dead_letter_bytes},
-          {"dead_letters_nearly_full", store.has_little_room_for_letters},
-          {"failures", store.failures}};
+std::string_view to_string(Backlog::State state) {
+  switch (state) {
+    case Backlog::State::opening: return "opening";
+    case Backlog::State::absent: return "absent";
+    case Backlog::State::working: return "working";
+    case Backlog::State::failing: return "failing";
+  }
+  return {};
 }
 
 /// Returns an entry for each mesh that the robot was on.
@@ -148,27 +92,78 @@ json number_or_null(const std::optional<Number>& number) {
 
 }  // namespace
 
-json to_json(const Status& status) {
-  return {{"version", status.version},
-          {"uptime_s", status.uptime.count()},
-          {"gateway", status.gateway},
-          {"configuration", status.configuration},
-          {"broker", to_json(status.broker, status.now)},
-          {"meshes", to_json(status.meshes)},
-          {"robots", to_json(status.robots)},
-          {"messages", to_json(status.messages)},
-          {"commands", to_json(status.commands)},
-          {"store", to_json(status.store)},
-          {"retained", to_json(status.retained)},
-          {"queue", to_json(status.queue)},
-          {"control", to_json(status.control)},
-          {"fleet", to_json(status.fleet)},
-          {"memory_rss_bytes", status.memory_rss_bytes}};
+json to_json(const Counters& counters) {
+  json out = json::object();
+  for (const Counter& counter : counters) out[std::string(counter.name)] = counter.value;
+  return out;
+}
+
+json to_json(const MeshLink& mesh) {
+  const char* state = mesh.is_up ? "up" : "down";
+  json out{{"enabled", mesh.is_enabled},
+           {"state", mesh.is_enabled ? state : "disabled"},
+           {"detail", mesh.detail},
+           {"counters", to_json(mesh.counters)}};
+  if (mesh.is_enabled) out["latency"] = to_json(mesh.latency);
+  if (mesh.is_enabled) out["messages"] = {{"up", mesh.up}, {"down", mesh.down}};
+  if (mesh.places) out["places"] = to_json(*mesh.places);
+  if (!mesh.role.empty()) out["role"] = mesh.role;
+  return out;
+}
+
+json to_json(const PerMesh<MeshLink>& meshes) {
+  json out;
+  for (const Mesh mesh : all_meshes) out[std::string(to_string(mesh))] = to_json(meshes[mesh]);
+  return out;
+}
+
+json broker_json(const std::string& uri, const BrokerLink& link, const RefusedSummary& refused,
+                 const std::vector<MissingRight>& missing_rights, TimePoint now) {
+  const bool is_refusing = link.is_up && refused.topics > 0;
+  json list = json::array();
+  for (const RefusedTopic& topic : refused.list) list.push_back(to_json(topic, now));
+  const char* state = link.is_up ? "up" : "down";
+  return {{"state", is_refusing ? "refusing" : state},
+          {"uri", uri},
+          {"since", to_iso8601(link.since)},
+          {"why", is_refusing ? explain(refused) : link.why},
+          {"missing_rights", missing_rights},
+          {"refused", {{"topics", refused.topics}, {"list", std::move(list)}}}};
+}
+
+json store_json(const Outbox& outbox, std::uint64_t max_bytes, TimePoint now) {
+  const Backlog& backlog = outbox.backlog();
+  const bool is_failing = backlog.can_keep() && !outbox.store_trouble().empty();
+  const SlotSums::Sum most = backlog.largest_share();
+  json largest;
+  if (!most.name.empty()) largest = {{"robot", robot_of(most.name)}, {"bytes", most.value}};
+  const bool has_filled = backlog.is_nearly_full() && 2 * most.value >= backlog.taken();
+  const Duration oldest_age = now - backlog.oldest().value_or(now);
+  return {{"state", to_string(is_failing ? Backlog::State::failing : backlog.state())},
+          {"why", outbox.store_trouble()},
+          {"depth", backlog.rows()},
+          {"bytes", backlog.bytes()},
+          {"max_bytes", max_bytes},
+          {"full", backlog.is_full()},
+          {"largest", largest},
+          {"filled_by", has_filled ? largest : json(nullptr)},
+          {"oldest_age_s", std::chrono::duration_cast<std::chrono::seconds>(oldest_age).count()},
+          {"dead_letters", backlog.dead_letters().count},
+          {"dead_letter_bytes", backlog.dead_letters().bytes},
+          {"dead_letters_nearly_full", backlog.has_little_room_for_letters()},
+          {"failures", outbox.store_failures()}};
+}
+
+json retained_json(const RetainedTopics& retained) {
+  json most;
+  if (const auto [topics, robot] = retained.largest(); topics > 0)
+    most = {{"robot", robot}, {"topics", topics}};
+  return {{"topics", retained.count()}, {"max", RetainedTopics::max_in_all}, {"most", most}};
 }
 
 std::string why_absent(const Robot& robot, const RobotSurroundings& surroundings) {
   const MeshPresence& there = robot.presence();
-  const Status::MeshLink& link = surroundings.link;
+  const MeshLink& link = surroundings.link;
   if (robot.is_contested())
     return "another client uses its name: are there two robots of that name?";
   if (there.is_deaf) return "the robot does not hear the gateway: it repeats acknowledged messages";

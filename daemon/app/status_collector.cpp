@@ -8,9 +8,6 @@
 namespace slamgw {
 namespace {
 
-using std::chrono::duration_cast;
-using std::chrono::seconds;
-
 constexpr std::size_t most_refused_listed = 10;
 
 std::uint64_t resident_bytes() {
@@ -18,16 +15,6 @@ std::uint64_t resident_bytes() {
   std::uint64_t resident_pages = 0;
   std::ifstream("/proc/self/statm") >> total_pages >> resident_pages;
   return resident_pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
-}
-
-std::string_view to_string(Backlog::State state) {
-  switch (state) {
-    case Backlog::State::opening: return "opening";
-    case Backlog::State::absent: return "absent";
-    case Backlog::State::working: return "working";
-    case Backlog::State::failing: return "failing";
-  }
-  return {};
 }
 
 Counters counts_of(const Gateway& gateway, const Outbox& outbox, const Upstream& upstream) {
@@ -50,34 +37,34 @@ Counters counts_of(const Gateway& gateway, const Outbox& outbox, const Upstream&
 
 std::string broker_uri(const BrokerSettings& broker) { return broker.addresses().front().uri(); }
 
-Status StatusCollector::status(Counters control, TimePoint now) const {
-  Status status;
-  status.now = now;
-  status.version = SLAMGW_VERSION;
-  status.uptime = duration_cast<seconds>(now - started);
-  status.gateway = config.gateway_id;
-  status.broker = {broker.is_up ? broker.uri : broker_uri(config.broker), broker,
-                   outbox.refused_topics().count(), gateway.missing_rights(),
-                   outbox.list_refused(most_refused_listed)};
-  status.meshes = mesh_links();
-  status.robots = counts_of(gateway.registry());
-  status.messages = counts_of(gateway, outbox, upstream);
-  status.commands = {{"open", gateway.commands().open()},
-                     {"late", gateway.commands().counts().late_outcomes}};
-  status.store = store_state(now);
-  auto [most, robot] = gateway.retained().largest();
-  status.retained = {gateway.retained().count(), std::move(robot), most};
-  status.queue = {{"depth", outbox.unsaved()},
-                  {"bytes", outbox.queued_bytes()},
-                  {"max_bytes", Outbox::max_queued_bytes}};
-  status.control = std::move(control);
-  status.fleet = fleet.counters();
-  status.memory_rss_bytes = resident_bytes();
-  return status;
+nlohmann::json StatusCollector::status(const PerMesh<MeshLink>& links, const Counters& control,
+                                       TimePoint now) const {
+  return {
+      {"version", SLAMGW_VERSION},
+      {"uptime_s", std::chrono::duration_cast<std::chrono::seconds>(now - started).count()},
+      {"gateway", config.gateway_id},
+      {"broker",
+       broker_json(broker.is_up ? broker.uri : broker_uri(config.broker), broker,
+                   {outbox.refused_topics().count(), outbox.list_refused(most_refused_listed)},
+                   gateway.missing_rights(), now)},
+      {"meshes", to_json(links)},
+      {"robots", to_json(counts_of(gateway.registry()))},
+      {"messages", to_json(counts_of(gateway, outbox, upstream))},
+      {"commands",
+       {{"open", gateway.commands().open()}, {"late", gateway.commands().counts().late_outcomes}}},
+      {"store", store_json(outbox, config.store.max_bytes, now)},
+      {"retained", retained_json(gateway.retained())},
+      {"queue",
+       {{"depth", outbox.unsaved()},
+        {"bytes", outbox.queued_bytes()},
+        {"max_bytes", Outbox::max_queued_bytes}}},
+      {"control", to_json(control)},
+      {"fleet", to_json(fleet.counters())},
+      {"memory_rss_bytes", resident_bytes()}};
 }
 
-PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
-  PerMesh<Status::MeshLink> links;
+PerMesh<MeshLink> StatusCollector::mesh_links() const {
+  PerMesh<MeshLink> links;
   for (const Mesh mesh : all_meshes) {
     const MeshAdapter* adapter = meshes.find(mesh);
     const Gateway::LinkState& link = gateway.mesh_link(mesh);
@@ -92,26 +79,6 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
                    gateway.commands().counts().down_on[mesh]};
   }
   return links;
-}
-
-Status::Store StatusCollector::store_state(TimePoint now) const {
-  const Backlog& backlog = outbox.backlog();
-  SlotSums::Sum largest = backlog.largest_share();
-  const bool has_filled = backlog.is_nearly_full() && 2 * largest.value >= backlog.taken();
-  const bool is_failing = backlog.can_keep() && !outbox.store_trouble().empty();
-  return {to_string(is_failing ? Backlog::State::failing : backlog.state()),
-          outbox.store_trouble(),
-          backlog.rows(),
-          backlog.bytes(),
-          config.store.max_bytes,
-          backlog.is_full(),
-          std::move(largest),
-          has_filled,
-          duration_cast<seconds>(now - backlog.oldest().value_or(now)),
-          backlog.dead_letters().count,
-          backlog.dead_letters().bytes,
-          backlog.has_little_room_for_letters(),
-          outbox.store_failures()};
 }
 
 nlohmann::json StatusCollector::robots(const std::optional<std::string>& only,

@@ -22,13 +22,14 @@ std::string broker_uri(const BrokerSettings& broker);
 
 /// The referenced parts must outlive this object.
 struct StatusCollector {
-  /// `control`: counters of the control socket.
-  Status status(Counters control, TimePoint now) const;
+  /// `links`: mesh_links(), with what other parts know of them. `control`: counters of the control
+  /// socket.
+  nlohmann::json status(const PerMesh<MeshLink>& links, const Counters& control,
+                        TimePoint now) const;
   /// Returns an array with a row for each robot, or only for the robot with this id.
   nlohmann::json robots(const std::optional<std::string>& only, TimePoint now) const;
   ServiceState service_state() const;
-  PerMesh<Status::MeshLink> mesh_links() const;
-  Status::Store store_state(TimePoint now) const;
+  PerMesh<MeshLink> mesh_links() const;
 
   const Config& config;
   const BrokerLink& broker;

@@ -10,9 +10,11 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
+#include "daemon/app/status_collector.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/fake_broker.hpp"
 #include "tests/support/memory_session_store.hpp"
@@ -232,6 +234,30 @@ TEST_F(FleetMemberTest, TakesMessagesOfOtherGatewaysOnly) {
   EXPECT_FALSE(fleet.takes({scheme.state_topic(), to_bytes(R"({"state":"online"})")}));
   EXPECT_FALSE(fleet.takes({scheme.presence_topic("r1"), {}}));
   EXPECT_FALSE(fleet.takes({"ntnu-slam/server/r1/cmd", {}}));
+}
+
+TEST_F(FleetMemberTest, IsInStatusWithTheNamesThatPeopleScriptAgainst) {
+  const Outbox outbox(1, 1);
+  const StatusCollector collector{config, link, gateway, outbox, meshes, upstream, fleet, {}};
+  const nlohmann::json status = collector.status(collector.mesh_links(), {}, {});
+  const auto names = [](const nlohmann::json& object) {
+    std::set<std::string> found;
+    for (const auto& [name, value] : object.items()) found.insert(name);
+    return found;
+  };
+  EXPECT_EQ(names(status),
+            (std::set<std::string>{"broker", "commands", "control", "fleet", "gateway",
+                                   "memory_rss_bytes", "meshes", "messages", "queue", "retained",
+                                   "robots", "store", "uptime_s", "version"}));
+  EXPECT_EQ(names(status["broker"]),
+            (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
+  EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
+  EXPECT_EQ(names(status["robots"]), (std::set<std::string>{"asleep", "contested", "deaf", "known",
+                                                            "offline", "online", "untracked"}));
+  EXPECT_EQ(names(status["commands"]), (std::set<std::string>{"late", "open"}));
+  EXPECT_EQ(names(status["queue"]), (std::set<std::string>{"bytes", "depth", "max_bytes"}));
+  EXPECT_TRUE(status["control"].is_object());
+  EXPECT_TRUE(status["fleet"].is_object());
 }
 
 }  // namespace

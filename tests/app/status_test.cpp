@@ -6,124 +6,107 @@
 
 #include <gtest/gtest.h>
 
-#include <set>
-
 namespace slamgw {
 namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-std::set<std::string> names(const json& object) {
-  std::set<std::string> found;
-  for (const auto& [name, value] : object.items()) found.insert(name);
-  return found;
-}
-
-TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
-  const json status = to_json(Status{});
-  EXPECT_EQ(names(status),
-            (std::set<std::string>{"broker", "commands", "configuration", "control", "fleet",
-                                   "gateway", "memory_rss_bytes", "meshes", "messages", "queue",
-                                   "retained", "robots", "store", "uptime_s", "version"}));
-  EXPECT_EQ(names(status["broker"]),
-            (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
-  EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
-  std::set<std::string> states;
-  for (const Counter& count : counts_of(RobotRegistry{})) states.emplace(count.name);
-  EXPECT_EQ(states, (std::set<std::string>{"asleep", "contested", "deaf", "known", "offline",
-                                           "online", "untracked"}));
-  EXPECT_TRUE(status["robots"].is_object());
-  EXPECT_TRUE(status["control"].is_object());
-  EXPECT_TRUE(status["fleet"].is_object());
-}
-
 TEST(StatusJson, ShowsStateOfEachLink) {
-  Status status;
-  status.broker = {"mqtt://b:1883", {false, WallTime{1'700'000'000s}, "refused"}, 0, {}, {}};
-  status.meshes[Mesh::thread] = {true, true, "UDP [::]:47193", {{"received", 7}}};
-  const json out = to_json(status);
-  EXPECT_EQ(out["broker"], json::parse(R"({"state": "down", "uri": "mqtt://b:1883",
-                                           "since": "2023-11-14T22:13:20Z", "why": "refused",
-                                           "missing_rights": [],
-                                           "refused": {"topics": 0, "list": []}})"));
-  EXPECT_EQ(out["meshes"]["ble"]["state"], "disabled");
-  json thread = out["meshes"]["thread"];
+  EXPECT_EQ(broker_json("mqtt://b:1883", {false, WallTime{1'700'000'000s}, "refused"}, {}, {}, {}),
+            json::parse(R"({"state": "down", "uri": "mqtt://b:1883",
+                            "since": "2023-11-14T22:13:20Z", "why": "refused",
+                            "missing_rights": [], "refused": {"topics": 0, "list": []}})"));
+  EXPECT_EQ(to_json(MeshLink{})["state"], "disabled");
+  MeshLink link{true, true, "UDP [::]:47193", {{"received", 7}}};
+  json thread = to_json(link);
   thread.erase("latency");
   EXPECT_EQ(thread, json::parse(R"({"enabled": true, "state": "up",
                                 "detail": "UDP [::]:47193", "counters": {"received": 7},
                                 "messages": {"up": 0, "down": 0}})"));
-  status.meshes[Mesh::thread].role = "leader";
-  EXPECT_EQ(to_json(status)["meshes"]["thread"]["role"], "leader");
+  link.role = "leader";
+  EXPECT_EQ(to_json(link)["role"], "leader");
 }
 
 TEST(StatusJson, CountsLatenciesByBound) {
-  Status status;
-  EXPECT_FALSE(to_json(status)["meshes"]["ble"].contains("latency")) << "it is disabled";
-  status.meshes[Mesh::ble].is_enabled = true;
-  status.meshes[Mesh::ble].latency.add(700us);
-  const json latency = to_json(status)["meshes"]["ble"]["latency"];
+  MeshLink link;
+  EXPECT_FALSE(to_json(link).contains("latency")) << "it is disabled";
+  link.is_enabled = true;
+  link.latency.add(700us);
+  const json latency = to_json(link)["latency"];
   EXPECT_EQ(latency["count"], 1);
   EXPECT_EQ(latency["sum_us"], 700);
-  status.meshes[Mesh::ble].up = 2;
-  status.meshes[Mesh::ble].down = 1;
-  EXPECT_EQ(to_json(status)["meshes"]["ble"]["messages"], (json{{"up", 2}, {"down", 1}}));
+  link.up = 2;
+  link.down = 1;
+  EXPECT_EQ(to_json(link)["messages"], (json{{"up", 2}, {"down", 1}}));
   ASSERT_EQ(latency["buckets"].size(), LatencyHistogram::bounds_us.size());
   EXPECT_EQ(latency["buckets"][0], (json{{"le_us", 500}, {"count", 0}}));
   EXPECT_EQ(latency["buckets"][1], (json{{"le_us", 1000}, {"count", 1}}));
 }
 
+/// Returns the status of a store of 100 bytes that this process finds.
+json status_of_store(StoreOpened found) {
+  Outbox outbox(1, 100);
+  outbox.on_store_event(std::move(found), {});
+  return store_json(outbox, 100, {});
+}
+
 TEST(StatusJson, ShowsSizeOfDeadLetters) {
-  Status status;
-  status.store.dead_letters = 2;
-  status.store.dead_letter_bytes = 99;
-  EXPECT_EQ(to_json(status)["store"]["dead_letters"], 2);
-  EXPECT_EQ(to_json(status)["store"]["dead_letter_bytes"], 99);
+  StoreOpened found;
+  found.dead_letters = {2, 99};
+  const json store = status_of_store(found);
+  EXPECT_EQ(store["state"], "working");
+  EXPECT_EQ(store["max_bytes"], 100);
+  EXPECT_EQ(store["dead_letters"], 2);
+  EXPECT_EQ(store["dead_letter_bytes"], 99);
+  EXPECT_EQ(store["dead_letters_nearly_full"], true);
 }
 
 TEST(StatusJson, NamesRobotThatFilledStore) {
-  Status status;
-  EXPECT_TRUE(to_json(status)["store"]["largest"].is_null());
-  status.store.largest = {"p/robot/r1", 7};
-  EXPECT_EQ(to_json(status)["store"]["largest"], (json{{"robot", "r1"}, {"bytes", 7}}));
-  EXPECT_TRUE(to_json(status)["store"]["filled_by"].is_null());
-  status.store.is_nearly_full = true;
-  EXPECT_EQ(to_json(status)["store"]["filled_by"], (json{{"robot", "r1"}, {"bytes", 7}}));
+  EXPECT_TRUE(status_of_store({})["largest"].is_null());
+  StoreOpened found;
+  found.count = 1;
+  found.bytes = 7;
+  found.shares.add_named("p/robot/r1", 7);
+  EXPECT_EQ(status_of_store(found)["largest"], (json{{"robot", "r1"}, {"bytes", 7}}));
+  EXPECT_TRUE(status_of_store(found)["filled_by"].is_null());
+  found.bytes = 90;
+  EXPECT_TRUE(status_of_store(found)["filled_by"].is_null()) << "it has not stored half of it";
+  found.shares.add_named("p/robot/r1", 50);
+  EXPECT_EQ(status_of_store(found)["filled_by"], (json{{"robot", "r1"}, {"bytes", 57}}));
   for (const char* flow : {"p/fleet/robots", "p/robot/gateway/g", "robot"}) {
-    status.store.largest = {flow, 7};
-    EXPECT_EQ(to_json(status)["store"]["filled_by"], (json{{"robot", flow}, {"bytes", 7}}))
+    found.shares = {};
+    found.shares.add_named(flow, 57);
+    EXPECT_EQ(status_of_store(found)["filled_by"], (json{{"robot", flow}, {"bytes", 57}}))
         << "not the flow of a robot";
   }
 }
 
 TEST(StatusJson, NamesAddressAndRobotThatUseMostPlacesAndRetainedTopics) {
-  Status status;
-  status.meshes[Mesh::thread].places = {100, 90, {"fd00::1", 50}, 0, {}};
-  EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"], json::parse(R"({"max": 100, "taken": 90,
+  MeshLink thread;
+  EXPECT_FALSE(to_json(thread).contains("places"));
+  thread.places = {100, 90, {"fd00::1", 50}, 0, {}};
+  EXPECT_EQ(to_json(thread)["places"], json::parse(R"({"max": 100, "taken": 90,
                                      "most": {"address": "fd00::1", "clients": 50},
                                      "unproven": 0, "most_unproven": null})"));
-  status.meshes[Mesh::thread].places = {100, 90, {"fd00::/64", 90}, 80, {"fd00::/64", 70}};
-  EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"]["most_unproven"],
+  thread.places = {100, 90, {"fd00::/64", 90}, 80, {"fd00::/64", 70}};
+  EXPECT_EQ(to_json(thread)["places"]["most_unproven"],
             (json{{"address", "fd00::/64"}, {"clients", 70}}));
-  EXPECT_FALSE(to_json(status)["meshes"]["ble"].contains("places"));
-  EXPECT_TRUE(to_json(status)["retained"]["most"].is_null());
-  status.retained = {20, "r1", 16};
-  EXPECT_EQ(to_json(status)["retained"], json::parse(R"({"topics": 20, "max": 4096,
-                                         "most": {"robot": "r1", "topics": 16}})"));
+  RetainedTopics retained;
+  EXPECT_TRUE(retained_json(retained)["most"].is_null());
+  for (const char* const topic : {"a", "b"}) retained.admit("r1", topic, false);
+  retained.admit("r2", "c", false);
+  EXPECT_EQ(retained_json(retained), json::parse(R"({"topics": 3, "max": 4096,
+                                         "most": {"robot": "r1", "topics": 2}})"));
 }
 
 TEST(StatusJson, ShowsBrokerAsRefusingOnlyWhileItIsOnline) {
-  Status status;
-  status.broker = {"u",
-                   {false, {}, "gone"},
-                   2,
-                   {{"commands may not come", "topic read p/server/#"}},
-                   {{"t", {0x87, "not authorised"}, 3, 1, TimePoint{1s}}}};
-  status.now = TimePoint{10s};
-  EXPECT_EQ(to_json(status)["broker"]["state"], "down");
-  EXPECT_EQ(to_json(status)["broker"]["why"], "gone");
-  status.broker.link = {true, {}, {}};
-  const json broker = to_json(status)["broker"];
+  const RefusedSummary refused{2, {{"t", {0x87, "not authorised"}, 3, 1, TimePoint{1s}}}};
+  const std::vector<MissingRight> missing{{"commands may not come", "topic read p/server/#"}};
+  json broker = broker_json("u", {false, {}, "gone"}, refused, missing, TimePoint{10s});
+  EXPECT_EQ(broker["state"], "down");
+  EXPECT_EQ(broker["why"], "gone");
+  broker = broker_json("u", {true, {}, {}}, refused, missing, TimePoint{10s});
   EXPECT_EQ(broker["state"], "refusing");
   EXPECT_EQ(broker["why"], "not authorised on t (3 messages wait), and 1 more topics");
   EXPECT_EQ(broker["missing_rights"][0]["grant"], "topic read p/server/#");

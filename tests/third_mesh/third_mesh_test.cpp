@@ -197,9 +197,9 @@ TEST(ThirdMeshParts, HandleNewMesh) {
   state.mesh_is_up[Mesh::zigbee] = true;
   EXPECT_EQ(service_status(state, 0), "broker down, zigbee up, 0 robots online, 0 msg/s");
 
-  Status status;
-  status.meshes[Mesh::zigbee] = {true, true, "channel 15", {}};
-  EXPECT_EQ(to_json(status)["meshes"]["zigbee"]["state"], "up");
+  PerMesh<MeshLink> links;
+  links[Mesh::zigbee] = {true, true, "channel 15", {}};
+  EXPECT_EQ(to_json(links)["zigbee"]["state"], "up");
 
   Robot robot;
   robot.last_mesh = Mesh::zigbee;
