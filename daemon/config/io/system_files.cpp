@@ -16,18 +16,12 @@
 #include <memory>
 
 #include "daemon/core/freed_by.hpp"
+#include "daemon/runtime/owned_file.hpp"
 
 namespace slamgw {
 namespace {
 
 constexpr std::size_t max_file_bytes = 1 << 20;
-
-struct CloseFile {
-  int descriptor;
-  ~CloseFile() {
-    if (descriptor >= 0) close(descriptor);
-  }
-};
 
 using Bio = std::unique_ptr<BIO, FreedBy<BIO_free>>;
 using Certificate = std::unique_ptr<X509, FreedBy<X509_free>>;
@@ -59,15 +53,15 @@ Key read_key(const std::string& pem, bool& is_encrypted) {
 
 Result<FileText, FileError> SystemFiles::read(const std::string& path) const {
   // Non-blocking: a FIFO must not hold up the start.
-  const CloseFile file{open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
-  if (file.descriptor < 0) return error_now();
+  const OwnedFile file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (file.get() < 0) return error_now();
   struct stat status {};
-  if (fstat(file.descriptor, &status) != 0) return error_now();
+  if (fstat(file.get(), &status) != 0) return error_now();
   if (!S_ISREG(status.st_mode)) return FileError{false, false, "it is not a regular file"};
   FileText result{{}, status.st_mode & 0777u, strange_owner(status.st_uid)};
   std::array<char, 4096> chunk{};
   while (true) {
-    const ssize_t count = ::read(file.descriptor, chunk.data(), chunk.size());
+    const ssize_t count = ::read(file.get(), chunk.data(), chunk.size());
     if (count < 0) return error_now();
     if (count == 0) return result;
     result.text.append(chunk.data(), static_cast<std::size_t>(count));
