@@ -5,8 +5,8 @@
 
 #include <algorithm>
 #include <array>
-#include <iterator>
 #include <limits>
+#include <sstream>
 #include <utility>
 #include <vector>
 
@@ -83,39 +83,31 @@ namespace {
 
 constexpr std::size_t max_depth = 16;  // the configuration needs 4
 
-/// Input for the lexer; records the line of the last character read. The lexer also reads the
-/// character after a number, which is still on the number's line.
-class LineIterator {
+/// The parser's input, which knows the line of the last character that was read. The parser also
+/// reads the character after a number, which is still on the number's line.
+class Input {
  public:
-  using iterator_category = std::input_iterator_tag;
-  using value_type = char;
-  using difference_type = std::ptrdiff_t;
-  using pointer = const char*;
-  using reference = char;
+  explicit Input(std::string_view text) : text_(text), stream_(std::string(text)) {}
 
-  LineIterator(const char* at, int* line_read) : at_(at), line_read_(line_read) {}
-
-  char operator*() const {
-    *line_read_ = line_;
-    return *at_;
+  std::istream& stream() { return stream_; }
+  int line() {
+    const auto read = stream_.rdbuf()->pubseekoff(0, std::ios::cur, std::ios::in);
+    for (; counted_ + 1 < read; ++counted_)
+      line_ += text_[static_cast<std::size_t>(counted_)] == '\n';
+    return line_;
   }
-  LineIterator& operator++() {
-    if (*at_++ == '\n') ++line_;
-    return *this;
-  }
-  bool operator==(const LineIterator& other) const { return at_ == other.at_; }
-  bool operator!=(const LineIterator& other) const { return at_ != other.at_; }
 
  private:
-  const char* at_;
-  int* line_read_;
+  std::string_view text_;
+  std::istringstream stream_;
+  std::streamoff counted_ = 0;
   int line_ = 1;
 };
 
 /// Follows the parser from value to value: notes lines, and refuses what nlohmann-json accepts.
 class Follower {
  public:
-  Follower(LocatedJson& out, const int& line) : out_(out), line_(line) {}
+  Follower(LocatedJson& out, Input& input) : out_(out), input_(input) {}
 
   /// Returns false for a key that the parser must leave out. `depth`: 0 for the whole document.
   bool on_event(std::size_t depth, Json::parse_event_t event, const Json& parsed) {
@@ -123,7 +115,7 @@ class Follower {
     if (event == Event::object_end || event == Event::array_end || depth > left_out_) return true;
     if (depth < left_out_) left_out_ = nothing;
     if (event == Event::key) return on_key(depth, parsed.get_ref<const std::string&>());
-    if (depth == 0) out_.line = line_;
+    if (depth == 0) out_.line = input_.line();
     if (depth == 0) is_text_ = parsed.is_string();
     if (depth > 0 && open_[depth - 1].is_list) on_element(depth);
     if (event == Event::value) return true;
@@ -151,22 +143,22 @@ class Follower {
   bool on_key(std::size_t depth, const std::string& key) {
     const std::string& group = open_[depth - 1].path;
     path_ = group.empty() ? key : group + "." + key;
-    const auto [first, is_new] = out_.lines.emplace(path_, line_);
+    const auto [first, is_new] = out_.lines.emplace(path_, input_.line());
     left_out_ = is_new ? nothing : depth;
     if (!is_new)
       out_.problems.push_back(
-          {out_.file, line_, path_,
+          {out_.file, input_.line(), path_,
            fmt::format("is already set in line {}; each key once is allowed", first->second)});
     return is_new;
   }
 
   void on_element(std::size_t depth) {
     path_ = fmt::format("{}[{}]", open_[depth - 1].path, open_[depth - 1].count++);
-    out_.lines.emplace(path_, line_);
+    out_.lines.emplace(path_, input_.line());
   }
 
   LocatedJson& out_;
-  const int& line_;
+  Input& input_;
   std::vector<Open> open_;
   std::string path_;                ///< of the newest key or element
   std::size_t left_out_ = nothing;  ///< the depth of a repeated key, while its value is read
@@ -177,29 +169,28 @@ class Follower {
 
 LocatedJson read_located_json(std::string_view text, const std::string& file) {
   LocatedJson result{file, {}, 1, {}, false, {}};
-  int line = 1;
-  const auto fail = [&](std::string words) {
+  const auto fail = [&](int line, std::string words) {
     result.problems = {{file, line, "syntax", std::move(words)}};
     return result;
   };
-  if (const std::size_t null = text.find('\0'); null != text.npos) {  // ends the text for the lexer
-    line += static_cast<int>(std::ranges::count(text.substr(0, null), '\n'));
-    return fail("a null character; write the file again, as plain text");
-  }
-  Follower follower(result, line);
-  const char* end = text.data() + text.size();
+  if (const std::size_t null = text.find('\0'); null != text.npos)  // ends the text for the lexer
+    return fail(1 + static_cast<int>(std::ranges::count(text.substr(0, null), '\n')),
+                "a null character; write the file again, as plain text");
+  Input input(text);
+  Follower follower(result, input);
   try {
     result.root = Json::parse(
-        LineIterator(text.data(), &line), LineIterator(end, &line),
+        input.stream(),
         [&follower](int depth, Json::parse_event_t event, const Json& parsed) {
           return follower.on_event(static_cast<std::size_t>(depth), event, parsed);
         },
         true /* throws */, true /* with comments */);
   } catch (const Follower::TooDeep&) {
-    return fail("nested too deeply; 16 levels are allowed");
+    return fail(input.line(), "nested too deeply; 16 levels are allowed");
   } catch (const Json::exception& error) {
-    return fail(follower.is_text() ? "a key stands outside of { }; write { ... } around everything"
-                                   : syntax_words(error.what()));
+    return fail(input.line(), follower.is_text()
+                                  ? "a key stands outside of { }; write { ... } around everything"
+                                  : syntax_words(error.what()));
   }
   result.is_complete = true;
   return result;
