@@ -36,9 +36,10 @@ class Reader {
  private:
   /// `path` is the key as shown (`robots[0].id`), `row` as in the schema (`robots[].id`).
   void read_members(const Json& group, const std::string& path, const std::string& row) {
-    const std::string dot = path.empty() ? "" : ".";
+    const std::string shown = path.empty() ? path : path + ".";
+    const std::string known = row.empty() ? row : row + ".";
     for (const auto& [key, json] : group.items())
-      read_key(key, Value(document_, json, path + dot + key, result_), row + dot + key);
+      read_key(key, Value(document_, json, shown + key, result_), known + key);
   }
 
   void read_key(const std::string& name, Value value, const std::string& row) {

@@ -120,6 +120,26 @@ TEST(ParseConfig, AcceptsNullForUnsetValue) {
   EXPECT_FALSE(parsed.config.robots.at(0).ble_address);
 }
 
+TEST(ParseConfig, JoinsGroupsOfSeveralFilesAndClearsWhatALaterOneSetsToNull) {
+  const std::vector<ConfigFile> files{
+      {"a.json",
+       R"({"ble_mesh": {"gateway_group": "0xc010", "will": {"topic": "t", "message": "m"}},
+                     "mqttsn": {"predefined_topics": [{"id": 1, "name": "a"}]}})"},
+      {"b.json", R"({"ble_mesh": {"gateway_group": null, "will": {"message": "n"}},
+                     "mqttsn": {"predefined_topics": []}})"},
+      {"c.json", R"({"ble_mesh": {"will": null}})"}};
+  const ParseResult joined = parse_config({files[0], files[1]}, {"pi", ""}, FakeFiles());
+  EXPECT_TRUE(joined.problems.empty());
+  EXPECT_FALSE(joined.config.ble_mesh.gateway_group);
+  ASSERT_TRUE(joined.config.ble_mesh.will);
+  EXPECT_EQ(joined.config.ble_mesh.will->topic, "t");
+  EXPECT_EQ(joined.config.ble_mesh.will->message, "n");
+  EXPECT_TRUE(joined.config.mqttsn.predefined_topics.empty());
+  const ParseResult cleared = parse_config(files, {"pi", ""}, FakeFiles());
+  EXPECT_TRUE(cleared.problems.empty());
+  EXPECT_FALSE(cleared.config.ble_mesh.will);
+}
+
 TEST(ParseConfig, AcceptsBothKindsOfComments) {
   const Parsed parsed("// a\n/* b\n*/ {\"log\": /* c */ {\"level\": \"error\"}} // d");
   EXPECT_EQ(parsed.lines_of_problems, "");
