@@ -121,7 +121,7 @@ class Follower {
     if (event == Event::value) return true;
     if (depth == max_depth) throw TooDeep();
     open_.resize(depth);
-    open_.push_back({depth == 0 ? "" : path_, event == Event::array_start});
+    open_.push_back({depth == 0 ? "" : path_, event == Event::array_start, 0, {}});
     return true;
   }
 
@@ -137,13 +137,15 @@ class Follower {
   struct Open {
     std::string path;
     bool is_list = false;
-    std::size_t count = 0;
+    std::size_t count = 0;              ///< of a list
+    std::map<std::string, int> keys{};  ///< of a group, with their lines
   };
 
   bool on_key(std::size_t depth, const std::string& key) {
     const std::string& group = open_[depth - 1].path;
     path_ = group.empty() ? key : group + "." + key;
-    const auto [first, is_new] = out_.lines.emplace(path_, input_.line());
+    out_.lines.emplace(path_, input_.line());
+    const auto [first, is_new] = open_[depth - 1].keys.emplace(key, input_.line());
     left_out_ = is_new ? nothing : depth;
     if (!is_new)
       out_.problems.push_back(
