@@ -23,89 +23,32 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
 StartUp::StartUp(Settings settings, std::optional<RadioKeys> keys)
     : settings_(std::move(settings)), keys_(keys) {
   board_.source = settings_.address;
-}
-
-Bytes StartUp::command() const {
-  assert(state_ == State::commanding);
-  switch (step_) {
-    case Step::get_version: return encode_command(CommandOpcode::serial_version_get);
-    case Step::get_uuid: return encode_command(CommandOpcode::uuid_get);
-    case Step::get_dropped_events: return encode_command(CommandOpcode::housekeeping_get);
-    case Step::get_address: return encode_command(CommandOpcode::local_unicast_get);
-    case Step::set_address:
-      return encode_command(CommandOpcode::local_unicast_set, settings_.address, count_);
-    case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
-    case Step::find_former:
-      return encode_command(CommandOpcode::subnet_add, key_index, keys_->former->net_key);
-    case Step::add_subnet:
-      return encode_command(CommandOpcode::subnet_add, key_index, keys_->keys.net_key);
-    case Step::update_subnet:
-      return encode_command(CommandOpcode::subnet_update, board_.subnet_handle,
-                            keys_->next->net_key);
-    case Step::get_appkeys:
-      return encode_command(CommandOpcode::appkey_get_all, board_.subnet_handle);
-    case Step::add_appkey:
-      return encode_command(CommandOpcode::appkey_add, key_index, board_.subnet_handle,
-                            keys_->keys.app_key);
-    case Step::update_appkey:
-      return encode_command(CommandOpcode::appkey_update, board_.appkey_handle,
-                            keys_->next->app_key);
-    case Step::get_handles: return encode_command(CommandOpcode::address_get_all);
-    case Step::read_handle:
-      return encode_command(CommandOpcode::address_get, unread_handles_.front());
-    case Step::add_group:
-      return encode_command(CommandOpcode::subscription_add, missing_groups_.front());
-    case Step::enable: break;
-  }
-  return encode_command(CommandOpcode::enable);
-}
-
-void StartUp::on_response(const CommandResponse& response) {
-  ByteReader data(response.data);
-  switch (step_) {
-    case Step::get_version: return on_version(response);
-    case Step::get_uuid:
-      if (response.status == Status::success) board_.uuid = to_hex(response.data);
-      step_ = Step::get_dropped_events;
-      return;
-    case Step::get_dropped_events:
-      if (response.status == Status::success && data.remaining() >= 4)
-        board_.dropped_events = data.read_u32_le();
-      step_ = Step::get_address;
-      return;
-    case Step::get_address: return on_address(response);
-    case Step::set_address:
-      if (check(response, true, "taking the gateway's unicast address")) step_ = first_key_step();
-      return;
-    case Step::get_subnets: return on_subnets(response);
-    case Step::find_former: return on_former_sought(response);
-    case Step::add_subnet: return on_subnet_added(response);
-    case Step::update_subnet:
-      if (is_updated(response, "taking the new network key")) step_ = Step::get_appkeys;
-      return;
-    case Step::get_appkeys: return on_appkeys(response);
-    case Step::add_appkey: return on_appkey_added(response);
-    case Step::update_appkey:
-      if (is_updated(response, "taking the new application key")) on_keys_complete();
-      return;
-    case Step::get_handles: return on_handles(response);
-    case Step::read_handle: return on_handle_read(response);
-    case Step::add_group: return on_group_added(response);
-    case Step::enable: return on_enabled(response);
-  }
+  ask(&StartUp::on_version, CommandOpcode::serial_version_get);
 }
 
 void StartUp::on_version(const CommandResponse& response) {
   ByteReader data(response.data);
   const SerialVersion version{data.read_u16_le()};
-  step_ = Step::get_uuid;
-  if (response.status != Status::success || !data.ok()) return;  // treated as the latest version
-  board_.version = version;
-  if (version < SerialVersion::sdk_1_0)
-    refuse(
+  const bool is_known = response.status == Status::success && data.ok();
+  if (is_known && version < SerialVersion::sdk_1_0)
+    return refuse(
         fmt::format("its firmware speaks version {} of Nordic's serial protocol, older than that "
                     "of nRF5 SDK for Mesh 1.0: program the serial example of a newer SDK",
                     static_cast<unsigned>(version)));
+  if (is_known) board_.version = version;
+  ask(&StartUp::on_uuid, CommandOpcode::uuid_get);
+}
+
+void StartUp::on_uuid(const CommandResponse& response) {
+  if (response.status == Status::success) board_.uuid = to_hex(response.data);
+  ask(&StartUp::on_dropped_events, CommandOpcode::housekeeping_get);
+}
+
+void StartUp::on_dropped_events(const CommandResponse& response) {
+  ByteReader data(response.data);
+  if (response.status == Status::success && data.remaining() >= 4)
+    board_.dropped_events = data.read_u32_le();
+  ask(&StartUp::on_address, CommandOpcode::local_unicast_get);
 }
 
 void StartUp::on_address(const CommandResponse& response) {
@@ -121,7 +64,7 @@ void StartUp::on_address(const CommandResponse& response) {
         "--yes",
         address, settings_.address));
   }
-  step_ = Step::get_subnets;
+  ask(&StartUp::on_subnets, CommandOpcode::subnet_get_all);
 }
 
 void StartUp::on_subnets(const CommandResponse& response) {
@@ -145,34 +88,47 @@ void StartUp::on_subnets(const CommandResponse& response) {
 void StartUp::on_keys(const RadioKeys& keys) {
   assert(state_ == State::needs_keys);
   keys_ = keys;
-  state_ = State::commanding;
   begin_writing();
 }
 
 /// Without keys there is no mesh.json that records the used addresses, so none is asked for.
 void StartUp::begin_writing() {
-  step_ = had_addresses_ > 0 ? first_key_step() : Step::set_address;
-  if (had_addresses_ == 0 && keys_) state_ = State::needs_source;
+  if (had_addresses_ > 0) return begin_keys();
+  if (!keys_) return set_address(1);
+  state_ = State::needs_source;
 }
 
+/// A board that has addresses was asked for its keys already.
 void StartUp::on_source(std::uint16_t source, std::uint16_t count) {
   assert(state_ == State::needs_source);
   board_.source = source;
-  count_ = count;
-  state_ = State::commanding;
+  had_addresses_ > 0 ? list_handles() : set_address(count);
 }
 
-StartUp::Step StartUp::first_key_step() const {
-  if (!keys_) return Step::get_appkeys;
+void StartUp::set_address(std::uint16_t count) {
+  ask(&StartUp::on_address_set, CommandOpcode::local_unicast_set, settings_.address, count);
+}
+
+void StartUp::on_address_set(const CommandResponse& response) {
+  if (check(response, true, "taking the gateway's unicast address")) begin_keys();
+}
+
+void StartUp::begin_keys() {
+  if (!keys_) return list_appkeys();
   const bool has_key = std::ranges::find(subnet_indexes_, key_index) != subnet_indexes_.end();
-  return keys_->former && has_key ? Step::find_former : Step::add_subnet;
+  if (!keys_->former || !has_key) return add_subnet();
+  ask(&StartUp::on_former_sought, CommandOpcode::subnet_add, key_index, keys_->former->net_key);
 }
 
 /// The status `internal` ("the very same key") proves that the board has the mesh's former key. It
 /// has missed the key refresh, or hears the old key, too. No command removes the old key.
 void StartUp::on_former_sought(const CommandResponse& response) {
-  step_ = Step::add_subnet;
-  if (response.status == Status::internal) state_ = State::needs_clear;
+  if (response.status != Status::internal) return add_subnet();
+  state_ = State::needs_clear;
+}
+
+void StartUp::add_subnet() {
+  ask(&StartUp::on_subnet_added, CommandOpcode::subnet_add, key_index, keys_->keys.net_key);
 }
 
 void StartUp::on_subnet_added(const CommandResponse& response) {
@@ -190,7 +146,17 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
         Severity::notice,
         fmt::format("the serial board was fresh and got this mesh's keys; it sends from 0x{:04x}",
                     board_.source));
-  step_ = keys_->next ? Step::update_subnet : Step::get_appkeys;
+  if (!keys_->next) return list_appkeys();
+  ask(&StartUp::on_subnet_updated, CommandOpcode::subnet_update, board_.subnet_handle,
+      keys_->next->net_key);
+}
+
+void StartUp::on_subnet_updated(const CommandResponse& response) {
+  if (is_updated(response, "taking the new network key")) list_appkeys();
+}
+
+void StartUp::list_appkeys() {
+  ask(&StartUp::on_appkeys, CommandOpcode::appkey_get_all, board_.subnet_handle);
 }
 
 /// "Invalid state": the board has switched to the new key by itself, after a node's beacon.
@@ -217,15 +183,14 @@ void StartUp::on_appkeys(const CommandResponse& response) {
   if (data.remaining() >= 2) data.read_u16_le();
   appkey_indexes_ = read_numbers(data);
   if (!check(response, true, "listing its application keys")) return;
-  if (keys_) {
-    step_ = Step::add_appkey;
-  } else if (appkey_indexes_.empty()) {
-    refuse(
+  if (keys_)
+    return ask(&StartUp::on_appkey_added, CommandOpcode::appkey_add, key_index,
+               board_.subnet_handle, keys_->keys.app_key);
+  if (appkey_indexes_.empty())
+    return refuse(
         "it holds a network key but no application key, and no mesh.json exists here: give it the "
         "mesh's application key with Nordic's tools");
-  } else {
-    step_ = Step::get_handles;
-  }
+  list_handles();
 }
 
 void StartUp::on_appkey_added(const CommandResponse& response) {
@@ -236,13 +201,20 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
   if (!take_handle(response, appkey_indexes_, board_.appkey_handle, "taking the application key"))
     return;
   if (!keys_->next) return on_keys_complete();
-  step_ = Step::update_appkey;
+  ask(&StartUp::on_appkey_updated, CommandOpcode::appkey_update, board_.appkey_handle,
+      keys_->next->app_key);
+}
+
+void StartUp::on_appkey_updated(const CommandResponse& response) {
+  if (is_updated(response, "taking the new application key")) on_keys_complete();
 }
 
 void StartUp::on_keys_complete() {
-  step_ = Step::get_handles;
-  if (had_addresses_ > 0) state_ = State::needs_source;
+  if (had_addresses_ == 0) return list_handles();
+  state_ = State::needs_source;
 }
+
+void StartUp::list_handles() { ask(&StartUp::on_handles, CommandOpcode::address_get_all); }
 
 void StartUp::on_handles(const CommandResponse& response) {
   ByteReader data(response.data);
@@ -253,10 +225,8 @@ void StartUp::on_handles(const CommandResponse& response) {
 }
 
 void StartUp::read_next_handle() {
-  if (!unread_handles_.empty()) {
-    step_ = Step::read_handle;
-    return;
-  }
+  if (!unread_handles_.empty())
+    return ask(&StartUp::on_handle_read, CommandOpcode::address_get, unread_handles_.front());
   for (const std::uint16_t group : settings_.heard_groups()) {
     if (!board_.addresses.is_subscribed(group)) missing_groups_.push_back(group);
   }
@@ -282,7 +252,10 @@ void StartUp::on_handle_read(const CommandResponse& response) {
   read_next_handle();
 }
 
-void StartUp::add_next_group() { step_ = missing_groups_.empty() ? Step::enable : Step::add_group; }
+void StartUp::add_next_group() {
+  if (missing_groups_.empty()) return ask(&StartUp::on_enabled, CommandOpcode::enable);
+  ask(&StartUp::on_group_added, CommandOpcode::subscription_add, missing_groups_.front());
+}
 
 void StartUp::on_group_added(const CommandResponse& response) {
   const std::uint16_t group = missing_groups_.front();

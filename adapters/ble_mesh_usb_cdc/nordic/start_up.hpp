@@ -103,9 +103,9 @@ class StartUp {
 
   State state() const { return state_; }
   /// Returns the frame to send now. Call only while `commanding`.
-  Bytes command() const;
+  const Bytes& command() const { return command_; }
   /// Takes the response to that command.
-  void on_response(const CommandResponse& response);
+  void on_response(const CommandResponse& response) { (this->*on_response_)(response); }
   /// Call only in `needs_keys`.
   void on_keys(const RadioKeys& keys);
   /// Call only in `needs_source`. `source` is the address to send from. `count` is the number of
@@ -125,33 +125,28 @@ class StartUp {
   std::string description() const;
 
  private:
-  /// The steps, in this order unless a response says otherwise.
-  enum class Step : std::uint8_t {
-    get_version,
-    get_uuid,
-    get_dropped_events,
-    get_address,
-    get_subnets,
-    set_address,
-    find_former,
-    add_subnet,
-    update_subnet,
-    get_appkeys,
-    add_appkey,
-    update_appkey,
-    get_handles,
-    read_handle,
-    add_group,
-    enable
-  };
+  using OnResponse = void (StartUp::*)(const CommandResponse& response);
+
+  /// Makes the next command, whose response goes to `on_response`.
+  template <class... Params>
+  void ask(OnResponse on_response, CommandOpcode opcode, const Params&... params) {
+    command_ = encode_command(opcode, params...);
+    on_response_ = on_response;
+    state_ = State::commanding;
+  }
 
   void on_version(const CommandResponse& response);
+  void on_uuid(const CommandResponse& response);
+  void on_dropped_events(const CommandResponse& response);
   void on_address(const CommandResponse& response);
   void on_subnets(const CommandResponse& response);
+  void on_address_set(const CommandResponse& response);
   void on_former_sought(const CommandResponse& response);
   void on_subnet_added(const CommandResponse& response);
+  void on_subnet_updated(const CommandResponse& response);
   void on_appkeys(const CommandResponse& response);
   void on_appkey_added(const CommandResponse& response);
+  void on_appkey_updated(const CommandResponse& response);
   bool is_updated(const CommandResponse& response, std::string_view what);
   void on_keys_complete();
   void on_handles(const CommandResponse& response);
@@ -160,7 +155,11 @@ class StartUp {
   void on_enabled(const CommandResponse& response);
 
   void begin_writing();
-  Step first_key_step() const;
+  void set_address(std::uint16_t count);
+  void begin_keys();
+  void add_subnet();
+  void list_appkeys();
+  void list_handles();
   void read_next_handle();
   void add_next_group();
   void refuse(std::string why);
@@ -176,13 +175,13 @@ class StartUp {
   Settings settings_;
   std::optional<RadioKeys> keys_;
   State state_ = State::commanding;
-  Step step_ = Step::get_version;
+  Bytes command_;
+  OnResponse on_response_ = nullptr;
   std::string refusal_;
   std::vector<Notice> notices_;
 
   StartedBoard board_;
   std::uint16_t had_addresses_ = 0;
-  std::uint16_t count_ = 1;
   bool is_fresh_ = false;                      ///< the board had neither address nor keys
   std::vector<std::uint16_t> subnet_indexes_;  ///< as listed by the board
   std::vector<std::uint16_t> appkey_indexes_;
