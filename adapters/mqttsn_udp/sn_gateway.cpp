@@ -53,7 +53,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       downlink_(common_, subscriptions_, commands_, std::move(random)),
       uplink_(common_, answers_),
       wills_(common_),
-      lifecycle_(common_, subscriptions_, downlink_, uplink_, wills_),
+      lifecycle_(common_, subscriptions_, downlink_, wills_),
       supervision_(common_, downlink_, lifecycle_),
       roaming_(common_),
       notes_(common_),

@@ -48,13 +48,6 @@ struct Subscription {
   std::optional<TimePoint> granted_at;
 };
 
-/// A QoS 2 message from a client, between PUBLISH and PUBREL (R75).
-struct InboundQos2 {
-  std::uint64_t fingerprint = 0;
-  std::uint64_t receipt_id = 0;  ///< grows with each message; 0: from before a restart
-  bool is_safe = false;          ///< PUBREC was sent
-};
-
 /// An answer that keeps its place while an earlier SUBSCRIBE waits for the broker (R64).
 struct PendingAnswer {
   Packet packet;
@@ -104,7 +97,6 @@ class ClientSession : public SessionTerms {
   std::vector<PendingAnswer> answers;
   Delivery delivery;
   RepeatFilter repeats;
-  std::map<std::uint16_t, InboundQos2> inbound_qos2;
   std::size_t open_receipts = 0;
 
   // The session's entries in the timer queues of ClientTable.

@@ -91,12 +91,12 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   add_messages(session.delivery, out.messages, now);
   for (const Attempt& open : session.delivery.releasing) out.released.push_back(open.msg_id);
   out.abandoned = session.delivery.abandoned;
-  for (const auto& [msg_id, inbound] : session.inbound_qos2) {
-    if (inbound.is_safe) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
-  }
   for (const RepeatFilter::Entry& entry : session.repeats.entries()) {
+    if (entry.receipt_id != 0) continue;
     const auto age = std::chrono::duration_cast<milliseconds>(now - entry.since);
-    if (entry.receipt_id == 0 && age <= limits::repeat_window)
+    if (entry.awaits_pubrel)
+      out.inbound_qos2.emplace_back(entry.msg_id, entry.fingerprint);
+    else if (age <= limits::repeat_window)
       out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
   }
   out.counts_ids = session.repeats.counts_ids();
@@ -131,11 +131,11 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   for (const SubscriptionSnapshot& s : snapshot.subscriptions)
     session.subscriptions.emplace(
         s.filter, Subscription{s.qos, type_for(s.filter, s.topic_id_type), s.topic_id, 0, {}});
+  for (const auto& [msg_id, mark] : snapshot.inbound_qos2)
+    session.repeats.add({mark, now, 0, 0, msg_id, 0, /*awaits_pubrel=*/true});
   for (const RepeatSnapshot& repeat : snapshot.repeats)
     session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
   if (snapshot.counts_ids) session.repeats.set_counts_ids();
-  for (const auto& [msg_id, mark] : snapshot.inbound_qos2)
-    session.inbound_qos2[msg_id] = {mark, 0, /*is_safe=*/true};
   restore_messages(snapshot, session, now);
 }
 

@@ -77,7 +77,7 @@ void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint 
   subscriptions_.forget_all(session);
   session.will.reset();
   session.topics.clear();
-  uplink_.forget(session);
+  session.repeats.clear();  // MsgIds start again
   downlink_.drop_all(session, why, now);
 }
 

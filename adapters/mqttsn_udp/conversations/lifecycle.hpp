@@ -5,7 +5,6 @@
 
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
-#include "adapters/mqttsn_udp/conversations/uplink.hpp"
 #include "adapters/mqttsn_udp/conversations/wills.hpp"
 
 namespace slamgw::mqttsn {
@@ -13,12 +12,8 @@ namespace slamgw::mqttsn {
 class Lifecycle : Conversation {
  public:
   Lifecycle(const Conversation& common, Subscriptions& subscriptions, Downlink& downlink,
-            Uplink& uplink, Wills& wills)
-      : Conversation(common),
-        subscriptions_(subscriptions),
-        downlink_(downlink),
-        uplink_(uplink),
-        wills_(wills) {}
+            Wills& wills)
+      : Conversation(common), subscriptions_(subscriptions), downlink_(downlink), wills_(wills) {}
 
   /// Call for any valid message from the client (R109).
   void on_heard(ClientSession& session, TimePoint now);
@@ -57,7 +52,6 @@ class Lifecycle : Conversation {
 
   Subscriptions& subscriptions_;
   Downlink& downlink_;
-  Uplink& uplink_;
   Wills& wills_;
   LogThrottle crowd_lines_;
 };

@@ -20,6 +20,19 @@ std::uint64_t mix(std::uint64_t hash, ByteView octets) {
 
 std::uint64_t never_0(std::uint64_t hash) { return hash == 0 ? 1 : hash; }
 
+bool is_open(const RepeatFilter::Entry& entry) {
+  return entry.receipt_id != 0 || entry.awaits_pubrel;
+}
+
+bool is_safe_exchange(const RepeatFilter::Entry& entry) {
+  return entry.receipt_id == 0 && entry.awaits_pubrel;
+}
+
+void end_exchange(RepeatFilter::Entry& exchange, TimePoint now) {
+  exchange.awaits_pubrel = false;
+  exchange.since = now;
+}
+
 }  // namespace
 
 std::uint64_t fingerprint(const Publish& publish) {
@@ -47,7 +60,7 @@ RepeatFilter::Entry* RepeatFilter::newest(Predicate is_wanted) {
 const RepeatFilter::Entry* RepeatFilter::find(const Publish& publish, std::uint64_t fingerprint,
                                               TimePoint now) {
   const auto is_over = [&](const Entry& entry) {
-    return entry.receipt_id == 0 && now - entry.since > limits::repeat_window;
+    return !is_open(entry) && now - entry.since > limits::repeat_window;
   };
   while (entries_.size() > 1 && is_over(entries_.front())) entries_.pop_front();
   sets_dup_ |= publish.dup;
@@ -55,13 +68,13 @@ const RepeatFilter::Entry* RepeatFilter::find(const Publish& publish, std::uint6
     return entry.msg_id == publish.msg_id && entry.fingerprint == fingerprint && !is_over(entry);
   });
   if (!known || !is_repeat(*known, publish, now)) return nullptr;
-  if (known->receipt_id == 0 && !publish.dup) ++known->repeats;
+  if (!is_open(*known) && !publish.dup) ++known->repeats;
   return known;
 }
 
 /// Whether a message that equals `known`, and comes within its window, repeats it.
 bool RepeatFilter::is_repeat(const Entry& known, const Publish& publish, TimePoint now) const {
-  if (known.receipt_id != 0 || publish.dup) return true;
+  if (is_open(known) || publish.dup) return true;
   if (reuses_ids_ || known.repeats >= limits::max_client_repeats) return false;
   const bool may_lack_puback = publish.qos == WireQos::one && !sets_dup_ &&
                                now - known.since >= limits::shortest_client_retry;
@@ -81,36 +94,58 @@ void RepeatFilter::on_request(std::uint16_t msg_id) {
 }
 
 void RepeatFilter::add(const Entry& entry) {
+  if (entry.awaits_pubrel) make_room_for(entry);
   const bool is_reused = newest([&](const Entry& old) { return old.msg_id == entry.msg_id; });
   if (is_reused && reuses_ids_) counted_ids_ = 0;  // one alone may be a copy made by the network
   reuses_ids_ = is_reused;
   on_request(entry.msg_id);
   if (entries_.full()) {
-    static_assert(limits::max_open_receipts < limits::max_repeats);
-    const auto is_acknowledged = [](const Entry& other) { return other.receipt_id == 0; };
-    const auto oldest = std::find_if(entries_.begin(), entries_.end(), is_acknowledged);
+    static_assert(limits::max_open_receipts + limits::max_inbound_qos2 < limits::max_repeats);
+    const auto oldest = std::find_if_not(entries_.begin(), entries_.end(), is_open);
     if (oldest != entries_.end()) entries_.rerase(oldest);
   }
   entries_.push_back(entry);
 }
 
-void RepeatFilter::clear() { *this = {}; }
-
-bool RepeatFilter::on_safe(std::uint64_t receipt_id, TimePoint now) {
-  Entry* known = newest([&](const Entry& entry) { return entry.receipt_id == receipt_id; });
-  if (!known) return false;
-  known->receipt_id = 0;
-  known->since = now;
-  return true;
+/// If the MsgId is that of another open exchange, its message differs: the client has given up the
+/// former message. One of too many exchanges is safe, because each other has an open receipt.
+void RepeatFilter::make_room_for(const Entry& exchange) {
+  static_assert(limits::max_open_receipts <= limits::max_inbound_qos2);
+  const auto former = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& other) {
+    return other.awaits_pubrel && other.msg_id == exchange.msg_id;
+  });
+  if (former != entries_.end()) entries_.erase(former);
+  const auto open = std::ranges::count(entries_, true, &Entry::awaits_pubrel);
+  if (static_cast<std::size_t>(open) < limits::max_inbound_qos2) return;
+  const auto oldest = std::find_if(entries_.begin(), entries_.end(), is_safe_exchange);
+  if (oldest != entries_.end()) end_exchange(*oldest, exchange.since);
 }
 
-bool RepeatFilter::on_refused(std::uint64_t receipt_id) {
+bool RepeatFilter::on_pubrel(std::uint16_t msg_id, TimePoint now) {
+  Entry* open =
+      newest([&](const Entry& entry) { return is_safe_exchange(entry) && entry.msg_id == msg_id; });
+  if (open) end_exchange(*open, now);
+  return open;
+}
+
+void RepeatFilter::clear() { *this = {}; }
+
+const RepeatFilter::Entry* RepeatFilter::on_safe(std::uint64_t receipt_id, TimePoint now) {
+  Entry* known = newest([&](const Entry& entry) { return entry.receipt_id == receipt_id; });
+  if (!known) return nullptr;
+  known->receipt_id = 0;
+  known->since = now;
+  return known;
+}
+
+std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receipt_id) {
   const auto known = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) {
     return entry.receipt_id == receipt_id;
   });
-  if (known == entries_.end()) return false;
+  if (known == entries_.end()) return std::nullopt;
+  const Entry refused = *known;
   entries_.erase(known);
-  return true;
+  return refused;
 }
 
 }  // namespace slamgw::mqttsn

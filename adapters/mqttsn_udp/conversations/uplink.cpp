@@ -42,9 +42,9 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
     case WireQos::zero:
     case WireQos::minus_one:
       return report(session, std::move(publish), std::move(*topic), no_receipt);
-    case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
+    case WireQos::one:
     case WireQos::two:
-      return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
+      return publish_with_receipt(session, std::move(publish), std::move(*topic), now);
   }
 }
 
@@ -52,11 +52,7 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
 /// PUBLISH that the network delivers after it is still known for a while if the client counts its
 /// MsgIds (R137).
 void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now) {
-  const auto found = session.inbound_qos2.find(pubrel.msg_id);
-  if (found != session.inbound_qos2.end() && found->second.is_safe) {
-    complete(session, found, now);
-    output_.mark_unsaved(session);
-  }
+  if (session.repeats.on_pubrel(pubrel.msg_id, now)) output_.mark_unsaved(session);
   output_.send(session, Pubcomp{pubrel.msg_id});
 }
 
@@ -98,20 +94,14 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
 void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
   const auto found = open_.find(receipt_id);
   if (found == open_.end()) return;
-  const Open open = found->second;
+  const auto session = found->second.lock();
   open_.erase(found);
-  const auto session = open.session.lock();
   if (!session) return;
   --session->open_receipts;
   switch (outcome) {
-    case ReceiptOutcome::safe: return on_safe(*session, receipt_id, open, now);
-    case ReceiptOutcome::refused: return on_refused(*session, receipt_id, open);
+    case ReceiptOutcome::safe: return on_safe(*session, receipt_id, now);
+    case ReceiptOutcome::refused: return on_refused(*session, receipt_id);
   }
-}
-
-void Uplink::forget(ClientSession& session) {
-  session.repeats.clear();
-  session.inbound_qos2.clear();
 }
 
 /// Returns the name behind the client's topic id, as the client knows it; empty if there is none.
@@ -139,71 +129,30 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
   return topic;
 }
 
-void Uplink::publish_once(ClientSession& session, Publish publish, std::string topic,
-                          TimePoint now) {
+void Uplink::publish_with_receipt(ClientSession& session, Publish publish, std::string topic,
+                                  TimePoint now) {
+  const bool is_qos2 = publish.qos == WireQos::two;
   const std::uint64_t mark = fingerprint(publish);
   if (const auto* known = session.repeats.find(publish, mark, now)) {
     report_repeat(session, publish, std::move(topic));
-    if (known->receipt_id == 0)
-      output_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
+    if (known->receipt_id == 0) acknowledge(session, *known, is_qos2);
     return;
   }
   if (session.open_receipts >= limits::max_open_receipts)
     return refuse(session, publish, ReturnCode::congestion);
   const bool did_count = session.repeats.counts_ids();
-  const Receipt receipt = open_receipt(session, publish);
-  session.repeats.add({mark, now, receipt.id, publish.topic_id, publish.msg_id});
-  if (session.repeats.counts_ids() != did_count) output_.mark_unsaved(session);
-  report(session, std::move(publish), std::move(topic), receipt);
-}
-
-void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
-                                  TimePoint now) {
-  const std::uint64_t mark = fingerprint(publish);
-  const auto known = session.inbound_qos2.find(publish.msg_id);
-  const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
-  if (is_open || session.repeats.find(publish, mark, now)) {
-    report_repeat(session, publish, std::move(topic));
-    const bool is_safe = !is_open || known->second.is_safe;
-    if (is_safe) output_.send(session, Pubrec{publish.msg_id});
-    return;
-  }
-  if (session.open_receipts >= limits::max_open_receipts)
-    return refuse(session, publish, ReturnCode::congestion);
-  // If the MsgId is known, its message differs: the client has given up the former message.
-  if (known == session.inbound_qos2.end()) make_room(session, now);
-  const Receipt receipt = open_receipt(session, publish);
-  session.inbound_qos2[publish.msg_id] = {mark, receipt.id};
-  output_.mark_unsaved(session);
-  report(session, std::move(publish), std::move(topic), receipt);
-}
-
-/// Completes the oldest safe exchange if there are too many: its PUBREL may never come. There is a
-/// safe one, because each other exchange has an open receipt, and there are fewer of these.
-void Uplink::make_room(ClientSession& session, TimePoint now) {
-  static_assert(limits::max_open_receipts <= limits::max_inbound_qos2);
-  auto& exchanges = session.inbound_qos2;
-  if (exchanges.size() < limits::max_inbound_qos2) return;
-  complete(
-      session,
-      std::ranges::min_element(
-          exchanges, {},
-          [](const auto& each) { return std::pair(!each.second.is_safe, each.second.receipt_id); }),
-      now);
-}
-
-/// Forgets the exchange, but recognises a late copy of its message for a while.
-void Uplink::complete(ClientSession& session, InboundExchange exchange, TimePoint now) {
-  const auto& [msg_id, inbound] = *exchange;
-  session.repeats.add({inbound.fingerprint, now, 0, 0, msg_id});
-  session.inbound_qos2.erase(exchange);
-}
-
-Receipt Uplink::open_receipt(ClientSession& session, const Publish& publish) {
-  open_[++last_receipt_] = {clients_.weak(session), qos_of(publish), publish.topic_id,
-                            publish.msg_id};
+  open_[++last_receipt_] = clients_.weak(session);
   ++session.open_receipts;
-  return {Mesh::thread, last_receipt_};
+  session.repeats.add(
+      {mark, now, last_receipt_, publish.topic_id, publish.msg_id, 0, /*awaits_pubrel=*/is_qos2});
+  if (is_qos2 || session.repeats.counts_ids() != did_count) output_.mark_unsaved(session);
+  report(session, std::move(publish), std::move(topic), {Mesh::thread, last_receipt_});
+}
+
+void Uplink::acknowledge(const ClientSession& session, const RepeatFilter::Entry& message,
+                         bool is_qos2) {
+  if (is_qos2) return output_.send(session, Pubrec{message.msg_id});
+  output_.send(session, Puback{message.topic_id, message.msg_id, ReturnCode::accepted});
 }
 
 void Uplink::report(const ClientSession& session, Publish publish, std::string topic,
@@ -232,25 +181,13 @@ void Uplink::report_repeat(const ClientSession& session, const Publish& publish,
                            .bytes = publish.payload.size()});
 }
 
-void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open,
-                     TimePoint now) {
-  bool is_known = false;
-  if (open.qos == Qos::at_least_once) {
-    is_known = session.repeats.on_safe(receipt_id, now);
-    const bool sends_seldom = session.repeats.entries().size() <= limits::max_repeats_saved_at_once;
-    if (is_known && sends_seldom) output_.mark_unsaved(session);
-  } else {
-    const auto found = session.inbound_qos2.find(open.msg_id);
-    is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
-    if (is_known) found->second.is_safe = true;
-    if (is_known) output_.mark_unsaved(session);
-  }
-  if (!is_known || !session.is_connected()) return;
-  if (open.qos == Qos::at_least_once) {
-    output_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::accepted});
-  } else {
-    output_.send(session, Pubrec{open.msg_id});
-  }
+void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, TimePoint now) {
+  const RepeatFilter::Entry* const message = session.repeats.on_safe(receipt_id, now);
+  if (!message) return;
+  const bool sends_seldom = session.repeats.entries().size() <= limits::max_repeats_saved_at_once;
+  if (message->awaits_pubrel || sends_seldom) output_.mark_unsaved(session);
+  if (!session.is_connected()) return;
+  acknowledge(session, *message, message->awaits_pubrel);
   if (!output_.is_traced) return;
   output_.emit(MessageStep{.kind = StepKind::acknowledged,
                            .mesh = Mesh::thread,
@@ -259,16 +196,11 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
 }
 
 /// Leaves the message unacknowledged, so that the robot keeps it. Its repetition is a new message.
-void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
+void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id) {
   output_.count(Count::receipts_refused);
-  const bool was_qos1 = session.repeats.on_refused(receipt_id);
-  const auto found = session.inbound_qos2.find(open.msg_id);
-  const bool was_qos2 =
-      found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
-  if (was_qos2) session.inbound_qos2.erase(found);
-  const bool is_answered = (was_qos1 || was_qos2) && !settings_.is_full_silent();
-  if (is_answered && session.is_connected())
-    output_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
+  const auto message = session.repeats.on_refused(receipt_id);
+  if (message && !settings_.is_full_silent() && session.is_connected())
+    output_.send(session, Puback{message->topic_id, message->msg_id, ReturnCode::congestion});
   if (!output_.is_traced) return;
   output_.emit(MessageStep{.kind = StepKind::refused,
                            .mesh = Mesh::thread,

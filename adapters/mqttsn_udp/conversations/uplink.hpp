@@ -27,18 +27,8 @@ class Uplink : Conversation {
                               TimePoint now);
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  /// Call for a new session: its MsgIds start again.
-  void forget(ClientSession& session);
 
  private:
-  using InboundExchange = std::map<std::uint16_t, InboundQos2>::iterator;
-  struct Open {
-    std::weak_ptr<ClientSession> session;
-    Qos qos;
-    std::uint16_t topic_id;
-    std::uint16_t msg_id;
-  };
-
   bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
   bool may_listen_to(const ClientSession& session, const std::string& topic) const;
   std::string own_root(const ClientSession& session) const;
@@ -46,23 +36,22 @@ class Uplink : Conversation {
   std::string name_of(ClientSession& session, const Publish& publish) const;
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
                                            TimePoint now);
-  void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
-  void publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
+  void publish_with_receipt(ClientSession& session, Publish publish, std::string topic,
                             TimePoint now);
-  void make_room(ClientSession& session, TimePoint now);
-  void complete(ClientSession& session, InboundExchange exchange, TimePoint now);
-  Receipt open_receipt(ClientSession& session, const Publish& publish);
   void report(const ClientSession& session, Publish publish, std::string topic, Receipt receipt);
-  void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open, TimePoint now);
-  void on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open);
+  void on_safe(ClientSession& session, std::uint64_t receipt_id, TimePoint now);
+  void on_refused(ClientSession& session, std::uint64_t receipt_id);
+  void acknowledge(const ClientSession& session, const RepeatFilter::Entry& message, bool is_qos2);
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
   void report_repeat(const ClientSession& session, const Publish& publish, std::string topic);
 
   Answers& answers_;
   std::uint64_t last_receipt_ = 0;
-  std::unordered_map<std::uint64_t, Open, std::hash<std::uint64_t>, std::equal_to<>,
-                     RecyclingAllocator<std::pair<const std::uint64_t, Open>>>
-      open_;  // bounded by max_open_receipts for each client
+  /// The sessions of open receipts; bounded by max_open_receipts for each client.
+  std::unordered_map<
+      std::uint64_t, std::weak_ptr<ClientSession>, std::hash<std::uint64_t>, std::equal_to<>,
+      RecyclingAllocator<std::pair<const std::uint64_t, std::weak_ptr<ClientSession>>>>
+      open_;
 };
 
 }  // namespace slamgw::mqttsn
