@@ -127,7 +127,7 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
 void Downlink::pump(ClientSession& session, TimePoint now) {
   expire_commands(session, now);
   if (may_send(session)) {
-    release_.resume(session, now);
+    resume_releases(session, now);
     resume_withheld(session, now);
   }
   while (may_send(session) && send_next(session, now)) {
@@ -147,7 +147,8 @@ bool Downlink::may_send(const ClientSession& session) const {
 /// being registered; no other message waits for another's registration.
 bool Downlink::send_next(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
-  if (delivery.publishing || Release::is_fresh(delivery)) return false;
+  const auto is_fresh = [](const Attempt& open) { return open.repeat_at && open.is_fresh(); };
+  if (delivery.publishing || std::ranges::any_of(delivery.releasing, is_fresh)) return false;
   bool must_commands_wait = false;
   bool is_held = false;
   for (std::size_t i = 0; i < delivery.queue.size(); ++i) {
@@ -326,20 +327,67 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
   finish(session, *answered, CommandResult::refused, "the robot refused it", now);
 }
 
-/// PUBREC means that the client has taken over the message.
+/// PUBREC means that the client has taken over the message. PUBREL is repeated until PUBCOMP; one
+/// that stays unanswered holds nothing back (MQTT-SN 1.2 section 6.6).
 void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint now) {
   Delivery& delivery = session.delivery;
   learn_from_answer(session, pubrec.msg_id, now);
   if (std::ranges::count(delivery.abandoned, pubrec.msg_id) > 0) return;
-  if (release_.on_pubrec(session, pubrec.msg_id)) return;
+  const auto open = std::ranges::find(delivery.releasing, pubrec.msg_id, &Attempt::msg_id);
+  if (open != delivery.releasing.end()) {
+    open->repeats = std::max(open->repeats, 1U);
+    return output_.send(session, Pubrel{pubrec.msg_id});
+  }
   const auto received = take_unacknowledged(delivery, pubrec.msg_id);
   if (!received) return output_.send(session, Pubrel{pubrec.msg_id});  // R92
   finish(session, *received, CommandResult::delivered, "", now);
-  release_.begin(session, pubrec.msg_id, now);
+  if (delivery.releasing.size() >= limits::max_open_releases)
+    delivery.releasing.erase(delivery.releasing.begin());
+  delivery.releasing.push_back(begin_attempt(settings_, delivery, pubrec.msg_id, now));
+  output_.mark_unsaved(session);
+  output_.send(session, Pubrel{pubrec.msg_id});
 }
 
 void Downlink::on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now) {
-  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) output_.mark_unsaved(session);
+  std::vector<Attempt>& releasing = session.delivery.releasing;
+  const auto open = std::ranges::find(releasing, pubcomp.msg_id, &Attempt::msg_id);
+  if (open == releasing.end()) return;
+  on_answered(session.delivery, *open, now);
+  releasing.erase(open);
+  output_.mark_unsaved(session);
+}
+
+/// Sends the resting PUBRELs, once the client was heard since their last transmission.
+void Downlink::resume_releases(ClientSession& session, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  for (Attempt& open : delivery.releasing) {
+    if (open.repeat_at || session.last_heard <= open.begun) continue;
+    open = begin_attempt(settings_, delivery, open.msg_id, now);
+    output_.send(session, Pubrel{open.msg_id});
+  }
+}
+
+/// Repeats PUBRELs that are due. One that is given up rests if the client sent nothing at all since
+/// it began; then this returns true. Otherwise it is forgotten, and only a PUBREC brings it back
+/// (R92).
+bool Downlink::repeat_releases(ClientSession& session, TimePoint now) {
+  bool is_silent = false;
+  const auto is_over = [&](Attempt& open) {
+    switch (check_attempt(settings_, open, now)) {
+      case Due::nothing: return false;
+      case Due::repeat:
+        output_.count(Count::retransmitted);
+        output_.send(session, Pubrel{open.msg_id});
+        return false;
+      case Due::give_up: break;
+    }
+    open.repeat_at.reset();
+    const bool was_heard = session.last_heard > open.begun;
+    is_silent |= !was_heard;
+    return was_heard;
+  };
+  if (std::erase_if(session.delivery.releasing, is_over) > 0) output_.mark_unsaved(session);
+  return is_silent;
 }
 
 void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandResult result,
@@ -386,7 +434,10 @@ void Downlink::rest(ClientSession& session) {
   Delivery& delivery = session.delivery;
   delivery.is_stalled = false;
   delivery.registering.clear();
-  Release::rest(delivery);
+  for (Attempt& open : delivery.releasing) {
+    open.repeat_at.reset();
+    open.begun = TimePoint::min();
+  }
   if (delivery.publishing)
     delivery.queue.push_front(std::exchange(delivery.publishing, nullptr)->what);
 }
@@ -394,14 +445,15 @@ void Downlink::rest(ClientSession& session) {
 bool Downlink::is_awaiting(const ClientSession& session) const {
   const Delivery& delivery = session.delivery;
   return delivery.publishing || !delivery.registering.empty() ||
-         Release::next_time(delivery).has_value();
+         std::ranges::any_of(delivery.releasing,
+                             [](const Attempt& open) { return open.repeat_at.has_value(); });
 }
 
 bool Downlink::on_time(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   expire_commands(session, now);
   if (delivery.paused_until && *delivery.paused_until <= now) delivery.paused_until.reset();
-  bool is_silent = release_.on_time(session, now);
+  bool is_silent = repeat_releases(session, now);
   for (const auto& unanswered : registration_.on_time(session, now)) {
     is_silent |= !unanswered.was_heard;
     drop_unregistered(session, unanswered.topic, now);
@@ -537,8 +589,8 @@ void Downlink::time_out(ClientSession& session, const Outgoing& outgoing, std::s
 std::optional<TimePoint> Downlink::next_time(const ClientSession& session) const {
   const Delivery& delivery = session.delivery;
   std::optional<TimePoint> next =
-      earlier(delivery.paused_until,
-              earlier(TopicRegistration::next_time(delivery), Release::next_time(delivery)));
+      earlier(delivery.paused_until, TopicRegistration::next_time(delivery));
+  for (const Attempt& open : delivery.releasing) next = earlier(next, open.repeat_at);
   if (const Publishing* open = delivery.publishing.get())
     next = earlier(next, earlier(open->attempt.repeat_at, expiry_of(open->what)));
   for (const Outgoing& waiting : delivery.queue) next = earlier(next, expiry_of(waiting));

@@ -2,7 +2,7 @@
 // Messages on their way to one client: the queue, PUBLISH, its acknowledgement and repetition
 // (MQTT-SN 1.2 sections 6.6, 6.10, 6.13). Each client has one PUBLISH of QoS 1 or 2 at a time,
 // independent of other clients (R91, R147). Messages of one topic keep their order. An unanswered
-// REGISTER or PUBREL holds others back for one wait at most: see TopicRegistration and Release.
+// REGISTER or PUBREL holds others back for one wait at most.
 #pragma once
 
 #include <memory>
@@ -40,7 +40,6 @@ class Downlink : Conversation {
         subscriptions_(subscriptions),
         commands_(commands),
         registration_(common),
-        release_(common),
         random_(std::move(random)) {}
 
   /// Queues the message, or refuses it with a reason. `pump()` sends it.
@@ -104,6 +103,8 @@ class Downlink : Conversation {
   void on_answer(ClientSession& session, std::uint16_t msg_id, bool is_asked, TimePoint now);
   bool send_next(ClientSession& session, TimePoint now);
   void resume_withheld(ClientSession& session, TimePoint now);
+  void resume_releases(ClientSession& session, TimePoint now);
+  bool repeat_releases(ClientSession& session, TimePoint now);
   void publish(ClientSession& session, Outgoing outgoing, TimePoint now);
   void repeat(ClientSession& session, Publishing& open);
   void transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
@@ -123,7 +124,6 @@ class Downlink : Conversation {
   Subscriptions& subscriptions_;
   CommandOutcomes& commands_;
   TopicRegistration registration_;
-  Release release_;
   RandomSource random_;
   bool is_stopping_ = false;
   LogThrottle too_large_;

@@ -6,6 +6,7 @@
 
 #include <string>
 
+#include "adapters/mqttsn_udp/conversations/conversation.hpp"
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 
 namespace slamgw::mqttsn {
