@@ -49,8 +49,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       common_(settings_, rules_, clients_, output_, refusals_),
       answers_(common_),
       subscriptions_(common_, answers_),
-      commands_(common_),
-      downlink_(common_, subscriptions_, commands_, std::move(random)),
+      downlink_(common_, subscriptions_, std::move(random)),
       uplink_(common_, answers_),
       wills_(common_),
       lifecycle_(common_, subscriptions_, downlink_, wills_),
@@ -59,7 +58,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       notes_(common_),
       connecting_(common_, lifecycle_, downlink_, wills_, guard_),
       renaming_(common_, subscriptions_, lifecycle_),
-      restoring_(common_, subscriptions_, commands_, downlink_, lifecycle_, supervision_),
+      restoring_(common_, subscriptions_, downlink_, lifecycle_, supervision_),
       discovery_(common_, guard_),
       pings_(common_) {}
 
@@ -294,7 +293,7 @@ void SnGateway::on_broker_message(const RobotMessage& message, TimePoint now) {
     return supervision_.advance(*session, now);
   }
   if (roaming_.keep(message, now)) return;
-  commands_.refuse(message.message, message.command, "the robot is not connected");
+  downlink_.refuse_command(message.message, message.command, "the robot is not connected");
 }
 
 void SnGateway::on_subscribe_result(const std::string& robot, const std::string& filter,
@@ -354,7 +353,7 @@ void SnGateway::on_stop(TimePoint now) {
   downlink_.on_stop();
   for (const auto& [id, session] : clients_.all()) downlink_.refuse_unkept(*session, now);
   for (const RobotMessage& unsent : roaming_.on_stop(now))
-    commands_.refuse(unsent.message, unsent.command, Downlink::stopped);
+    downlink_.refuse_command(unsent.message, unsent.command, Downlink::stopped);
 }
 
 void SnGateway::set_changed(const std::string& client_id) {

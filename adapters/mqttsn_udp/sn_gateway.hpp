@@ -135,7 +135,6 @@ class SnGateway {
   const Conversation common_;
   Answers answers_;
   Subscriptions subscriptions_;
-  CommandOutcomes commands_;
   Downlink downlink_;
   Uplink uplink_;
   Wills wills_;

@@ -93,9 +93,9 @@ void Downlink::on_broker_message(ClientSession& session, const RobotMessage& inc
       !session.is_clean &&
       rules_.policy.may_subscribe(session.client_id, session.robot, message.topic);
   if (incoming.is_unasked || (!wanted && !is_asked_elsewhere))
-    return commands_.refuse(message, incoming.command,
-                            wanted ? "the robot had not subscribed then, or has moved since it came"
-                                   : "the robot has not subscribed to " + message.topic);
+    return refuse_command(message, incoming.command,
+                          wanted ? "the robot had not subscribed then, or has moved since it came"
+                                 : "the robot has not subscribed to " + message.topic);
   Outgoing outgoing;
   outgoing.message = std::make_shared<const BrokerMessage>(message);
   outgoing.qos = message.qos;
@@ -104,7 +104,7 @@ void Downlink::on_broker_message(ClientSession& session, const RobotMessage& inc
     outgoing.topic_id_type = wanted->topic_id_type;
     outgoing.predefined_id = wanted->topic_id;
   }
-  outgoing.command = commands_.begin(session, message, incoming.command, now);
+  outgoing.command = begin_command(session, message, incoming.command, now);
   enqueue(session, std::move(outgoing), now);
 }
 
@@ -395,7 +395,7 @@ void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandR
   if (result == CommandResult::delivered || result == CommandResult::sent)
     output_.count(Count::delivered_down);
   if (outgoing.qos != Qos::at_most_once) output_.mark_unsaved(session);
-  commands_.end(outgoing.command, result, std::move(why), now);
+  end_command(outgoing.command, result, std::move(why), now);
 }
 
 /// Registers a topic id again that the client has forgotten, and sends the message once more under
@@ -536,8 +536,7 @@ std::vector<WaitingMessage> Downlink::take_unsent(ClientSession& session, TimePo
     if (next.command && next.command->is_reported) continue;  // sent at QoS 0, see register_again()
     const bool is_from_before = next.command && next.command->id == CommandId::none;
     if (next.msg_id != 0 || is_from_before) {  // an earlier process may have sent it
-      commands_.end(next.command, CommandResult::timeout, "the robot moved to another gateway",
-                    now);
+      end_command(next.command, CommandResult::timeout, "the robot moved to another gateway", now);
       continue;
     }
     WaitingMessage& waiting = unsent.emplace_back(WaitingMessage{*next.message});
@@ -583,7 +582,7 @@ void Downlink::time_out(ClientSession& session, const Outgoing& outgoing, std::s
                         TimePoint now) {
   remember_abandoned(session.delivery, outgoing);
   output_.mark_unsaved(session);
-  commands_.end(outgoing.command, CommandResult::timeout, std::move(why), now);
+  end_command(outgoing.command, CommandResult::timeout, std::move(why), now);
 }
 
 std::optional<TimePoint> Downlink::next_time(const ClientSession& session) const {
@@ -636,13 +635,11 @@ void Downlink::refuse(ClientSession& session, const Outgoing& outgoing, std::str
   remember_abandoned(session.delivery, outgoing);
   if (outgoing.command) output_.mark_unsaved(session);  // the outcome is not reported again
   const bool was_sent = outgoing.msg_id != 0;
-  commands_.end(outgoing.command, was_sent ? CommandResult::timeout : CommandResult::refused,
-                std::move(why), now);
+  end_command(outgoing.command, was_sent ? CommandResult::timeout : CommandResult::refused,
+              std::move(why), now);
 }
 
-// --- CommandOutcomes -----------------------------------------------------------------------------
-
-void CommandOutcomes::refuse(const BrokerMessage& message, CommandId id, std::string why) {
+void Downlink::refuse_command(const BrokerMessage& message, CommandId id, std::string why) {
   const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
   if (!parsed || id == CommandId::none) return;
   output_.emit(CommandOutcome{Mesh::thread, id, std::string(parsed->robot),
@@ -650,17 +647,18 @@ void CommandOutcomes::refuse(const BrokerMessage& message, CommandId id, std::st
                               std::move(why)});
 }
 
-std::shared_ptr<Command> CommandOutcomes::begin(const ClientSession& session,
-                                                const BrokerMessage& message, CommandId id,
-                                                TimePoint now) const {
+/// Returns null when `message` is not a command for this client's robot.
+std::shared_ptr<Command> Downlink::begin_command(const ClientSession& session,
+                                                 const BrokerMessage& message, CommandId id,
+                                                 TimePoint now) const {
   const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
   if (id == CommandId::none || !parsed || parsed->robot != session.robot) return nullptr;
   return std::make_shared<Command>(Command{id, std::string(parsed->robot),
                                            std::string(parsed->type), now - message.waited, false});
 }
 
-void CommandOutcomes::end(const std::shared_ptr<Command>& command, CommandResult result,
-                          std::string why, TimePoint now) {
+void Downlink::end_command(const std::shared_ptr<Command>& command, CommandResult result,
+                           std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);
   output_.emit(CommandOutcome{Mesh::thread, command->id, command->robot, command->type, result,

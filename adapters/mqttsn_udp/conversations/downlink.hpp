@@ -2,7 +2,8 @@
 // Messages on their way to one client: the queue, PUBLISH, its acknowledgement and repetition
 // (MQTT-SN 1.2 sections 6.6, 6.10, 6.13). Each client has one PUBLISH of QoS 1 or 2 at a time,
 // independent of other clients (R91, R147). Messages of one topic keep their order. An unanswered
-// REGISTER or PUBREL holds others back for one wait at most.
+// REGISTER or PUBREL holds others back for one wait at most. The outcome of each command is
+// reported exactly once: when the robot has it, when it can't get it, or when its time is over.
 #pragma once
 
 #include <memory>
@@ -16,34 +17,21 @@
 
 namespace slamgw::mqttsn {
 
-/// Reports the outcome of each command exactly once: when the robot has it, when it can't get it,
-/// or when its time is over.
-class CommandOutcomes : Conversation {
- public:
-  explicit CommandOutcomes(const Conversation& common) : Conversation(common) {}
-
-  /// Refuses a command that no client can carry out. Does nothing when `id` is none.
-  void refuse(const BrokerMessage& message, CommandId id, std::string why);
-  /// Returns null when `message` is not a command for this client's robot.
-  std::shared_ptr<Command> begin(const ClientSession& session, const BrokerMessage& message,
-                                 CommandId id, TimePoint now) const;
-  /// Reports the outcome, unless it is reported already. `command` may be null.
-  void end(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
-           TimePoint now);
-};
-
 class Downlink : Conversation {
  public:
-  Downlink(const Conversation& common, Subscriptions& subscriptions, CommandOutcomes& commands,
-           RandomSource random)
+  Downlink(const Conversation& common, Subscriptions& subscriptions, RandomSource random)
       : Conversation(common),
         subscriptions_(subscriptions),
-        commands_(commands),
         registration_(common),
         random_(std::move(random)) {}
 
   /// Queues the message, or refuses it with a reason. `pump()` sends it.
   void on_broker_message(ClientSession& session, const RobotMessage& incoming, TimePoint now);
+  /// Refuses a command that no client can carry out. Does nothing when `id` is none.
+  void refuse_command(const BrokerMessage& message, CommandId id, std::string why);
+  /// Reports the outcome, unless it is reported already. `command` may be null.
+  void end_command(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
+                   TimePoint now);
   /// Withdraws and reports commands whose time is over. Call before an answer of the client is
   /// handled: the timer may be late, and a late PUBREC gets no PUBREL.
   void expire_commands(ClientSession& session, TimePoint now);
@@ -95,6 +83,8 @@ class Downlink : Conversation {
   bool on_time(ClientSession& session, TimePoint now);
 
  private:
+  std::shared_ptr<Command> begin_command(const ClientSession& session, const BrokerMessage& message,
+                                         CommandId id, TimePoint now) const;
   void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
   void time_out(ClientSession& session, const Outgoing& outgoing, std::string why, TimePoint now);
   bool may_send(const ClientSession& session) const;
@@ -122,7 +112,6 @@ class Downlink : Conversation {
   void drop_if(ClientSession& session, const std::string& why, TimePoint now, Predicate is_dropped);
 
   Subscriptions& subscriptions_;
-  CommandOutcomes& commands_;
   TopicRegistration registration_;
   RandomSource random_;
   bool is_stopping_ = false;

@@ -117,8 +117,8 @@ std::optional<SessionSnapshot> Restoring::snapshot(const std::string& client_id,
 
 void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) {
   for (const MessageSnapshot& message : snapshot.messages) {
-    commands_.end(command_of(message, snapshot, now), CommandResult::refused,
-                  "the robot's session can't be restored", now);
+    downlink_.end_command(command_of(message, snapshot, now), CommandResult::refused,
+                          "the robot's session can't be restored", now);
   }
 }
 

@@ -73,11 +73,10 @@ class Notes : Conversation {
 /// gateway's note (R47; docs/topics.md, promise 7).
 class Restoring : Conversation {
  public:
-  Restoring(const Conversation& common, Subscriptions& subscriptions, CommandOutcomes& commands,
-            Downlink& downlink, Lifecycle& lifecycle, Supervision& supervision)
+  Restoring(const Conversation& common, Subscriptions& subscriptions, Downlink& downlink,
+            Lifecycle& lifecycle, Supervision& supervision)
       : Conversation(common),
         subscriptions_(subscriptions),
-        commands_(commands),
         downlink_(downlink),
         lifecycle_(lifecycle),
         supervision_(supervision) {}
@@ -99,7 +98,6 @@ class Restoring : Conversation {
   void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
 
   Subscriptions& subscriptions_;
-  CommandOutcomes& commands_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
   Supervision& supervision_;
