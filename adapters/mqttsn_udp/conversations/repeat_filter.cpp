@@ -2,6 +2,7 @@
 #include "adapters/mqttsn_udp/conversations/repeat_filter.hpp"
 
 #include <algorithm>
+#include <iterator>
 
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -63,6 +64,10 @@ const RepeatFilter::Entry* RepeatFilter::find(const Publish& publish, std::uint6
     return !is_open(entry) && now - entry.since > limits::repeat_window;
   };
   while (entries_.size() > 1 && is_over(entries_.front())) entries_.pop_front();
+  if (entries_.size() > 1 && entries_.front().awaits_pubrel) {  // perhaps for ever
+    const auto last = std::prev(entries_.end());
+    entries_.erase(std::remove_if(entries_.begin(), last, is_over), last);
+  }
   sets_dup_ |= publish.dup;
   Entry* known = newest([&](const Entry& entry) {
     return entry.msg_id == publish.msg_id && entry.fingerprint == fingerprint && !is_over(entry);

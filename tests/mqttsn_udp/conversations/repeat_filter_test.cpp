@@ -31,5 +31,19 @@ TEST(RepeatFilter, ForgetsTheOldestAcknowledgedMessageWhenFull) {
   EXPECT_FALSE(filter.on_safe(1, now));
 }
 
+TEST(RepeatFilter, ForgetsOldMessagesBehindAnExchangeThatStaysOpen) {
+  TimePoint now{std::chrono::hours(1)};
+  RepeatFilter filter;
+  filter.add({1, now, 0, 0, 1, 0, /*awaits_pubrel=*/true});
+  for (std::uint16_t n = 2; n < 100; ++n) {
+    filter.add({n, now, 0, 0, n});
+    now += limits::repeat_window / 2;
+    filter.find(with_id(0), 0, now);
+  }
+  EXPECT_LE(filter.entries().size(), 4U);
+  EXPECT_TRUE(filter.entries().front().awaits_pubrel);
+  EXPECT_TRUE(filter.on_pubrel(1, now));
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn
