@@ -200,7 +200,9 @@ void Renaming::on_names(TimePoint now) {
 
 void Renaming::leave_name(ClientSession& session, TimePoint now) {
   if (session.reported_presence) lifecycle_.report_presence(session, Presence::offline, now);
-  subscriptions_.suspend(session);
+  const auto kept = session.subscriptions;
+  subscriptions_.drop_all(session);  // the robot's new name asks for all filters
+  session.subscriptions = kept;
   if (std::exchange(session.note_hash, 0) != 0)
     output_.emit(NoteChanged{Mesh::thread, session.robot, {}});
 }
@@ -209,7 +211,7 @@ void Renaming::enter_name(const Renamed& renamed, TimePoint now) {
   ClientSession& session = *renamed.session;
   rename_topics(rules_.policy.scheme(), session, session.robot, renamed.robot);
   clients_.rename(session, renamed.robot);
-  subscriptions_.resume(session, now);
+  subscriptions_.restore(session, /*are_standing=*/false, now);
   if (std::exchange(session.reported_presence, std::nullopt))
     lifecycle_.report_presence(session, presence_of(session.state()), now);
   output_.mark_changed(session);

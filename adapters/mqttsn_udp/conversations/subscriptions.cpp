@@ -181,22 +181,6 @@ void Subscriptions::notice_given_up(const ClientSession& session, std::vector<st
                        session.robot, now);
 }
 
-void Subscriptions::suspend(ClientSession& session) {
-  for (const auto& [filter, subscription] : session.subscriptions) {
-    discharge(session, filter);
-    output_.emit(UnsubscribeRequest{Mesh::thread, session.robot, filter});
-    answers_.release(session, filter, true);
-  }
-}
-
-void Subscriptions::resume(ClientSession& session, TimePoint now) {
-  for (auto& [filter, subscription] : session.subscriptions) {
-    charge(session, filter);
-    subscription.granted_at = now;
-    ask(session, filter, subscription.qos, false);
-  }
-}
-
 Result<Subscriptions::Requested, ReturnCode> Subscriptions::read(ClientSession& session,
                                                                  const Subscribe& request,
                                                                  TimePoint now) {

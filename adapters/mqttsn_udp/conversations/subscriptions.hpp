@@ -55,17 +55,13 @@ class Subscriptions : Conversation {
   void drop_forbidden(ClientSession& session);
   /// Like drop_all(), but the broker keeps the filters.
   void forget_all(ClientSession& session);
-  /// Asks the broker for the filters of a session that comes back, from the store or from another
-  /// gateway. `are_standing`: the robot's session at the broker has them already.
+  /// Asks the broker for the filters of a session that comes back: from the store, from another
+  /// gateway, or under another name of its robot. `are_standing`: the robot's session at the broker
+  /// has them already.
   void restore(ClientSession& session, bool are_standing, TimePoint now);
   /// Adds the filters of the former gateway's note that the client has not changed since.
   void add_noted(ClientSession& session, const std::vector<SubscriptionSnapshot>& noted,
                  const std::set<std::string>& dropped, TimePoint now);
-
-  /// Call before a rename: the robot's former name gives up all filters.
-  void suspend(ClientSession& session);
-  /// Call after a rename: the robot's new name asks for all filters.
-  void resume(ClientSession& session, TimePoint now);
 
  private:
   struct Requested {
