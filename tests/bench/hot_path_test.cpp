@@ -81,7 +81,7 @@ TEST(HotPath, FreesTheMemoryOfMessagesThatHaveLeftAClientsQueue) {
   const std::uint64_t before = octets_in_use();
   for (int i = 0; i < 100; ++i) queue.push_back(message);
   EXPECT_GT(octets_in_use(), before);
-  while (queue.size() > 0) queue.take(0);
+  while (!queue.empty()) mqttsn::take(queue, 0);
   EXPECT_EQ(octets_in_use(), before);
 }
 

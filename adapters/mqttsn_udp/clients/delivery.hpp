@@ -74,24 +74,9 @@ struct Outgoing {
 
 /// Messages that wait, oldest first. A std::vector, because an empty std::deque takes 576 octets
 /// for each of thousands of clients.
-class DeliveryQueue {
- public:
-  std::size_t size() const { return waiting_.size(); }
-  /// Topic names and payloads together.
-  std::size_t octets() const { return octets_; }
-  const Outgoing& operator[](std::size_t index) const { return waiting_[index]; }
-  auto begin() const { return waiting_.begin(); }
-  auto end() const { return waiting_.end(); }
-
-  void push_back(Outgoing outgoing);
-  void push_front(Outgoing outgoing);
-  Outgoing take(std::size_t index);
-  void rename(const NewName& new_name);
-
- private:
-  std::vector<Outgoing> waiting_;
-  std::size_t octets_ = 0;
-};
+using DeliveryQueue = std::vector<Outgoing>;
+/// Removes and returns a message. An empty queue keeps no memory.
+Outgoing take(DeliveryQueue& queue, std::size_t index);
 
 /// A request that awaits its answer, and when it is repeated (MQTT-SN 1.2 section 6.13).
 struct Attempt {

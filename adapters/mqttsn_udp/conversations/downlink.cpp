@@ -27,7 +27,7 @@ std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t ms
     return std::exchange(delivery.publishing, nullptr)->what;
   const auto waiting = std::ranges::find(delivery.queue, msg_id, &Outgoing::msg_id);
   if (msg_id == 0 || waiting == delivery.queue.end()) return std::nullopt;
-  return delivery.queue.take(static_cast<std::size_t>(waiting - delivery.queue.begin()));
+  return take(delivery.queue, static_cast<std::size_t>(waiting - delivery.queue.begin()));
 }
 
 /// Returns the message to drop when there is no room: one whose topic is set aside, else the oldest
@@ -160,11 +160,11 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
           is_held = true;
           break;
         }
-        publish(session, delivery.queue.take(i), now);
+        publish(session, take(delivery.queue, i), now);
         return true;
       case TopicRegistration::Readiness::impossible:
         output_.count(Count::queue_dropped);
-        refuse(session, delivery.queue.take(i), "the robot has no topic id left", now);
+        refuse(session, take(delivery.queue, i), "the robot has no topic id left", now);
         return true;
       case TopicRegistration::Readiness::waits_shortly: must_commands_wait |= is_command; break;
       case TopicRegistration::Readiness::waits: break;
@@ -322,7 +322,8 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
   if (puback.code == ReturnCode::not_supported && was_repeated && !delivery.refuses_dup) {
     delivery.refuses_dup = true;
     answered->was_refused_once = true;
-    return delivery.queue.push_front(std::move(*answered));
+    delivery.queue.insert(delivery.queue.begin(), std::move(*answered));
+    return;
   }
   finish(session, *answered, CommandResult::refused, "the robot refused it", now);
 }
@@ -410,7 +411,7 @@ void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
   }
   outgoing.was_refused_once = true;
   outgoing.msg_id = 0;
-  session.delivery.queue.push_front(std::move(outgoing));
+  session.delivery.queue.insert(session.delivery.queue.begin(), std::move(outgoing));
 }
 
 /// Leaves a client that said "congestion" alone for T_WAIT; then its messages are sent again.
@@ -439,7 +440,8 @@ void Downlink::rest(ClientSession& session) {
     open.begun = TimePoint::min();
   }
   if (delivery.publishing)
-    delivery.queue.push_front(std::exchange(delivery.publishing, nullptr)->what);
+    delivery.queue.insert(delivery.queue.begin(),
+                          std::exchange(delivery.publishing, nullptr)->what);
 }
 
 bool Downlink::is_awaiting(const ClientSession& session) const {
@@ -476,7 +478,7 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
   const bool was_heard = session.last_heard > open.attempt.begun;
   session.delivery.is_stalled = !was_heard;
   if (is_kept(session)) {
-    session.delivery.queue.push_front(open.what);  // R69, R124
+    session.delivery.queue.insert(session.delivery.queue.begin(), open.what);  // R69, R124
     if (was_heard)
       registration_.set_aside(session, open.what.message->topic, open.attempt.begun, now);
   } else {
@@ -530,9 +532,7 @@ void Downlink::drop_unwanted(ClientSession& session, const std::string& filter, 
 std::vector<WaitingMessage> Downlink::take_unsent(ClientSession& session, TimePoint now) {
   std::vector<WaitingMessage> unsent;
   rest(session);
-  DeliveryQueue& queue = session.delivery.queue;
-  while (queue.size() > 0) {
-    const Outgoing next = queue.take(0);
+  for (const Outgoing& next : std::exchange(session.delivery.queue, {})) {
     if (next.command && next.command->is_reported) continue;  // sent at QoS 0, see register_again()
     const bool is_from_before = next.command && next.command->id == CommandId::none;
     if (next.msg_id != 0 || is_from_before) {  // an earlier process may have sent it
@@ -552,13 +552,12 @@ template <class Predicate>
 void Downlink::drop_if(ClientSession& session, const std::string& why, TimePoint now,
                        Predicate is_dropped) {
   DeliveryQueue& queue = session.delivery.queue;
-  for (std::size_t i = 0; i < queue.size();) {
-    if (is_dropped(queue[i])) {
-      refuse(session, queue.take(i), why, now);
-    } else {
-      ++i;
-    }
-  }
+  std::erase_if(queue, [&](const Outgoing& waiting) {
+    if (!is_dropped(waiting)) return false;
+    refuse(session, waiting, why, now);
+    return true;
+  });
+  if (queue.empty()) queue.shrink_to_fit();
 }
 
 /// A command of QoS 0 that was sent and waits for another registration is withdrawn, too.
@@ -568,14 +567,13 @@ void Downlink::expire_commands(ClientSession& session, TimePoint now) {
     const auto open = std::exchange(delivery.publishing, nullptr);
     time_out(session, open->what, "no acknowledgement", now);
   }
-  for (std::size_t i = 0; i < delivery.queue.size();) {
-    if (is_overdue(delivery.queue[i], now)) {
-      std::string why = why_unsent(session, delivery.queue[i], !output_.is_validated(session));
-      time_out(session, delivery.queue.take(i), std::move(why), now);
-    } else {
-      ++i;
-    }
-  }
+  const bool is_held = !output_.is_validated(session);
+  std::erase_if(delivery.queue, [&](const Outgoing& waiting) {
+    if (!is_overdue(waiting, now)) return false;
+    time_out(session, waiting, why_unsent(session, waiting, is_held), now);
+    return true;
+  });
+  if (delivery.queue.empty()) delivery.queue.shrink_to_fit();
 }
 
 void Downlink::time_out(ClientSession& session, const Outgoing& outgoing, std::string why,
@@ -604,10 +602,14 @@ void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
       is_listening ? limits::max_queued_messages : settings_.max_sleeping_messages;
   const bool is_held = session.is_clean && !output_.is_validated(session);
   if (is_held) max_messages = std::min(max_messages, limits::max_queued_unvalidated);
-  while (delivery.queue.size() > max_messages ||
-         delivery.queue.octets() > limits::max_queued_octets) {
+  const auto octets = [&] {
+    std::size_t sum = 0;
+    for (const Outgoing& waiting : delivery.queue) sum += waiting.octets();
+    return sum;
+  };
+  while (delivery.queue.size() > max_messages || octets() > limits::max_queued_octets) {
     output_.count(Count::queue_dropped);
-    refuse(session, session.delivery.queue.take(least_useful(delivery)),
+    refuse(session, take(session.delivery.queue, least_useful(delivery)),
            "the robot's queue is full", now);
   }
 }
