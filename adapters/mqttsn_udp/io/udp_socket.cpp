@@ -24,7 +24,18 @@ namespace slamgw::mqttsn {
 
 namespace {
 
+namespace asio = boost::asio;
+using asio::ip::udp;
+
 constexpr std::size_t ipv4_offset = 12;  // in an IPv4-mapped address
+
+udp::endpoint to_asio(const Endpoint& to, bool is_ipv6_socket) {
+  if (is_ipv6_socket)
+    return {asio::ip::address_v6(to.address, is_ipv4(to.address) ? 0 : to.scope_id), to.port};
+  asio::ip::address_v4::bytes_type ipv4;
+  std::copy_n(to.address.begin() + ipv4_offset, ipv4.size(), ipv4.begin());
+  return {asio::ip::address_v4(ipv4), to.port};
+}
 
 template <class Info>
 void write_control(msghdr& header, int level, int type, const Info& info) {
@@ -48,7 +59,9 @@ void OutgoingDatagram::fill(bool is_ipv6_socket, const Endpoint& to, const Local
   header_ = {};
   header_.msg_iov = &part_;
   header_.msg_iovlen = 1;
-  write_target(to);
+  target_ = to_asio(to, is_ipv6_socket);
+  header_.msg_name = target_.data();
+  header_.msg_namelen = static_cast<socklen_t>(target_.size());
   write_source();
 }
 
@@ -56,25 +69,6 @@ bool OutgoingDatagram::forget_interface() {
   if (std::exchange(from_.interface, 0) == 0) return false;
   write_source();
   return true;
-}
-
-void OutgoingDatagram::write_target(const Endpoint& to) {
-  header_.msg_name = &target_;
-  if (!is_ipv6_socket_) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(to.port);
-    std::memcpy(&address.sin_addr, to.address.data() + ipv4_offset, sizeof address.sin_addr);
-    std::memcpy(&target_, &address, sizeof address);
-    header_.msg_namelen = sizeof address;
-    return;
-  }
-  target_ = {};
-  target_.sin6_family = AF_INET6;
-  target_.sin6_port = htons(to.port);
-  target_.sin6_scope_id = is_to_ipv4_ ? 0 : to.scope_id;
-  std::memcpy(&target_.sin6_addr, to.address.data(), to.address.size());
-  header_.msg_namelen = sizeof target_;
 }
 
 void OutgoingDatagram::write_source() {
@@ -103,9 +97,6 @@ void OutgoingDatagram::write_source() {
 
 namespace {
 
-namespace asio = boost::asio;
-using asio::ip::udp;
-
 /// Larger than any MQTT-SN message on a mesh, so that longer ones are noticed (R9).
 constexpr std::size_t buffer_octets = 2048;
 /// The kernel's default holds some 277 small datagrams; the kernel may grant less than this.
@@ -118,21 +109,14 @@ constexpr std::size_t control_octets = 256;
 /// The port where Nordic's clients expect their gateway (R22). Border routers made for them use it.
 constexpr unsigned nordic_port = 47193;
 
-udp::endpoint parse_listen(const std::string& listen, const char* key) {
+/// Parses an address that the configuration has checked.
+udp::endpoint parse_listen(const std::string& listen) {
   const std::size_t colon = listen.rfind(':');
-  const auto fail = [&]() {
-    return std::runtime_error(
-        fmt::format("{}: '{}' is not ADDRESS:PORT or [ADDRESS]:PORT", key, listen));
-  };
-  if (colon == std::string::npos) throw fail();
   std::string address = listen.substr(0, colon);
   if (address.starts_with('[') && address.ends_with(']'))
     address = address.substr(1, address.size() - 2);
   const auto port = parse_number<std::uint16_t>(std::string_view(listen).substr(colon + 1));
-  boost::system::error_code error;
-  const auto ip = asio::ip::make_address(address, error);
-  if (error || !port) throw fail();
-  return {ip, *port};
+  return {asio::ip::make_address(address), port.value()};
 }
 
 void set_flag(int descriptor, int level, int option, int value) {
@@ -253,8 +237,9 @@ UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std:
       is_bound_to_interface_(!interface.empty()),
       incoming_(std::make_unique<Incoming>()),
       outgoing_(std::make_unique<Outgoing>()) {
-  const udp::endpoint endpoint = parse_listen(listen, key);
+  udp::endpoint endpoint;
   try {
+    endpoint = parse_listen(listen);
     open(endpoint, interface, kept);
   } catch (const boost::system::system_error& error) {
     throw std::runtime_error(fmt::format("{}: can't use {}: {}{}", key, listen,

@@ -36,13 +36,12 @@ class OutgoingDatagram {
   const msghdr& header() const { return header_; }
 
  private:
-  void write_target(const Endpoint& to);
   void write_source();
 
   bool is_ipv6_socket_ = false;
   bool is_to_ipv4_ = false;
   LocalAddress from_;
-  sockaddr_in6 target_{};  // large enough for sockaddr_in
+  boost::asio::ip::udp::endpoint target_;
   alignas(cmsghdr) std::array<std::uint8_t, CMSG_SPACE(sizeof(in6_pktinfo))> control_{};
   Bytes bytes_;
   iovec part_{};
