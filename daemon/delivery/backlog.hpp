@@ -29,7 +29,7 @@ class Backlog {
  public:
   using Item = OutboxItem;
   /// Limits of one page read from the store. The next page is requested once at most half a page
-  /// is queued or waits for a handshake.
+  /// is queued.
   static constexpr std::size_t page_messages = 256;
   static constexpr std::size_t page_bytes = 1u << 20;
   /// Limits of one transaction.

@@ -48,7 +48,6 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
     after =
         std::ranges::find_if(flow.items, [&](const Item* other) { return other->row > item.row; });
   item.place = flow.items.insert(after, &item);
-  ++queued_;
   if (item.is_durable()) ++durable_queued_;
   item.wait = Item::Wait::queued;
 }
@@ -62,21 +61,19 @@ FairQueue::Flow& FairQueue::join_flow(Item& item) {
   return flow;
 }
 
-void FairQueue::set_aside(Item& item, Item::Wait why) {
+void FairQueue::set_aside(Item& item) {
   withdraw(item);
   join_flow(item);
   aside_.insert(&item);
-  if (why == Item::Wait::handshake && item.is_durable()) ++durable_queued_;
-  item.wait = why;
+  item.wait = Item::Wait::aside;
 }
 
 void FairQueue::withdraw(Item& item) {
   const Item::Wait wait = std::exchange(item.wait, Item::Wait::none);
   if (wait == Item::Wait::none) return;
-  if (item.is_durable() && wait != Item::Wait::aside) --durable_queued_;
   Flow& flow = *std::exchange(item.flow, nullptr);
   if (wait == Item::Wait::queued) {
-    --queued_;
+    if (item.is_durable()) --durable_queued_;
     flow.items.erase(item.place);
     if (flow.items.empty()) turns_.erase(std::find(turns_.begin(), turns_.end(), &flow));
   } else {

@@ -31,10 +31,9 @@ struct OutboxItem {
   static constexpr std::size_t overhead_bytes = 160;
   enum class Disk : std::uint8_t { none, asked, writing, durable };
   enum class Wait : std::uint8_t {
-    none,       ///< the message is under way, or a dead letter that is being stored
-    queued,     ///< the message has turns
-    aside,      ///< an earlier message of its topic is on disk, or the topic rests
-    handshake,  ///< an earlier message of its topic is under way at QoS 2
+    none,    ///< the message is under way, or a dead letter that is being stored
+    queued,  ///< the message has turns
+    aside,   ///< an earlier message of its topic is on disk, or the topic rests
   };
 
   std::uint64_t row = 0;       ///< the order of submission, and its number on disk
@@ -88,8 +87,8 @@ class FairQueue {
   enum class NewFlow : std::uint8_t { last, first };
   /// Inserts the item into its flow by its row. `turn` is the turn of a flow that had no items.
   void enqueue(Item& item, NewFlow turn = NewFlow::last);
-  /// Keeps the item without turns until it is queued again. `why`: aside or handshake.
-  void set_aside(Item& item, Item::Wait why = Item::Wait::aside);
+  /// Keeps the item without turns until it is queued again.
+  void set_aside(Item& item);
   /// Takes the item out of its flow or from the items set aside.
   void withdraw(Item& item);
   /// Returns the item whose turn it is; null when nothing is queued.
@@ -113,10 +112,9 @@ class FairQueue {
   /// Adds `shift` to each row.
   void renumber(std::uint64_t shift);
 
-  std::size_t queued() const { return queued_; }
   /// Returns the number of flows with queued items.
   std::size_t flows() const { return turns_.size(); }
-  /// Returns the number of items on disk that are queued or wait for a handshake.
+  /// Returns the number of queued items that are on disk.
   std::size_t durable_queued() const { return durable_queued_; }
   /// Returns the sum of OutboxItem::cost() that is queued or set aside in the flow of `topic`.
   std::size_t bytes_in_flow(std::string_view topic) const;
@@ -135,7 +133,6 @@ class FairQueue {
   Flows flows_;  // none has 0 bytes
   Rows aside_;
   std::deque<Flow*, RecyclingAllocator<Flow*>> turns_;  // each flow with queued items once
-  std::size_t queued_ = 0;
   std::size_t durable_queued_ = 0;
 };
 

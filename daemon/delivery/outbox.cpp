@@ -143,9 +143,7 @@ void Outbox::end_link(TimePoint now) {
 }
 
 void Outbox::proceed(TimePoint now) {
-  const auto answered = std::erase_if(
-      in_handshake_, [&](const std::string& topic) { return !window_.has_exactly_once(topic); });
-  if (answered > 0 || (is_up_ && refused_.is_wake_due(now))) release_set_aside(now);
+  if (is_up_ && refused_.is_wake_due(now)) release_set_aside(now);
   while (publish_next(now)) {
   }
   if (auto write = backlog_.next_write(queue_, now)) actions_.push(std::move(*write));
@@ -170,11 +168,6 @@ bool Outbox::publish_next(TimePoint now) {
     store_if_needed(*next, now);
     return true;
   }
-  if (would_overtake(*next)) {
-    in_handshake_.insert(next->message.topic);
-    queue_.set_aside(*next, Item::Wait::handshake);
-    return true;
-  }
   if (!window_.has_room_for(*next)) return false;
   refuse_with_its_flow(*next, now);
   const Turn turn = turn_of(*next, now);
@@ -194,30 +187,22 @@ bool Outbox::publish_next(TimePoint now) {
   return true;
 }
 
-/// Returns the item whose turn it is, without flows that have their share of the window. There are
-/// few of them, because a share is half of the window.
+/// Returns the item whose turn it is. Passes over flows that have their share of the window, and
+/// flows whose first message would overtake one that is under way. There are few of them, because
+/// the window is small.
 Outbox::Item* Outbox::next_in_turn() {
-  for (std::size_t passed = 0; passed < queue_.flows(); ++passed, queue_.pass_turn())
-    if (Item* const next = queue_.front(); window_.has_share_for(*next)) return next;
+  for (std::size_t passed = 0; passed < queue_.flows(); ++passed, queue_.pass_turn()) {
+    Item* const next = queue_.front();
+    if (window_.has_share_for(*next) && !window_.would_be_overtaken_by(*next)) return next;
+  }
   return nullptr;
 }
 
-/// Queues messages set aside that no longer wait for an earlier message, or for their topic. Those
-/// that waited for a handshake are queued even if their topic rests: they become dead letters.
+/// Queues messages set aside that no longer wait for an earlier message, or for their topic.
 void Outbox::release_set_aside(TimePoint now) {
   queue_.for_each_aside([&](Item& item) {
-    const bool waits = item.wait == Item::Wait::handshake
-                           ? in_handshake_.contains(item.message.topic)
-                           : backlog_.is_ahead_of(item) || turn_of(item, now) == Turn::rest;
-    if (!waits) queue_.enqueue(item);
+    if (!backlog_.is_ahead_of(item) && turn_of(item, now) != Turn::rest) queue_.enqueue(item);
   });
-}
-
-/// Returns true for a message of QoS 0 or 1 on a topic with a message of QoS 2 under way, and for
-/// every message after it. Brokers keep the order of each QoS only (MQTT 5, section 4.6).
-bool Outbox::would_overtake(const Item& item) const {
-  return in_handshake_.contains(item.message.topic) ||
-         (item.message.qos != Qos::exactly_once && window_.has_exactly_once(item.message.topic));
 }
 
 /// Counts the topic of `next` as refused, if a try is likely to cost all robots the connection.
@@ -569,8 +554,8 @@ void Outbox::on_stop(TimePoint now) {
 }
 
 bool Outbox::is_settled() const {
-  if (!window_.empty() || (is_up_ && queue_.queued() > 0)) return false;
-  if (backlog_.state() == Backlog::State::opening) return queue_.queued() == 0;
+  if (!window_.empty() || (is_up_ && queue_.front())) return false;
+  if (backlog_.state() == Backlog::State::opening) return !queue_.front();
   return backlog_.is_settled() || !backlog_.can_keep();
 }
 

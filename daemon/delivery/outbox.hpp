@@ -15,7 +15,6 @@
 
 #include <cstdint>
 #include <optional>
-#include <set>
 #include <string>
 #include <variant>
 #include <vector>
@@ -169,7 +168,6 @@ class Outbox {
   void check_ages(TimePoint now);
   void save_all(TimePoint now);
   void release_set_aside(TimePoint now);
-  bool would_overtake(const Item& item) const;
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
@@ -215,8 +213,6 @@ class Outbox {
   };
   std::optional<Trial> trial_;
   std::optional<TimePoint> trial_waits_until_;  // for the answers to messages under way before it
-  /// Topics whose messages were set aside until a message of QoS 2 is answered.
-  std::set<std::string, std::less<>> in_handshake_;
 
   std::optional<TimePoint> age_check_;  // while a message is only in memory
   std::optional<TimePoint> stop_check_;

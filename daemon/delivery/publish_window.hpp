@@ -93,12 +93,14 @@ class PublishWindow {
   /// The messages, by rising sequence.
   const Items& items() const { return items_; }
   bool empty() const { return items_.empty(); }
-  /// Returns true while a message of QoS 2 on `topic` is under way: the broker takes it only when
-  /// PUBREL comes, but a later message of QoS 0 or 1 at once.
-  bool has_exactly_once(std::string_view topic) const {
-    return exactly_once_ > 0 && std::ranges::any_of(items_, [&](const Item* item) {
-             return item->message.qos == Qos::exactly_once && item->message.topic == topic;
-           });
+  /// Returns true for a message of QoS 0 or 1 while one of QoS 2 on its topic is under way: the
+  /// broker may take that one only when PUBREL comes. Brokers keep the order of each QoS only (MQTT
+  /// 5, section 4.6).
+  bool would_be_overtaken_by(const Item& later) const {
+    if (exactly_once_ == 0 || later.message.qos == Qos::exactly_once) return false;
+    return std::ranges::any_of(items_, [&](const Item* item) {
+      return item->message.qos == Qos::exactly_once && item->message.topic == later.message.topic;
+    });
   }
   /// Call when the broker has answered the message, before take().
   void on_answered(std::uint64_t sequence) {
