@@ -12,7 +12,6 @@
 #include <boost/asio/io_context.hpp>
 #include <functional>
 #include <optional>
-#include <span>
 #include <string>
 
 #include "daemon/core/operator_order.hpp"
@@ -26,14 +25,6 @@ namespace slamgw {
 
 class DiskStore {
  public:
-  /// Limits of one page of a list of dead letters.
-  static constexpr std::size_t page_letters = 256;
-  static constexpr std::size_t page_bytes = 256u << 10;
-  /// Limit of dead letters that become messages again in one commit.
-  static constexpr std::size_t revived_at_once = 64;
-  /// Dead letters that a retry passes over because the disk cannot read them.
-  static constexpr std::size_t max_unreadable = 16;
-
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
   DiskStore(boost::asio::io_context& io, StoreSettings settings,
             std::function<void(StoreEvent)> on_event, StorePatience patience = {});
@@ -55,22 +46,10 @@ class DiskStore {
   // On the disk's thread:
   template <class Request>
   void serve(const Request& request);
-  void perform(const WriteToStore& write);
-  void perform(const LoadFromStore& load);
-  void perform(const RetryDeadLetters& retry);
   void serve(const StoreOrder& order, const OrderDone& done);
-  OrderAnswer answer(const ListDeadLetters& order) const;
-  OrderAnswer answer(const DiscardOrder& order);
-  OrderAnswer answer(const ResendOrder& order);
-  std::size_t revive(std::span<const std::uint64_t>& ids, std::size_t most,
-                     const std::string& topic);
   void open();
   void on_opened();
-  void report_losses();
-  void report_damaged(std::size_t messages);
   void report_closed();
-  void restore_files();
-  void write_erasures();
   void try_again_after(std::chrono::milliseconds time);
   bool is_given_up() const;
   void post(StoreEvent event);
@@ -88,7 +67,7 @@ class DiskStore {
   std::string why_reported_;  // as last logged
 
   StoreThread thread_;
-  Timer timer_;  // the next attempt to open, or the next restore_files()
+  Timer timer_;  // the next attempt to open, or the next MessageLog::restore_files()
 };
 
 }  // namespace slamgw

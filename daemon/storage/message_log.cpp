@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/storage/message_log.hpp"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace slamgw {
 namespace {
 
+using nlohmann::json;
 using std::chrono::milliseconds;
 
 constexpr unsigned retain_flag = 1;
@@ -36,6 +41,33 @@ void write_time(ByteWriter& out, WallTime time) {
 
 WallTime read_time(ByteReader& in) {
   return WallTime{milliseconds{static_cast<std::int64_t>(in.read_u64_le())}};
+}
+
+OrderAnswer in_json(const json& document) {
+  return {document.dump(-1, ' ', false, json::error_handler_t::replace), {}};
+}
+
+json to_json(std::uint64_t id, const MessageRecord& record, bool with_payload) {
+  const BrokerMessage& message = record.message;
+  const DeadLetterFacts& facts = *record.dead;
+  json out{{"id", id},
+           {"topic", message.topic},
+           {"bytes", message.payload.size()},
+           {"qos", static_cast<int>(message.qos)},
+           {"retain", message.retain},
+           {"reason", facts.reason},
+           {"code", facts.code},
+           {"tries", facts.tries},
+           {"stored_at", to_iso8601_ms(record.stored_at)},
+           {"set_aside_at", to_iso8601_ms(facts.set_aside_at)},
+           {"mesh", nullptr},
+           {"received_at", nullptr}};
+  if (message.provenance) {
+    out["mesh"] = to_string(message.provenance->mesh);
+    out["received_at"] = to_iso8601_ms(message.provenance->received_at);
+  }
+  if (with_payload) out["payload_hex"] = to_hex(message.payload);
+  return out;
 }
 
 }  // namespace
@@ -89,10 +121,32 @@ std::optional<MessageRecord> decode_message(ByteView octets) {
   return record;
 }
 
-MessageLog::MessageLog(const std::string& directory, std::uint64_t max_bytes, bool skips_unreadable)
-    : log_(directory + "/messages", part_of(max_bytes)), lost_(log_.open(skips_unreadable)) {
+MessageLog::MessageLog(const StoreSettings& settings, bool skips_unreadable,
+                       std::function<void(StoreEvent)> post)
+    : settings_(settings),
+      post_(std::move(post)),
+      log_(settings.directory + "/messages", part_of(settings.max_bytes)),
+      lost_(log_.open(skips_unreadable)) {
   read_all(skips_unreadable);
-  if (log_.is_read_only()) opened_.why_read_only = LogError(directory, EROFS).what();
+  if (log_.is_read_only()) opened_.why_read_only = LogError(settings.directory, EROFS).what();
+}
+
+void MessageLog::report_opened() {
+  if (lost_.strays > 0)
+    notify(Severity::warning,
+           fmt::format("{} files in {} belong to another store, or are copies: they are left "
+                       "alone, and their messages are not delivered",
+                       lost_.strays, settings_.directory));
+  if (lost_.lost_at_most > 0) {
+    const std::string range =
+        lost_.lost_at_least == lost_.lost_at_most
+            ? fmt::format("{}", lost_.lost_at_least)
+            : fmt::format("{} to {}", lost_.lost_at_least, lost_.lost_at_most);
+    post_(MessagesLost{lost_.lost_at_most, fmt::format("the store is damaged ({}): {} messages are "
+                                                       "lost",
+                                                       lost_.where, range)});
+  }
+  post_(std::move(opened_));
 }
 
 void MessageLog::read_all(bool skips_unreadable) {
@@ -135,20 +189,21 @@ std::optional<MessageRecord> MessageLog::find_letter(std::uint64_t id) const {
   return record;
 }
 
-/// Returns a dead letter that the disk cannot read with its topic, and zeros as its payload: an
-/// operator may discard it.
-std::optional<ListedDeadLetter> MessageLog::show_letter(std::uint64_t id) const {
+/// Returns null for a damaged letter. Of a letter that the disk cannot read, only topic and size
+/// are known: an operator may discard it.
+json MessageLog::show_letter(std::uint64_t id, const Letter& letter, bool with_payload) const {
   try {
-    auto record = find_letter(id);
-    if (!record) return std::nullopt;
-    return ListedDeadLetter{id, std::move(*record)};
+    const auto record = find_letter(id);
+    return record ? to_json(id, *record, with_payload) : json();
   } catch (const LogError& error) {
-    const Letter& letter = letters_.at(id);
     MessageRecord record;
     record.message.topic = letter.topic->first;
-    record.message.payload.resize(letter.bytes - stored_cost(record.message));
     record.dead = DeadLetterFacts{.reason = error.what()};
-    return ListedDeadLetter{id, std::move(record), true};
+    json out = to_json(id, record, false);
+    out["bytes"] = letter.bytes - stored_cost(letter.topic->first.size(), 0);
+    for (const char* key : {"stored_at", "set_aside_at", "qos", "retain", "code", "tries"})
+      out[key] = nullptr;
+    return out;
   }
 }
 
@@ -167,15 +222,19 @@ void MessageLog::add_letter(std::uint64_t id, const MessageRecord& record) {
 FormerLetter MessageLog::drop_letter(std::uint64_t id) {
   const Letter letter = letters_.extract(id).mapped();
   letter_bytes_ -= letter.bytes + letter.reason_bytes;
-  LettersOfTopic& of_topic = letter.topic->second;
-  const bool was_retried =
-      of_topic.retried.erase({false, id}) + of_topic.retried.erase({true, id}) > 0;
-  FormerLetter former{id, letter.topic->first, letter.bytes, was_retried};
-  if (--of_topic.count == 0) topics_.erase(letter.topic);
+  FormerLetter former{id, letter.topic->first, letter.bytes, stop_retrying(letter, id)};
+  if (--letter.topic->second.count == 0) topics_.erase(letter.topic);
   return former;
 }
 
-std::size_t MessageLog::write(const WriteToStore& write) {
+/// Returns true when the letter was retried until now.
+bool MessageLog::stop_retrying(const Letter& letter, std::uint64_t id) {
+  auto& retried = letter.topic->second.retried;
+  return retried.erase({false, id}) + retried.erase({true, id}) > 0;
+}
+
+void MessageLog::serve(const WriteToStore& write) {
+  restore_files();
   const WallTime now = wall_now();
   std::map<std::uint64_t, MessageRecord> letters;
   std::map<std::uint64_t, const BrokerMessage*> kept;
@@ -198,10 +257,12 @@ std::size_t MessageLog::write(const WriteToStore& write) {
   for (const std::uint64_t row : gone) log_.erase(row);
   log_.commit(true);
   for (const auto& [row, record] : letters) add_letter(row, record);
-  return damaged;
+  post_(StoreWritten{});
+  report_damaged(damaged);
+  if (!write.dead_letters.empty()) post_(DeadLettersChanged{dead_letters()});
 }
 
-StoreLoaded MessageLog::load(const LoadFromStore& request, bool skips_unreadable) {
+void MessageLog::serve(const LoadFromStore& request, bool skips_unreadable) {
   const WallTime now = wall_now();
   StoreLoaded loaded;
   std::size_t bytes = 0;
@@ -219,25 +280,72 @@ StoreLoaded MessageLog::load(const LoadFromStore& request, bool skips_unreadable
   }
   for (const std::uint64_t row : loaded.damaged) log_.erase(row);
   log_.commit(true);
-  return loaded;
+  const std::size_t damaged = loaded.damaged.size();
+  post_(std::move(loaded));
+  report_damaged(damaged);
 }
 
-std::vector<ListedDeadLetter> MessageLog::list(const std::string& topic, std::uint64_t after,
-                                               std::size_t max_count, std::size_t max_bytes) const {
-  std::vector<ListedDeadLetter> page;
-  std::size_t bytes = 0;
-  for (auto at = letters_.upper_bound(after); at != letters_.end(); ++at) {
-    if (page.size() >= max_count || bytes >= max_bytes) break;
-    if (!topic.empty() && at->second.topic->first != topic) continue;
-    auto listed = show_letter(at->first);
-    if (!listed) continue;
-    const BrokerMessage& message = listed->record.message;
-    bytes += message.topic.size() + message.payload.size();
-    page.push_back(std::move(*listed));
+void MessageLog::serve(const RetryDeadLetters& retry, Duration patience) {
+  try {
+    while (true) {
+      const auto ids = retried(retry.topic, retry.max_letters + max_unreadable);
+      std::span<const std::uint64_t> left(ids);
+      if (revive(left, retry.max_letters, retry.topic, patience) > 0) break;
+      if (!ids.empty()) continue;
+      post_(DeadLettersRevived{{}, retry.topic});
+      break;
+    }
+  } catch (const LogError& error) {
+    post_(DeadLettersRevived{{}, retry.topic, error.what()});
   }
-  return page;
+  if (const std::string why = std::exchange(why_given_up_, {}); !why.empty())
+    notify(Severity::error,
+           fmt::format("dead letters on {} wait for an operator: {}", retry.topic, why));
 }
 
+OrderAnswer MessageLog::answer(const ListDeadLetters& order) const {
+  json page = json::array();
+  std::uint64_t bytes = 0;
+  for (auto at = letters_.upper_bound(order.after); at != letters_.end(); ++at) {
+    const auto& [id, letter] = *at;
+    if (page.size() >= page_letters || bytes >= page_bytes) break;
+    if (!order.topic.empty() && letter.topic->first != order.topic) continue;
+    json shown = show_letter(id, letter, order.with_payloads);
+    if (shown.is_null()) continue;
+    bytes += letter.bytes;
+    page.push_back(std::move(shown));
+  }
+  const bool is_more = !page.empty();
+  return in_json({{"count", letters_.size()},
+                  {"bytes", letter_bytes_},
+                  {"letters", std::move(page)},
+                  {"more", is_more}});
+}
+
+OrderAnswer MessageLog::answer(const DiscardOrder& order) {
+  restore_files();
+  const auto chosen = ids(order.choice);
+  for (const std::uint64_t id : chosen) log_.erase(id);
+  log_.commit(true);
+  std::vector<FormerLetter> discarded;
+  for (const std::uint64_t id : chosen) discarded.push_back(drop_letter(id));
+  post_(DeadLettersChanged{dead_letters(), std::move(discarded)});
+  return in_json({{"discarded", chosen.size()}});
+}
+
+OrderAnswer MessageLog::answer(const ResendOrder& order) {
+  const auto chosen = ids(order.choice);
+  std::span<const std::uint64_t> left(chosen);
+  std::size_t resent = 0;
+  try {
+    while (!left.empty()) resent += revive(left, revived_at_once, {}, Duration::max());
+  } catch (const LogError&) {
+    // The disk fails: the other dead letters stay.
+  }
+  return in_json({{"resent", resent}, {"left", ids(order.choice).size()}});
+}
+
+/// Returns the ids of the chosen dead letters that exist, in rising order.
 std::vector<std::uint64_t> MessageLog::ids(const DeadLetterChoice& choice) const {
   const std::set<std::uint64_t> named(choice.ids.begin(), choice.ids.end());
   std::vector<std::uint64_t> ids;
@@ -247,6 +355,7 @@ std::vector<std::uint64_t> MessageLog::ids(const DeadLetterChoice& choice) const
   return ids;
 }
 
+/// Returns the ids of the dead letters that RetryDeadLetters means.
 std::vector<std::uint64_t> MessageLog::retried(const std::string& topic, std::size_t most) const {
   std::vector<std::uint64_t> page;
   const auto letters = topics_.find(topic);
@@ -258,15 +367,20 @@ std::vector<std::uint64_t> MessageLog::retried(const std::string& topic, std::si
   return page;
 }
 
-MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::size_t most,
-                                       Duration patience) {
-  Revival revival;
+/// Turns dead letters into messages again, in their rows: the first ones, at most `most`. Returns
+/// how many, and removes the ids from `ids` that it has tried. `topic`: of RetryDeadLetters.
+/// Letters that the disk cannot read stay; after `patience` they are no longer among retried().
+/// Throws LogError if it can read none.
+std::size_t MessageLog::revive(std::span<const std::uint64_t>& ids, std::size_t most,
+                               const std::string& topic, Duration patience) {
+  restore_files();
   std::map<std::uint64_t, MessageRecord> intact;
   std::vector<std::uint64_t> read;
   std::optional<LogError> unreadable;
+  std::size_t tried = 0;
   for (const std::uint64_t id : ids) {
-    if (intact.size() == most || revival.tried - read.size() == most_unreadable) break;
-    ++revival.tried;
+    if (intact.size() == most || tried - read.size() == most_unreadable) break;
+    ++tried;
     try {
       if (auto record = find_letter(id))
         intact[id] = {record->stored_at, std::move(record->message)};
@@ -276,9 +390,8 @@ MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::
       Letter& letter = letters_.at(id);
       const TimePoint now = std::chrono::steady_clock::now();
       if (!letter.unreadable_since) letter.unreadable_since = now;
-      if (now - *letter.unreadable_since < patience) continue;
-      auto& retried = letter.topic->second.retried;
-      if (retried.erase({false, id}) + retried.erase({true, id}) > 0) why_given_up_ = error.what();
+      if (now - *letter.unreadable_since >= patience && stop_retrying(letter, id))
+        why_given_up_ = error.what();
     }
   }
   if (read.empty() && unreadable) throw *unreadable;
@@ -287,19 +400,39 @@ MessageLog::Revival MessageLog::revive(std::span<const std::uint64_t> ids, std::
     found == intact.end() ? log_.erase(id) : put(id, found->second);
   }
   log_.commit(true);
-  for (const std::uint64_t id : read) {
-    auto& list = intact.contains(id) ? revival.messages : revival.damaged;
-    list.push_back(drop_letter(id));
-  }
-  return revival;
+  ids = ids.subspan(tried);
+  DeadLettersRevived revived{{}, topic};
+  std::vector<FormerLetter> damaged;
+  for (const std::uint64_t id : read)
+    (intact.contains(id) ? revived.messages : damaged).push_back(drop_letter(id));
+  report_damaged(damaged.size());
+  if (!intact.empty()) post_(std::move(revived));
+  post_(DeadLettersChanged{dead_letters(), std::move(damaged)});
+  return intact.size();
 }
 
-std::vector<FormerLetter> MessageLog::discard(const std::vector<std::uint64_t>& ids) {
-  for (const std::uint64_t id : ids) log_.erase(id);
-  log_.commit(true);
-  std::vector<FormerLetter> discarded;
-  for (const std::uint64_t id : ids) discarded.push_back(drop_letter(id));
-  return discarded;
+void MessageLog::report_damaged(std::size_t messages) {
+  if (messages == 0) return;
+  post_(
+      MessagesLost{messages, fmt::format("the store is damaged ({}/messages): {} messages are lost",
+                                         settings_.directory, messages)});
+}
+
+void MessageLog::restore_files() {
+  const auto written = log_.put_back_in_place();
+  if (written.empty()) return;
+  notify(Severity::error,
+         fmt::format("{} was moved, removed or replaced while in use; its contents are restored "
+                     "(a replaced file is now {}.replaced)",
+                     fmt::join(written, ", "), written.back()));
+}
+
+void MessageLog::write_erasures() {
+  try {
+    if (log_.owes_erasures()) log_.commit(true);
+  } catch (const LogError&) {
+    // They are tried again; a new process would find the messages.
+  }
 }
 
 }  // namespace slamgw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The message store on disk: undelivered messages and dead letters in one record log, by row.
-// Blocks; used on the disk's thread by DiskStore.
+// Blocks; DiskStore uses it on the disk's thread.
 //
 //   messages/      time of storing, time of receipt (8 octets each), mesh, flags (1 each), topic's
 //                  length (2), topic, only for a dead letter: since when it is one (8), reason
@@ -11,7 +11,9 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <set>
 #include <span>
@@ -21,6 +23,7 @@
 
 #include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
+#include "daemon/mqtt/settings.hpp"
 #include "daemon/storage/record_log.hpp"
 
 namespace slamgw {
@@ -42,61 +45,44 @@ Bytes encode_message(const MessageRecord& record);
 /// Returns nothing when `octets` are not a record of messages/.
 std::optional<MessageRecord> decode_message(ByteView octets);
 
-/// A dead letter as operators see it.
-struct ListedDeadLetter {
-  std::uint64_t id = 0;  ///< its row
-  MessageRecord record;
-  /// The disk cannot read it: the dead letter's reason says why. Only topic and size are known.
-  bool is_unreadable = false;
-};
-
+/// Serves the outbox's requests and operators' orders. Its answers are StoreEvents; a request that
+/// throws has none. What damage has destroyed is among the events (MessagesLost).
 class MessageLog {
  public:
   /// A longer reason of a dead letter is cut.
   static constexpr std::size_t max_reason_bytes = 200;
+  /// Limits of one page of a list of dead letters.
+  static constexpr std::size_t page_letters = 256;
+  static constexpr std::size_t page_bytes = 256u << 10;
+  /// Limit of dead letters that become messages again in one commit.
+  static constexpr std::size_t revived_at_once = 64;
+  /// Dead letters that a retry passes over because the disk cannot read them.
+  static constexpr std::size_t max_unreadable = 16;
+  /// Limit of letters that the disk cannot read in one commit: each may take seconds.
+  static constexpr std::size_t most_unreadable = 256;
 
   /// Reads the whole log. Throws LogError, also for records that the disk cannot read, unless
   /// `skips_unreadable`: then these records are lost.
-  MessageLog(const std::string& directory, std::uint64_t max_bytes, bool skips_unreadable);
+  MessageLog(const StoreSettings& settings, bool skips_unreadable,
+             std::function<void(StoreEvent)> post);
 
-  /// Returns what the log held at the start. Call once.
-  StoreOpened take_opened() { return std::move(opened_); }
-  /// Records that were missing at the start.
-  const RecordLog::Summary& lost() const { return lost_; }
+  /// Reports the losses at the start, and StoreOpened. Call once.
+  void report_opened();
 
-  /// Writes all of the request durably. Returns the number of messages that were to become dead
-  /// letters but are damaged: they are lost. Throws LogError, and then has kept no message.
-  std::size_t write(const WriteToStore& write);
-  /// Reads the requested messages and erases damaged ones. Throws LogError.
-  StoreLoaded load(const LoadFromStore& request, bool skips_unreadable);
-
-  DeadLetterCounts dead_letters() const { return {letters_.size(), letter_bytes_}; }
-  /// Returns the first dead letters of `topic` (empty: of any topic) with ids above `after`: at
-  /// most `max_count` and about `max_bytes`, but at least one if there is one. Throws LogError, as
-  /// do ids(), revive() and discard().
-  std::vector<ListedDeadLetter> list(const std::string& topic, std::uint64_t after,
-                                     std::size_t max_count, std::size_t max_bytes) const;
-  /// Returns the ids of the chosen dead letters that exist, in rising order.
-  std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
-  /// Returns the ids of the dead letters that RetryDeadLetters means.
-  std::vector<std::uint64_t> retried(const std::string& topic, std::size_t most) const;
-  struct Revival {
-    std::vector<FormerLetter> messages;
-    std::vector<FormerLetter> damaged;  ///< they are lost
-    std::size_t tried = 0;              ///< of the ids
-  };
-  /// Limit of letters that the disk cannot read in one revive(): each may take seconds.
-  static constexpr std::size_t most_unreadable = 256;
-  /// Turns dead letters into messages again, in their rows: the first ones, at most `most`. Letters
-  /// that the disk cannot read stay; after `patience` they are no longer among retried(). Throws
-  /// LogError if it can read none.
-  Revival revive(std::span<const std::uint64_t> ids, std::size_t most, Duration patience);
-  /// Returns the disk's error when revive() has taken letters out of retried() since the last call;
-  /// else nothing.
-  std::string take_why_given_up() { return std::exchange(why_given_up_, {}); }
-  std::vector<FormerLetter> discard(const std::vector<std::uint64_t>& ids);
-
-  RecordLog& log() { return log_; }
+  /// All of these throw LogError. After a failed write no message is kept.
+  void serve(const WriteToStore& write);
+  /// `skips_unreadable`: messages that the disk cannot read are lost, as damaged ones are.
+  void serve(const LoadFromStore& request, bool skips_unreadable);
+  /// Letters that the disk cannot read stay; after `patience` they wait for an operator.
+  void serve(const RetryDeadLetters& retry, Duration patience);
+  OrderAnswer answer(const ListDeadLetters& order) const;
+  OrderAnswer answer(const DiscardOrder& order);
+  /// Letters that the disk cannot read stay.
+  OrderAnswer answer(const ResendOrder& order);
+  /// Restores files of the log that were moved, removed or replaced.
+  void restore_files();
+  /// Writes erasures that could not be written before.
+  void write_erasures();
 
  private:
   struct LettersOfTopic {
@@ -116,18 +102,28 @@ class MessageLog {
   void read_all(bool skips_unreadable);
   std::optional<MessageRecord> find(std::uint64_t row, bool skips_unreadable = false) const;
   std::optional<MessageRecord> find_letter(std::uint64_t id) const;
-  std::optional<ListedDeadLetter> show_letter(std::uint64_t id) const;
+  nlohmann::json show_letter(std::uint64_t id, const Letter& letter, bool with_payload) const;
   void put(std::uint64_t row, const MessageRecord& record) {
     log_.put(row, encode_message(record));
   }
   void add_letter(std::uint64_t id, const MessageRecord& record);
   FormerLetter drop_letter(std::uint64_t id);
+  static bool stop_retrying(const Letter& letter, std::uint64_t id);
+  DeadLetterCounts dead_letters() const { return {letters_.size(), letter_bytes_}; }
+  std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
+  std::vector<std::uint64_t> retried(const std::string& topic, std::size_t most) const;
+  std::size_t revive(std::span<const std::uint64_t>& ids, std::size_t most,
+                     const std::string& topic, Duration patience);
+  void report_damaged(std::size_t messages);
+  void notify(Severity severity, std::string text) { post_(Notice{severity, std::move(text), {}}); }
 
+  const StoreSettings settings_;
+  const std::function<void(StoreEvent)> post_;
   RecordLog log_;                            // by row
   std::map<std::uint64_t, Letter> letters_;  // by row
   Topics topics_;                            // of letters; none is empty
   std::uint64_t letter_bytes_ = 0;
-  std::string why_given_up_;
+  std::string why_given_up_;  // the disk's error for letters that wait for an operator now
   StoreOpened opened_;
   RecordLog::Summary lost_;
 };

@@ -91,7 +91,7 @@ TEST_F(DeadLetters, AreListedByTopicAndByPages) {
   for (std::uint64_t after = 0;;) {
     const json page = document(user->perform(ListDeadLetters{after, "", false}));
     if (!page["more"].get<bool>()) break;
-    EXPECT_LE(page["letters"].size(), DiskStore::page_letters);
+    EXPECT_LE(page["letters"].size(), MessageLog::page_letters);
     EXPECT_FALSE(page["letters"][0].contains("payload_hex"));
     for (const std::uint64_t id : ids_in(page)) all.push_back(id);
     after = all.back();
