@@ -23,23 +23,6 @@ Notice of_refusal(Severity severity, std::string text) {
 
 }  // namespace
 
-Notice no_room_notice(const NoRoom& no_room) {
-  auto text = fmt::format("{} messages refused: {} MiB wait in memory for the broker",
-                          no_room.count, no_room.memory_bytes >> 20);
-  if (no_room.store_bytes > 0)
-    text = fmt::format(
-        "the store is full ({} bytes, store.max_bytes {}; {} bytes of {}): {} new "
-        "messages are not acknowledged; robots keep them",
-        no_room.store_bytes, no_room.store_max_bytes, no_room.largest.value, no_room.largest.name,
-        no_room.count);
-  else if (no_room.is_of_refused_topic)
-    text = fmt::format(
-        "{} new messages are not acknowledged: the broker refuses their topics, and there is "
-        "no more room for dead letters",
-        no_room.count);
-  return {Severity::warning, std::move(text), {}};
-}
-
 Notice RefusalNotices::on_refused_topic(const std::string& topic, const Refusal& refusal) {
   return of_refusal(
       Severity::warning,

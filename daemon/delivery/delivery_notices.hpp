@@ -15,17 +15,6 @@
 
 namespace slamgw {
 
-/// The reason why messages were refused.
-struct NoRoom {
-  std::uint64_t count = 0;        ///< messages that the line stands for
-  std::uint64_t store_bytes = 0;  ///< while the store is full; else 0
-  std::uint64_t store_max_bytes = 0;
-  bool is_of_refused_topic = false;
-  std::size_t memory_bytes = 0;
-  SlotSums::Sum largest{};  ///< the largest share of the store
-};
-Notice no_room_notice(const NoRoom& no_room);
-
 /// Notices of Occasion::broker_refusal, whose number the log bounds.
 class RefusalNotices {
  public:

@@ -99,10 +99,22 @@ void Outbox::refuse(Item& item, TimePoint now) {
   LogThrottle& throttle = is_full      ? full_throttle_
                           : is_resting ? refused_throttle_
                                        : memory_throttle_;
-  if (const auto count = throttle.on_event(now))
-    actions_.push(
-        no_room_notice({*count, is_full ? backlog_.taken() : 0, store_max_bytes_, is_resting,
-                        unsaved_bytes_ - item.cost(), backlog_.largest_share()}));
+  if (const auto count = throttle.on_event(now)) {
+    const SlotSums::Sum largest = is_full ? backlog_.largest_share() : SlotSums::Sum{};
+    const std::size_t mib = (unsaved_bytes_ - item.cost()) >> 20;
+    notify(Notice{
+        Severity::warning,
+        is_full ? fmt::format(
+                      "the store is full ({} bytes, store.max_bytes {}; {} bytes of {}): {} new "
+                      "messages are not acknowledged; robots keep them",
+                      backlog_.taken(), store_max_bytes_, largest.value, largest.name, *count)
+        : is_resting
+            ? fmt::format("{} new messages are not acknowledged: the broker refuses their "
+                          "topics, and there is no more room for dead letters",
+                          *count)
+            : fmt::format("{} messages refused: {} MiB wait in memory for the broker", *count, mib),
+        {}});
+  }
   if (!item.receipt.is_owed()) return drop(item, "there is no room for it", now);
   ++statistics_.refused;
   actions_.push(FireReceipt{item.receipt, ReceiptOutcome::refused});

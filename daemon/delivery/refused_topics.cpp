@@ -38,7 +38,7 @@ RefusedTopics::Turn RefusedTopics::turn_of(std::string_view topic, std::uint64_t
   if (!known) return Turn::open;
   if (known->phase == Phase::accused) return Turn::alone;
   if (!known->is_refused()) return Turn::open;
-  const bool is_letter = known->phase == Phase::asked && row == known->row;
+  const bool is_letter = known->phase == Phase::trying && row == known->row;
   const bool is_due = known->phase == Phase::resting && now >= known->due && may_try(now) &&
                       !(can_ask && known->waiting > 0);
   if (!is_letter && !is_due) return Turn::rest;
@@ -51,12 +51,11 @@ bool RefusedTopics::is_over(const Topic& topic, TimePoint now) {
 }
 
 void RefusedTopics::enter(Topic& topic, Phase phase) {
-  const auto is_busy = [](Phase one) { return one == Phase::asked || one == Phase::trying; };
-  if (is_busy(phase)) ++busy_;
-  if (is_busy(std::exchange(topic.phase, phase))) --busy_;
+  if (phase == Phase::trying) ++busy_;
+  if (std::exchange(topic.phase, phase) == Phase::trying) --busy_;
 }
 
-/// Ends the topic's request or try; the next try is `due`.
+/// Ends the topic's try; the next one is `due`.
 void RefusedTopics::rest(Topic& topic, TimePoint due) {
   enter(topic, Phase::resting);
   topic.row = 0;
@@ -84,7 +83,7 @@ void RefusedTopics::accept(Topics::iterator known, TimePoint now) {
 
 void RefusedTopics::on_rows_lost(TimePoint now) {
   for (auto& [name, topic] : topics_)
-    if (topic.phase == Phase::asked) rest(topic, now);
+    if (topic.phase == Phase::trying && topic.row != 0) rest(topic, now);
 }
 
 void RefusedTopics::on_write_failed() {
@@ -99,15 +98,10 @@ void RefusedTopics::grow_pause(Topic& topic, Duration longest, TimePoint now) {
   wake_ = now;  // another topic may have its try
 }
 
+/// A dead letter that is tried is queued again, for the next connection.
 void RefusedTopics::on_link_down(TimePoint now) {
-  for (auto& [name, topic] : topics_) {
-    if (topic.phase != Phase::trying) continue;
-    if (topic.row != 0) {
-      enter(topic, Phase::asked);  // its letter is queued again, for the next connection
-    } else {
-      rest(topic, now);
-    }
-  }
+  for (auto& [name, topic] : topics_)
+    if (topic.phase == Phase::trying && topic.row == 0 && !topic.asked_of) rest(topic, now);
 }
 
 void RefusedTopics::on_written(std::uint64_t sequence, std::string topic) {
@@ -148,12 +142,9 @@ void RefusedTopics::on_loss(const PublishWindow::Items& unanswered, TimePoint no
   for (const OutboxItem* item : unanswered) topics.insert(item->message.topic);
   for (Written& written : written_) topics.insert(std::move(written.topic));
   written_.clear();
-  if (now - last_loss_ <= longest_between) {
-    for (const std::string& topic : topics)
-      if (last_unanswered_.contains(topic)) accuse(topic, now);
-  }
+  for (const std::string& topic : topics)
+    if (last_unanswered_.contains(topic)) accuse(topic, now);
   last_unanswered_ = std::move(topics);
-  last_loss_ = now;
 }
 
 bool RefusedTopics::on_refused(const std::string& topic, const Refusal& refusal, TimePoint now) {
@@ -250,7 +241,7 @@ std::optional<RetryDeadLetters> RefusedTopics::next_to_ask(const Backlog& backlo
   wake_ = now;
   topic.asked_of = topic.waiting;
   const bool is_page = topic.phase == Phase::accepted;
-  if (!is_page) enter(topic, Phase::asked);
+  if (!is_page) enter(topic, Phase::trying);
   return RetryDeadLetters{name, is_page ? resend_page : 1};
 }
 
@@ -293,7 +284,7 @@ void RefusedTopics::on_revived(const DeadLettersRevived& revived, TimePoint now)
   if (topic.phase == Phase::accepted) {
     if (is_none) return accept(known, now);
     if (!revived.why_failed.empty()) topic.due = now + store_pause;
-  } else if (topic.phase == Phase::asked) {
+  } else if (topic.phase == Phase::trying) {
     if (!revived.messages.empty())
       topic.row = revived.messages.front().row;
     else

@@ -5,7 +5,7 @@
 // part of the outbox.
 //
 //   accused -> (lost alone, or refused) resting, or (accepted) gone
-//   resting -> (due) asked, for a dead letter of the topic -> trying -> resting, or accepted
+//   resting -> (due) trying, a dead letter of the topic or a new message -> resting, or accepted
 //   accepted -> (asked for pages of dead letters, until none are left) gone
 //
 // Brokers also close the connection in place of refusing: Mosquitto for a packet that is too large,
@@ -64,8 +64,6 @@ class RefusedTopics {
   /// Number of written QoS 0 messages that are remembered, because they get no answer. It is
   /// usually more than the gateway writes before the broker's closing arrives.
   static constexpr std::size_t most_written = 64;
-  /// Two losses that are further apart than this are unrelated.
-  static constexpr std::chrono::hours longest_between{1};
   /// A connection that ends earlier says little about the message that was under way.
   static constexpr std::chrono::seconds stable_after{1};
   /// Pause between requests to a failing store.
@@ -164,8 +162,7 @@ class RefusedTopics {
   enum class Phase : std::uint8_t {
     accused,   ///< its messages are published alone
     resting,   ///< until the next try
-    asked,     ///< for a dead letter, which was not published yet
-    trying,    ///< a message of the topic is under way
+    trying,    ///< a message of the topic is under way, or the store is asked for a dead letter
     accepted,  ///< no longer refused, but dead letters are left
   };
   struct Topic {
@@ -178,12 +175,10 @@ class RefusedTopics {
     TimePoint since{};
     Duration pause{};
     TimePoint due{};                    // of the next try or request; the time of an accusation
-    std::uint64_t row = 0;              // of the letter that was asked for
+    std::uint64_t row = 0;              // of the dead letter that is tried
     std::uint32_t losses = 0;           // of the connection while a message was alone, in a row
     std::uint64_t answers_at_loss = 0;  // `answers_` at the first of these losses
-    bool is_refused() const {
-      return phase == Phase::resting || phase == Phase::asked || phase == Phase::trying;
-    }
+    bool is_refused() const { return phase == Phase::resting || phase == Phase::trying; }
   };
   using Topics = std::map<std::string, Topic, std::less<>>;
   struct Written {
@@ -210,7 +205,7 @@ class RefusedTopics {
   Topics::value_type* next_due(const Backlog& backlog, TimePoint now);
 
   Topics topics_;
-  std::size_t busy_ = 0;                    // topics that are asked or trying
+  std::size_t busy_ = 0;                    // topics that are trying
   Duration caution_{};                      // the last time by which tries were put off
   std::optional<TimePoint> tries_put_off_;  // no try before this time
   std::optional<TimePoint> wake_;
@@ -218,7 +213,6 @@ class RefusedTopics {
   std::uint64_t answers_ = 0;                                 // number of the broker's answers
   std::deque<Written, RecyclingAllocator<Written>> written_;  // after the last answer, in order
   std::set<std::string> last_unanswered_;
-  TimePoint last_loss_{};
   TimePoint up_since_{};
   std::optional<LastRefusal> last_refusal_;         // of this connection
   std::unordered_map<std::size_t, Refusal> flows_;  // refusals that cost the connection, by slot
