@@ -28,7 +28,7 @@ void DiskStore::start() {
 
 void DiskStore::stop() {
   thread_.run([this] {
-    if (log_) log_->write_erasures();
+    if (log_) log_->repair();
     log_.reset();
   });
   thread_.stop();
@@ -85,7 +85,11 @@ void DiskStore::open() {
   if (!closed_since_) closed_since_ = now();
   try {
     log_.emplace(settings_, is_given_up(), [this](StoreEvent event) { post(std::move(event)); });
-    return on_opened();
+    failing_since_.reset();
+    if (!std::exchange(why_reported_, {}).empty())
+      notify(Severity::notice, fmt::format("the store {} is open now", settings_.directory));
+    log_->report_opened();
+    return try_again_after(patience_.reopen);
   } catch (const LogError& error) {
     why_closed_ = error.what();
     if (!error.is_io_error()) failing_since_.reset();
@@ -95,14 +99,6 @@ void DiskStore::open() {
   }
   report_closed();
   try_again_after(failing_since_ && !is_given_up() ? patience_.check : patience_.reopen);
-}
-
-void DiskStore::on_opened() {
-  failing_since_.reset();
-  if (!std::exchange(why_reported_, {}).empty())
-    notify(Severity::notice, fmt::format("the store {} is open now", settings_.directory));
-  try_again_after(patience_.reopen);
-  log_->report_opened();
 }
 
 /// Reports to the outbox once that there is no store.
@@ -120,12 +116,7 @@ void DiskStore::report_closed() {
 void DiskStore::try_again_after(std::chrono::milliseconds time) {
   timer_.after(time, [this] {
     if (!log_) return open();
-    try {
-      log_->restore_files();
-    } catch (const LogError&) {
-      // The next request fails with the same error.
-    }
-    log_->write_erasures();
+    log_->repair();
     try_again_after(patience_.reopen);
   });
 }

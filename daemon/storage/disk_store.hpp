@@ -48,7 +48,6 @@ class DiskStore {
   void serve(const Request& request);
   void serve(const StoreOrder& order, const OrderDone& done);
   void open();
-  void on_opened();
   void report_closed();
   void try_again_after(std::chrono::milliseconds time);
   bool is_given_up() const;
@@ -67,7 +66,7 @@ class DiskStore {
   std::string why_reported_;  // as last logged
 
   StoreThread thread_;
-  Timer timer_;  // the next attempt to open, or the next MessageLog::restore_files()
+  Timer timer_;  // the next attempt to open, or the next MessageLog::repair()
 };
 
 }  // namespace slamgw

@@ -418,6 +418,7 @@ void MessageLog::report_damaged(std::size_t messages) {
                                          settings_.directory, messages)});
 }
 
+/// Throws LogError.
 void MessageLog::restore_files() {
   const auto written = log_.put_back_in_place();
   if (written.empty()) return;
@@ -427,11 +428,12 @@ void MessageLog::restore_files() {
                      fmt::join(written, ", "), written.back()));
 }
 
-void MessageLog::write_erasures() {
+void MessageLog::repair() {
   try {
+    restore_files();
     if (log_.owes_erasures()) log_.commit(true);
   } catch (const LogError&) {
-    // They are tried again; a new process would find the messages.
+    // The next request fails with the same error. A new process would find erased messages again.
   }
 }
 

@@ -79,10 +79,9 @@ class MessageLog {
   OrderAnswer answer(const DiscardOrder& order);
   /// Letters that the disk cannot read stay.
   OrderAnswer answer(const ResendOrder& order);
-  /// Restores files of the log that were moved, removed or replaced.
-  void restore_files();
-  /// Writes erasures that could not be written before.
-  void write_erasures();
+  /// Restores files of the log that were moved, removed or replaced, and writes erasures that could
+  /// not be written before. Call at times, and at the end.
+  void repair();
 
  private:
   struct LettersOfTopic {
@@ -114,6 +113,7 @@ class MessageLog {
   std::vector<std::uint64_t> retried(const std::string& topic, std::size_t most) const;
   std::size_t revive(std::span<const std::uint64_t>& ids, std::size_t most,
                      const std::string& topic, Duration patience);
+  void restore_files();
   void report_damaged(std::size_t messages);
   void notify(Severity severity, std::string text) { post_(Notice{severity, std::move(text), {}}); }
 
