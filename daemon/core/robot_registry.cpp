@@ -26,7 +26,6 @@ Robot* RobotRegistry::find_or_add(const std::string& robot) {
     ++untracked_;
     return nullptr;
   }
-  ++counts_[static_cast<std::size_t>(Presence::offline)];
   return &robots_[robot];
 }
 
@@ -45,20 +44,8 @@ void RobotRegistry::make_room() {
   candidates.resize(count);
   for (const auto& robot : candidates) {
     evicted_.push_back(robot->first);
-    remove(robot);
+    robots_.erase(robot);
   }
-}
-
-void RobotRegistry::remove(std::map<std::string, Robot>::iterator robot) {
-  --counts_[static_cast<std::size_t>(robot->second.presence().presence)];
-  robots_.erase(robot);
-}
-
-bool RobotRegistry::forget(const std::string& robot) {
-  const auto known = robots_.find(robot);
-  if (known == robots_.end()) return false;
-  remove(known);
-  return true;
 }
 
 void Robot::on_heard(Mesh mesh, const Now& now) {
@@ -71,7 +58,6 @@ void Robot::on_heard(Mesh mesh, const Now& now) {
 Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) {
   Robot* robot = find_or_add(change.robot);
   if (!robot) return nullptr;
-  --counts_[static_cast<std::size_t>(robot->presence().presence)];
   MeshPresence& there = robot->on_mesh[change.mesh];
   const bool is_same_state = there.is_known && there.presence == change.presence;
   there.is_known = true;
@@ -82,7 +68,6 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   there.is_deaf = change.is_deaf;
   there.is_contested = change.is_contested;
   robot->last_mesh = change.mesh;
-  ++counts_[static_cast<std::size_t>(robot->presence().presence)];
   if (change.presence != Presence::offline) robot->on_heard(change.mesh, now);
   return robot;
 }
@@ -115,6 +100,11 @@ Robot* RobotRegistry::find(const std::string& robot) {
 const Robot* RobotRegistry::find(const std::string& robot) const {
   const auto known = robots_.find(robot);
   return known != robots_.end() ? &known->second : nullptr;
+}
+
+std::size_t RobotRegistry::count(Presence presence) const {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      robots_, [&](const auto& entry) { return entry.second.presence().presence == presence; }));
 }
 
 std::size_t RobotRegistry::deaf() const {

@@ -3,7 +3,6 @@
 // only; Gateway decides what to publish of them.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -82,7 +81,7 @@ class RobotRegistry {
   Robot* on_presence(const PresenceChange& change, const Now& now);
   Robot* on_report(const Report& report, const Now& now);
   /// Returns false when the robot is not known.
-  bool forget(const std::string& robot);
+  bool forget(const std::string& robot) { return robots_.erase(robot) > 0; }
   /// Returns the robots that were evicted since the last call.
   std::vector<std::string> take_evicted() { return std::exchange(evicted_, {}); }
   /// Null for a robot that is not known yet.
@@ -94,7 +93,7 @@ class RobotRegistry {
   const std::map<std::string, Robot>& robots() const { return robots_; }
   std::map<std::string, Robot>& robots() { return robots_; }
   /// Returns how many robots have this presence (all meshes considered).
-  std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
+  std::size_t count(Presence presence) const;
   /// Returns how many robots do not hear the gateway.
   std::size_t deaf() const;
   std::size_t contested() const;
@@ -102,14 +101,12 @@ class RobotRegistry {
 
  private:
   void make_room();
-  void remove(std::map<std::string, Robot>::iterator robot);
   Robot* find_or_add(const std::string& robot);
 
   std::size_t capacity_;
   std::map<std::string, Robot> robots_;
   std::set<std::string> configured_;
   std::vector<std::string> evicted_;
-  std::array<std::size_t, 3> counts_{};  // by Presence
   std::uint64_t untracked_ = 0;
 };
 
