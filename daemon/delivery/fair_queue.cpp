@@ -42,12 +42,7 @@ void FairQueue::enqueue(Item& item, NewFlow turn) {
   Flow& flow = join_flow(item);
   if (flow.items.empty())
     turn == NewFlow::last ? turns_.push_back(&flow) : turns_.push_front(&flow);
-  // New items are the last of their flow; items that come back are near the front.
-  auto after = flow.items.end();
-  if (!flow.items.empty() && flow.items.back()->row > item.row)
-    after =
-        std::ranges::find_if(flow.items, [&](const Item* other) { return other->row > item.row; });
-  item.place = flow.items.insert(after, &item);
+  flow.items.insert(flow.items.end(), &item);
   if (item.is_durable()) ++durable_queued_;
   item.wait = Item::Wait::queued;
 }
@@ -74,7 +69,7 @@ void FairQueue::withdraw(Item& item) {
   Flow& flow = *std::exchange(item.flow, nullptr);
   if (wait == Item::Wait::queued) {
     if (item.is_durable()) --durable_queued_;
-    flow.items.erase(item.place);
+    flow.items.erase(&item);
     if (flow.items.empty()) turns_.erase(std::find(turns_.begin(), turns_.end(), &flow));
   } else {
     aside_.erase(&item);

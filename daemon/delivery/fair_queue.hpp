@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
-#include <list>
 #include <map>
 #include <set>
 #include <string_view>
@@ -23,8 +22,6 @@
 namespace slamgw {
 
 struct OutboxFlow;
-struct OutboxItem;
-using OutboxItems = std::list<OutboxItem*, RecyclingAllocator<OutboxItem*>>;
 
 struct OutboxItem {
   /// Memory that one message takes besides topic and payload.
@@ -42,10 +39,9 @@ struct OutboxItem {
   Receipt receipt = no_receipt;
   TimePoint submitted{};
   Disk disk = Disk::none;
-  Wait wait = Wait::none;         ///< FairQueue sets it
-  OutboxFlow* flow = nullptr;     ///< FairQueue sets it while the message waits,
-  OutboxItems::iterator place{};  ///< and this one while it is queued
-  bool is_dead = false;           ///< becomes a dead letter as soon as it is on disk
+  Wait wait = Wait::none;      ///< FairQueue sets it
+  OutboxFlow* flow = nullptr;  ///< FairQueue sets it while the message waits
+  bool is_dead = false;        ///< becomes a dead letter as soon as it is on disk
   /// A QoS 0 message of a topic that is tried: published at QoS 1, because QoS 0 gets no answer.
   bool is_probe = false;
   bool is_trial = false;    ///< was published alone
@@ -59,11 +55,16 @@ struct OutboxItem {
   std::size_t cost() const {
     return message.topic.size() + message.payload.size() + overhead_bytes;
   }
+
+  struct ByRow {
+    bool operator()(const OutboxItem* a, const OutboxItem* b) const { return a->row < b->row; }
+  };
 };
+using OutboxRows = std::set<OutboxItem*, OutboxItem::ByRow, RecyclingAllocator<OutboxItem*>>;
 
 /// The waiting messages of one flow.
 struct OutboxFlow {
-  OutboxItems items;      ///< those that are queued, by rising row
+  OutboxRows items;       ///< those that are queued
   std::size_t bytes = 0;  ///< those set aside, too
   std::size_t key = 0;
 };
@@ -71,10 +72,6 @@ struct OutboxFlow {
 class FairQueue {
  public:
   using Item = OutboxItem;
-  struct ByRow {
-    bool operator()(const Item* a, const Item* b) const { return a->row < b->row; }
-  };
-  using Rows = std::set<Item*, ByRow, RecyclingAllocator<Item*>>;
   using Items = std::map<std::uint64_t, Item, std::less<>,
                          RecyclingAllocator<std::pair<const std::uint64_t, Item>>>;
 
@@ -92,7 +89,7 @@ class FairQueue {
   /// Takes the item out of its flow or from the items set aside.
   void withdraw(Item& item);
   /// Returns the item whose turn it is; null when nothing is queued.
-  Item* front() const { return turns_.empty() ? nullptr : turns_.front()->items.front(); }
+  Item* front() const { return turns_.empty() ? nullptr : *turns_.front()->items.begin(); }
   /// Withdraws the front item and gives the turn to the next flow.
   void take_front();
   /// Gives the turn of the front item to the next flow.
@@ -108,7 +105,7 @@ class FairQueue {
     for (auto next = aside_.begin(); next != aside_.end();) visit(**next++);
   }
   const Items& items() const { return items_; }
-  const Rows& aside() const { return aside_; }
+  const OutboxRows& aside() const { return aside_; }
   /// Adds `shift` to each row.
   void renumber(std::uint64_t shift);
 
@@ -131,7 +128,7 @@ class FairQueue {
 
   Items items_;
   Flows flows_;  // none has 0 bytes
-  Rows aside_;
+  OutboxRows aside_;
   std::deque<Flow*, RecyclingAllocator<Flow*>> turns_;  // each flow with queued items once
   std::size_t durable_queued_ = 0;
 };

@@ -139,7 +139,6 @@ void Outbox::end_link(TimePoint now) {
   if (!is_up_) return;
   is_up_ = is_stalled_ = false;
   trial_.reset();
-  trial_waits_until_.reset();
   const PublishWindow::Items lost = window_.take_all();
   for (auto item = lost.rbegin(); item != lost.rend(); ++item) {
     if ((*item)->is_unacknowledged()) {
@@ -169,9 +168,9 @@ void Outbox::proceed(TimePoint now) {
 }
 
 bool Outbox::publish_next(TimePoint now) {
-  if (!is_up_ || backlog_.state() == Backlog::State::opening || trial_) return false;
-  if (window_.empty()) trial_waits_until_.reset();
-  if (trial_waits_until_ && now < *trial_waits_until_) return false;
+  if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
+  if (trial_ && trial_->sequence == 0 && window_.empty()) trial_.reset();
+  if (trial_ && (trial_->sequence != 0 || now < trial_->until)) return false;
   Item* const next = next_in_turn();
   if (!next) return false;
   if (drop_if_too_old(*next, now)) return true;
@@ -228,9 +227,9 @@ void Outbox::refuse_with_its_flow(const Item& next, TimePoint now) {
 /// Waits for the answers to everything under way, for a bounded time. After that an accused topic
 /// is no longer accused, and a refused one rests. Returns true when the turn of `next` has changed.
 bool Outbox::wait_to_be_alone(const Item& next, TimePoint now) {
-  if (!trial_waits_until_) trial_waits_until_ = now + trial_patience;
-  if (now < *trial_waits_until_) return false;
-  trial_waits_until_.reset();
+  if (!trial_) trial_ = {0, now + trial_patience};
+  if (now < trial_->until) return false;
+  trial_.reset();
   refused_.on_not_tried(next.message.topic, RefusedTopics::longest_pause, now);
   return true;
 }
@@ -304,7 +303,7 @@ std::vector<RefusedTopic> Outbox::list_refused(std::size_t most) const {
 /// Finds the message or the topics for which the broker may have closed the connection.
 void Outbox::find_cause_of_loss(TimePoint now) {
   if (refused_.on_loss_after_refusal(now)) return;
-  if (trial_)
+  if (trial_ && trial_->sequence != 0)
     return on_lost_alone(*window_.take(trial_->sequence, now),
                          "the connection is lost when messages of this topic are sent",
                          "the connection was lost each time the message was sent alone", now);
@@ -399,18 +398,17 @@ void Outbox::on_deadline(TimePoint now) {
     store_all(now);
   }
   if (age_check_ && now >= *age_check_) check_ages(now);
-  if (trial_ && now >= trial_->until) trial_.reset();
-  const bool has_waited_to_be_alone = trial_waits_until_ && now >= *trial_waits_until_;
+  if (trial_ && trial_->sequence != 0 && now >= trial_->until) trial_.reset();
   if (stop_check_ && now >= *stop_check_) {
     stop_check_.reset();
     save_all(now);
   }
   proceed(now);
-  if (has_waited_to_be_alone) trial_waits_until_.reset();
+  if (trial_ && now >= trial_->until) trial_.reset();
 }
 
 std::optional<TimePoint> Outbox::deadline() const {
-  const auto trial = trial_ ? std::optional(trial_->until) : trial_waits_until_;
+  const auto trial = trial_ ? std::optional(trial_->until) : std::nullopt;
   const auto retry = is_up_ && !is_stopping_ ? refused_.deadline() : std::nullopt;
   return earlier(earlier(age_check_, retry),
                  earlier(earlier(stop_check_, trial), backlog_.deadline()));

@@ -206,13 +206,13 @@ class Outbox {
   std::size_t unsaved_bytes_ = 0;
 
   RefusedTopics refused_;
-  /// A message that is under way alone, and until when the others wait for its answer.
+  /// A message that is sent alone. It waits until then for the answers to messages under way; then
+  /// the others wait for its answer.
   struct Trial {
-    std::uint64_t sequence = 0;
+    std::uint64_t sequence = 0;  // 0: it is not under way yet
     TimePoint until{};
   };
   std::optional<Trial> trial_;
-  std::optional<TimePoint> trial_waits_until_;  // for the answers to messages under way before it
 
   std::optional<TimePoint> age_check_;  // while a message is only in memory
   std::optional<TimePoint> stop_check_;
