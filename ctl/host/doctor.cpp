@@ -780,6 +780,11 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
       why.empty()                  ? ""
       : is_true(*row, "contested") ? journal + "; /usr/share/doc/slam-gateway/security.md"
                                    : journal);
+  const std::string refused = elsewhere ? text_at(*elsewhere, "refused") : "";
+  if (!refused.empty())
+    add("commands", Health::problem,
+        fmt::format("the broker refuses {}: commands may not reach the robot", refused),
+        "the broker's access control list may lack it, or its log says why: " + broker_page);
   add("traffic", Health::well,
       fmt::format("{} up, {} down, {} for it",
                   counted(count_at(*row, "messages"), "message", "messages"),

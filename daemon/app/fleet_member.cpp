@@ -479,6 +479,10 @@ Json FleetMember::robots() const {
     if (!robot.presence().is_known) continue;
     Json& row = add(id, scheme_.gateway_id(), to_iso8601(robot.presence().since), is_held(id));
     if (robot.is_contested()) row["contested"] = true;
+    if (host_.sessions().is_refused(id))
+      row["refused"] = "the robot's session (client id " + names_.client_id(id) + ")";
+    else if (const auto filter = host_.sessions().refused_filter(id))
+      row["refused"] = "the subscription to " + *filter;
   }
   for (const auto& [robot, presence] : adopted_)
     if (!gateway_.registry().find(robot))

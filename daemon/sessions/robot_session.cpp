@@ -114,6 +114,8 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   knows_all_ = !is_present;
   // If the broker or the former gateway was killed, the session may lack some of the filters.
   for (auto& [filter, entry] : filters_) entry.is_standing = false;
+  asks_again_at_.reset();
+  ask_wait_ = first_ask_wait;
   const auto unheld_since = std::exchange(unheld_since_, std::nullopt);
   subscribe_own(names_.mailbox_topic(robot_), /*wants_retained=*/false);  // for the marker, too
   if (!is_present) given_up_.clear();
@@ -277,6 +279,7 @@ void RobotSession::resume(const std::string& filter, Qos qos) {
 
 void RobotSession::unsubscribe(const std::string& filter) {
   filters_.erase(filter);
+  refused_.erase(filter);
   std::erase(asked_, filter);
   const bool is_remembered = given_up_.size() < max_given_up;
   if (is_remembered) given_up_[filter] = 0;
@@ -313,6 +316,7 @@ void RobotSession::begin_clean(TimePoint now) {
     return;
   }
   filters_.clear();
+  refused_.clear();
   given_up_.clear();
   is_clean_due_ = true;
   if (is_held()) begin_sorting(now);
@@ -321,6 +325,7 @@ void RobotSession::begin_clean(TimePoint now) {
 void RobotSession::on_given_up() {
   grant_waiting();
   filters_.clear();
+  refused_.clear();
   given_up_.clear();
   is_clean_due_ = false;
 }
@@ -349,15 +354,19 @@ Qos RobotSession::qos_at_broker(const std::string& filter, Qos qos) const {
 }
 
 void RobotSession::on_subscribed(const std::string& filter, bool is_granted, TimePoint now) {
-  if (filter == names_.note_topic(robot_) && note_until_) {
-    note_until_ = std::min(*note_until_, now + note_patience);
+  if (filter == names_.note_topic(robot_)) {
+    if (note_until_) note_until_ = std::min(*note_until_, now + note_patience);
     return;
   }
   if (const auto asked = std::ranges::find(asked_, filter); asked != asked_.end())
     asked_.erase(asked);
+  if (!is_granted) return on_refused_filter(filter, now);
+  std::erase_if(refused_, [&](const auto& each) {
+    return each == filter || !(has_filter(each) || is_own(each));
+  });
+  if (refused_.empty()) ask_wait_ = first_ask_wait;
   const auto found = filters_.find(filter);
   if (found == filters_.end()) return;  // the gateway's own filter, or one given up since
-  if (!is_granted) return refuse(filter);
   Filter& entry = found->second;
   entry.is_standing = entry.was_granted = true;
   entry.fatal_losses = 0;
@@ -366,9 +375,37 @@ void RobotSession::on_subscribed(const std::string& filter, bool is_granted, Tim
     actions_.push(FilterAnswered{robot_, filter, true});
 }
 
-void RobotSession::refuse(const std::string& filter) {
-  filters_.erase(filter);
-  actions_.push(FilterAnswered{robot_, filter, false});
+/// Keeps the filter, because the broker may grant it later: it may have just started, or lack room.
+/// A mesh whose robot hears of the refusal unsubscribes.
+void RobotSession::on_refused_filter(const std::string& filter, TimePoint now) {
+  if (const auto found = filters_.find(filter); found != filters_.end()) {
+    found->second.is_standing = false;
+    if (std::exchange(found->second.answer_due, std::nullopt))
+      actions_.push(FilterAnswered{robot_, filter, false});
+  } else if (!is_own(filter)) {
+    return;
+  }
+  refused_.insert(filter);
+  if (asks_again_at_) return;
+  asks_again_at_ = now + ask_wait_;
+  ask_wait_ = std::min(2 * ask_wait_, longest_ask_wait);
+}
+
+void RobotSession::ask_again() {
+  for (const std::string& filter : refused_) {
+    if (const auto found = filters_.find(filter); found != filters_.end())
+      ask(filter, found->second);
+    else if (filter == names_.mailbox_topic(robot_))
+      subscribe_own(filter, /*wants_retained=*/false);
+    else
+      subscribe_to_commands();
+  }
+}
+
+/// Returns true for the filters that the gateway itself has in the session.
+bool RobotSession::is_own(const std::string& filter) const {
+  return filter == names_.mailbox_topic(robot_) ||
+         (is_v5_ && !hears_all_commands() && filter == names_.command_filter(robot_));
 }
 
 /// Counts the loss against the first unanswered filter: a broker answers in order, so it may have
@@ -381,7 +418,9 @@ void RobotSession::blame_unanswered() {
   const unsigned most = found->second.was_granted ? max_fatal_losses_of_granted : max_fatal_losses;
   if (++found->second.fatal_losses < most) return;
   losses_ = quick_losses_ = 0;
-  refuse(filter);
+  filters_.erase(found);
+  refused_.erase(filter);
+  actions_.push(FilterAnswered{robot_, filter, false});
 }
 
 // --- The note ------------------------------------------------------------------------------------
@@ -585,7 +624,7 @@ void RobotSession::pass_on(Unfenced& one) {
 }
 
 std::optional<TimePoint> RobotSession::deadline() const {
-  std::optional<TimePoint> next = earlier(marker_until_, note_until_);
+  std::optional<TimePoint> next = earlier(earlier(marker_until_, note_until_), asks_again_at_);
   if (is_contested_) next = earlier(next, quiet_at_);
   for (const auto& [filter, entry] : filters_) next = earlier(next, entry.answer_due);
   return next;
@@ -598,6 +637,10 @@ void RobotSession::on_deadline(TimePoint now) {
   }
   if (note_until_ && now >= *note_until_) end_note({});
   if (now >= quiet_at_) set_contested(false);
+  if (asks_again_at_ && now >= *asks_again_at_) {
+    asks_again_at_.reset();
+    if (is_held()) ask_again();
+  }
   grant_waiting(now);
 }
 

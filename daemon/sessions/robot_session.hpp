@@ -8,6 +8,7 @@
 #include <list>
 #include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -56,6 +57,9 @@ class RobotSession {
   static constexpr std::chrono::seconds subscribe_patience{8};
   /// Retained messages come within this time after the broker has granted their filter.
   static constexpr std::chrono::seconds retained_patience{10};
+  /// Waits after which filters that the broker has refused are asked for again.
+  static constexpr std::chrono::seconds first_ask_wait{1};
+  static constexpr std::chrono::seconds longest_ask_wait{60};
   /// A filter is refused when the broker has ended this many connections instead of answering it.
   static constexpr unsigned max_fatal_losses = 2;
   /// The same limit for a filter that was granted before. Such a filter is subscribed on each
@@ -157,6 +161,9 @@ class RobotSession {
     return filters_.empty() && heard_at_ == TimePoint{} && held_since_ == TimePoint{};
   }
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
+  /// Filters of the robot and of the gateway itself that the broker refuses. They stay, and are
+  /// asked for again.
+  const std::set<std::string>& refused_filters() const { return refused_; }
   /// Returns false if no filter matches the topic, and the broker's session has no others.
   bool may_want(const std::string& topic) const;
   /// Grants the filters of subscribers that wait for the broker, if their time ends by `end`.
@@ -220,7 +227,9 @@ class RobotSession {
   void subscribe_to_commands();
   void unsubscribe_given_up();
   void ask(const std::string& filter, Filter& entry);
-  void refuse(const std::string& filter);
+  void on_refused_filter(const std::string& filter, TimePoint now);
+  void ask_again();
+  bool is_own(const std::string& filter) const;
   void blame_unanswered();
   bool wants_retained(const BrokerMessage& message, TimePoint now) const;
   bool is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const;
@@ -261,6 +270,9 @@ class RobotSession {
   std::map<std::string, Filter> filters_;
   // Lists, because an empty std::deque holds half a KiB for each of thousands of robots.
   std::list<std::string> asked_;  ///< SUBSCRIBEs without an answer, in their order
+  std::set<std::string> refused_;
+  std::optional<TimePoint> asks_again_at_;  ///< for `refused_`
+  std::chrono::seconds ask_wait_ = first_ask_wait;
   /// Unsubscribed filters, each with the fence after its UNSUBSCRIBE; 0: to be unsubscribed at the
   /// next CONNECT.
   std::map<std::string, std::uint64_t> given_up_;

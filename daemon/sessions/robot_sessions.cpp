@@ -240,8 +240,37 @@ void RobotSessions::on_subscribed(const std::string& robot, const std::string& f
                                   bool is_granted, const Now& now) {
   RobotSession* session = find(robot);
   if (!session) return;
+  const bool was_refused = !session->refused_filters().empty();
   session->on_subscribed(filter, is_granted, now);
+  if (!is_granted && session->refused_filters().contains(filter))
+    report_refusal(robot, filter, now);
+  if (is_granted && was_refused && session->refused_filters().empty()) report_grant(robot);
   settle(robot, *session, now);
+}
+
+/// The shell reports a mailbox that is refused.
+void RobotSessions::report_refusal(const std::string& robot, const std::string& filter,
+                                   TimePoint now) {
+  if (filter == names_.mailbox_topic(robot)) return;
+  if (const auto count = refusal_throttle_.on_event(now))
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("{}: the broker refuses the subscription to {}, so its messages may not reach "
+                    "the robot; the broker's access control list may lack it, or its log says why "
+                    "(count since the last line: {})",
+                    robot, filter, *count),
+        robot});
+}
+
+void RobotSessions::report_grant(const std::string& robot) {
+  if (std::ranges::any_of(sessions_, [](const auto& each) {
+        return !each.second.session->refused_filters().empty();
+      }))
+    return;
+  refusal_throttle_ = LogThrottle(refusal_interval);
+  actions_.push(
+      Notice{Severity::notice,
+             fmt::format("{}: the broker grants all subscriptions of robots again", robot), robot});
 }
 
 void RobotSessions::on_message(const std::string& robot, BrokerMessage message,
@@ -357,6 +386,12 @@ bool RobotSessions::is_contested(const std::string& robot) const {
 bool RobotSessions::is_refused(const std::string& robot) const {
   const RobotSession* session = find(robot);
   return session && session->is_refused();
+}
+
+std::optional<std::string> RobotSessions::refused_filter(const std::string& robot) const {
+  const RobotSession* session = find(robot);
+  if (!session || session->refused_filters().empty()) return std::nullopt;
+  return *session->refused_filters().begin();
 }
 
 bool RobotSessions::may_want(const std::string& robot, const std::string& topic) const {

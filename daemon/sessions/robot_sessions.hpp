@@ -38,6 +38,8 @@ class RobotSessions {
   static constexpr std::chrono::seconds longest_pause{2};
   static constexpr std::chrono::seconds waking{1};
   static constexpr std::chrono::seconds catching_up{5};
+  /// Between two warnings about subscriptions that the broker refuses.
+  static constexpr std::chrono::minutes refusal_interval{10};
 
   /// Returns true when another living gateway shows the robot as its own.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
@@ -118,6 +120,8 @@ class RobotSessions {
   bool was_just_taken(const std::string& robot, TimePoint now) const;
   bool is_contested(const std::string& robot) const;
   bool is_refused(const std::string& robot) const;
+  /// Returns a filter of the robot's session that the broker refuses; nothing when it refuses none.
+  std::optional<std::string> refused_filter(const std::string& robot) const;
   /// Returns false if the robot's session is held and has no subscription to this topic.
   bool may_want(const std::string& robot, const std::string& topic) const;
   std::size_t held() const { return counts_.held; }
@@ -129,6 +133,8 @@ class RobotSessions {
   void open_next();
   bool has_stood_still(TimePoint now) const;
   void end_forgetting(const std::string& robot);
+  void report_refusal(const std::string& robot, const std::string& filter, TimePoint now);
+  void report_grant(const std::string& robot);
   /// Has on_deadline() visit the session at `when`, or earlier.
   void wake_at(const std::string& robot, TimePoint when);
   /// Sets the session's next visit, queues it if it is wanted, and opens the next session of the
@@ -159,6 +165,7 @@ class RobotSessions {
   /// while that is under way.
   std::map<std::string, bool> forgetting_;
   LogThrottle full_throttle_{std::chrono::minutes{10}};
+  LogThrottle refusal_throttle_{refusal_interval};
 };
 
 }  // namespace slamgw::sessions

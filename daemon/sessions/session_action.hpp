@@ -69,7 +69,8 @@ struct SessionProven {
 struct SessionSorted {
   std::string robot;
 };
-/// The broker's answer to RobotSessions::subscribe().
+/// The broker's answer to RobotSessions::subscribe(). A refused filter is asked for again until
+/// unsubscribe().
 struct FilterAnswered {
   std::string robot;
   std::string filter;

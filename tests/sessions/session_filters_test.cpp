@@ -254,5 +254,160 @@ TEST_F(RobotSessionRulesUp, ResubscribesTheGatewaysFilterAfterTheRobotUnsubscrib
   EXPECT_EQ(order, (std::vector<std::string>{"unsubscribe", "subscribe"}));
 }
 
+// --- Refused subscriptions -----------------------------------------------------------------------
+
+const std::string own_filter = "ntnu-slam/server/r1/#";
+
+class RefusedSubscriptions : public RobotSessionRules, public testing::WithParamInterface<bool> {
+ protected:
+  RefusedSubscriptions() { sessions.on_broker_up(/*is_v5=*/GetParam(), /*is_other=*/false, now); }
+};
+
+INSTANTIATE_TEST_SUITE_P(EachVersion, RefusedSubscriptions, testing::Bool(),
+                         [](const auto& each) { return each.param ? "Mqtt5" : "Mqtt311"; });
+
+/// A broker that has just started, or lacks room, may refuse what it granted before.
+TEST_P(RefusedSubscriptions, AreAskedForAgainAfterWaitsThatDouble) {
+  resume(all_commands);
+  attach();
+  seconds wait = RobotSession::first_ask_wait;
+  for (int round = 0; round < 8; ++round) {
+    grants(all_commands, false);
+    EXPECT_TRUE(drain<FilterAnswered>().empty());
+    pass(wait - milliseconds{1});
+    EXPECT_TRUE(subscribed().empty()) << wait.count();
+    pass(milliseconds{1});
+    EXPECT_EQ(subscribed(), std::vector{all_commands}) << wait.count();
+    wait = std::min(2 * wait, RobotSession::longest_ask_wait);
+  }
+  EXPECT_EQ(wait, RobotSession::longest_ask_wait);
+  grants(all_commands);
+  grants(all_commands, false);
+  forget_actions();
+  pass(RobotSession::first_ask_wait);
+  EXPECT_EQ(subscribed(), std::vector{all_commands}) << "the wait starts again after a grant";
+}
+
+TEST_P(RefusedSubscriptions, ShareOneWait) {
+  const std::string updates = "ntnu-slam/robot/+/update";
+  for (const std::string& filter : {all_commands, updates}) resume(filter);
+  attach();
+  grants(updates, false);
+  pass(milliseconds{500});
+  grants(all_commands, false);
+  grants(mailbox, false);
+  forget_actions();
+  pass(milliseconds{500});
+  EXPECT_EQ(subscribed(), (std::vector{mailbox, updates, all_commands}));
+  for (const std::string& granted : {mailbox, updates}) grants(granted);
+  grants(all_commands, false);
+  forget_actions();
+  pass(2 * RobotSession::first_ask_wait);
+  EXPECT_EQ(subscribed(), std::vector{all_commands});
+}
+
+/// The robot got its SUBACK while the broker had not answered, so it does not ask again.
+TEST_P(RefusedSubscriptions, StayWhenTheRefusalComesAfterTheRobotsAnswer) {
+  attach();
+  subscribe(all_commands);
+  forget_actions();
+  pass(RobotSession::subscribe_patience);
+  const auto answers = drain<FilterAnswered>();
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_TRUE(answers[0].is_granted);
+  grants(all_commands, false);
+  EXPECT_TRUE(drain<FilterAnswered>().empty());
+  pass(RobotSession::first_ask_wait);
+  const auto asked = drain<SubscribeSession>();
+  ASSERT_EQ(asked.size(), 1U);
+  EXPECT_TRUE(asked[0].wants_retained) << "the robot has not had them";
+}
+
+/// A Thread robot hears the refusal, and its mesh unsubscribes. A BLE robot has not asked itself.
+TEST_P(RefusedSubscriptions, OfARobotThatWaitsAreAnsweredAndStayUntilItsMeshUnsubscribes) {
+  attach();
+  for (const bool is_thread : {false, true}) {
+    subscribe(all_commands);
+    forget_actions();
+    grants(all_commands, false);
+    const auto answers = drain<FilterAnswered>();
+    ASSERT_EQ(answers.size(), 1U);
+    EXPECT_FALSE(answers[0].is_granted);
+    if (is_thread) sessions.unsubscribe("r1", all_commands);
+    forget_actions();
+    pass(RobotSession::longest_ask_wait);
+    EXPECT_EQ(subscribed(), is_thread ? std::vector<std::string>{} : std::vector{all_commands});
+  }
+}
+
+TEST_P(RefusedSubscriptions, AreAskedForOnceOnANewConnection) {
+  resume(all_commands);
+  attach();
+  grants(all_commands, false);
+  sessions.on_detached("r1", now);
+  sessions.on_heard("r1", now);
+  forget_actions();
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  EXPECT_EQ(subscribed(), (std::vector{mailbox, all_commands}));
+  pass(RobotSession::longest_ask_wait);
+  EXPECT_TRUE(subscribed().empty()) << "the broker has not answered yet";
+}
+
+TEST_P(RefusedSubscriptions, OfACleanedRobotAreForgotten) {
+  resume(all_commands);
+  attach();
+  grants(all_commands, false);
+  sessions.begin_clean("r1", now);
+  forget_actions();
+  pass(RobotSession::longest_ask_wait);
+  EXPECT_TRUE(subscribed().empty());
+}
+
+TEST_P(RefusedSubscriptions, OfManyRobotsAreOneWarningAndOneNotice) {
+  const std::vector<std::string> robots{"r1", "r2", "r3"};
+  const auto filter_of = [](const std::string& robot) {
+    return "ntnu-slam/server/" + robot + "/+";
+  };
+  for (const std::string& robot : robots) {
+    sessions.subscribe(robot, filter_of(robot), Qos::at_least_once, true, now);
+    sessions.on_heard(robot, now);
+    sessions.on_attached(robot, false, now);
+  }
+  for (int burst = 0; burst < 2; ++burst) {
+    forget_actions();
+    for (int round = 0; round < 3; ++round)
+      for (const std::string& robot : robots)
+        sessions.on_subscribed(robot, filter_of(robot), false, now);
+    auto said = drain<Notice>();
+    ASSERT_EQ(said.size(), 1U);
+    EXPECT_EQ(said[0].severity, Severity::warning);
+    EXPECT_NE(said[0].text.find("ntnu-slam/server/r1/+"), std::string::npos) << said[0].text;
+    EXPECT_EQ(sessions.refused_filter("r2"), "ntnu-slam/server/r2/+");
+    for (const std::string robot : {"r1", "r2"})
+      sessions.on_subscribed(robot, filter_of(robot), true, now);
+    EXPECT_TRUE(drain<Notice>().empty()) << "r3 is still refused";
+    for (int twice = 0; twice < 2; ++twice)
+      sessions.on_subscribed("r3", filter_of("r3"), true, now);
+    said = drain<Notice>();
+    ASSERT_EQ(said.size(), 1U);
+    EXPECT_EQ(said[0].severity, Severity::notice);
+    EXPECT_EQ(sessions.refused_filter("r3"), std::nullopt);
+  }
+}
+
+TEST_F(RobotSessionRulesUp, AsksAgainForTheGatewaysOwnFilterWhileTheRobotHasNoneForAllCommands) {
+  attach();
+  grants(own_filter, false);
+  forget_actions();
+  pass(RobotSession::first_ask_wait);
+  EXPECT_EQ(subscribed(), std::vector{own_filter});
+  grants(own_filter, false);
+  EXPECT_EQ(sessions.refused_filter("r1"), own_filter);
+  subscribed_id(all_commands);
+  pass(RobotSession::longest_ask_wait);
+  EXPECT_TRUE(subscribed().empty());
+  EXPECT_EQ(sessions.refused_filter("r1"), std::nullopt);
+}
+
 }  // namespace
 }  // namespace slamgw::sessions

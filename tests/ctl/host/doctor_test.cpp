@@ -370,6 +370,18 @@ TEST(Doctor, ShowsStateOfOneRobot) {
   EXPECT_NE(to_text(elsewhere).find("is served by gateway room-b"), std::string::npos);
 }
 
+TEST(Doctor, ReportsSubscriptionOfARobotThatTheBrokerRefuses) {
+  RobotFacts facts;
+  facts.robots = {{{"id", "r1"}, {"mesh", "thread"}, {"state", "online"}}};
+  facts.fleet_robots = {{{"robot", "r1"}, {"gateway", "room-a"}}};
+  EXPECT_FALSE(has_problem(examine_robot("r1", facts, {})));
+  facts.fleet_robots[0]["refused"] = "the subscription to ntnu-slam/server/r1/+";
+  const auto findings = examine_robot("r1", facts, {});
+  EXPECT_TRUE(has_problem(findings));
+  EXPECT_NE(to_text(findings).find("the broker refuses the subscription to ntnu-slam/server/r1/+"),
+            std::string::npos);
+}
+
 TEST(Doctor, NamesReasonWhyRobotWasNeverHeard) {
   RobotFacts facts;
   facts.robots = json::array();
