@@ -410,7 +410,8 @@ class Examination {
           "node works",
           "one node, or a cluster of RabbitMQ or NATS: " + broker_page);
     }
-    if (facts_.brokers.mosquitto_files) mosquitto(*facts_.brokers.mosquitto_files);
+    if (facts_.brokers.mosquitto_files && !facts_.brokers.has_others)
+      mosquitto(*facts_.brokers.mosquitto_files);
   }
 
   void mosquitto(std::uint64_t files) {
@@ -624,7 +625,9 @@ LocalBrokers find_brokers() {
       if (files)
         brokers.mosquitto_files = std::min(*files, brokers.mosquitto_files.value_or(*files));
     }
-    if (name != "beam.smp") continue;  // the process of Erlang programs
+    const bool is_erlang = name == "beam.smp";
+    if (is_erlang || name == "nats-server") brokers.has_others = true;
+    if (!is_erlang) continue;
     std::ifstream arguments(entry->path() / "cmdline");
     std::string text;
     std::getline(arguments, text);

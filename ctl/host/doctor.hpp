@@ -38,6 +38,7 @@ struct LocalBrokers {
   /// Files that Mosquitto may open; the lowest limit if several run.
   std::optional<std::uint64_t> mosquitto_files;
   bool has_ejabberd = false;
+  bool has_others = false;  ///< NATS, or a program in Erlang, as RabbitMQ is
 };
 
 /// This host's facts about the Bluetooth controller that bluetooth-meshd should have.

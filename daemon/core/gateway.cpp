@@ -219,8 +219,8 @@ void Gateway::on_subscribe_result(const std::string& filter, bool is_granted, co
   if (rights_.on_subscribe_result(filter, is_granted, now) || is_granted) return;
   actions_.push(
       Notice{Severity::warning,
-             fmt::format("the broker refused the subscription to '{}': its access control list "
-                         "must let this gateway read it",
+             fmt::format("the broker refuses the subscription to '{}': its access control list may "
+                         "lack it, or its log says why",
                          filter),
              {}});
 }

@@ -286,6 +286,9 @@ TEST(Doctor, NamesDropInThatRaisesMosquittosFileLimit) {
       << text;
   facts.status["robots"]["known"] = 600;
   EXPECT_EQ(problems_of(facts), "broker: files; ");
+  facts.brokers.has_others = true;
+  EXPECT_EQ(problems_of(facts), "") << "RabbitMQ may be the broker";
+  facts.brokers.has_others = false;
   text = to_text(examine(facts));
   EXPECT_NE(text.find("LimitNOFILE=65536"), text.npos) << text;
   EXPECT_FALSE(has_problem(examine(facts)));
