@@ -126,7 +126,7 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
 
 void Downlink::pump(ClientSession& session, TimePoint now) {
   expire_commands(session, now);
-  if (may_send(session)) {
+  if (may_send(session) && !session.delivery.is_stalled) {
     resume_releases(session, now);
     resume_withheld(session, now);
   }
@@ -140,20 +140,28 @@ bool Downlink::may_send(const ClientSession& session) const {
   const Delivery& delivery = session.delivery;
   const bool is_listening = session.state() == ClientState::active ||
                             (session.state() == ClientState::awake && delivery.wake_budget > 0);
-  return is_listening && session.answers.empty() && !delivery.is_stalled && !delivery.paused_until;
+  return is_listening && session.answers.empty() && !delivery.paused_until;
 }
 
 /// Publishes the first message that is ready. A command waits for an earlier command whose topic is
-/// being registered; no other message waits for another's registration.
+/// being registered; no other message waits for another's registration. After one wait, an open
+/// PUBLISH yields to commands on other topics; to all messages on them if its topic failed before.
 bool Downlink::send_next(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
-  const auto is_fresh = [](const Attempt& open) { return open.repeat_at && open.is_fresh(); };
-  if (delivery.publishing || std::ranges::any_of(delivery.releasing, is_fresh)) return false;
+  const auto is_fresh = [](const Attempt& each) { return each.repeat_at && each.is_fresh(); };
+  const Publishing* open = delivery.publishing.get();
+  const bool must_wait = open && (open->what.command || open->attempt.is_fresh());
+  if (must_wait || std::ranges::any_of(delivery.releasing, is_fresh)) return false;
+  const std::string open_topic = open ? open->what.message->topic : "";
+  const bool is_for_commands =
+      delivery.is_stalled || (open && !TopicRegistration::has_failed(delivery, open_topic));
   bool must_commands_wait = false;
   bool is_held = false;
   for (std::size_t i = 0; i < delivery.queue.size(); ++i) {
     const bool is_command = delivery.queue[i].command != nullptr;
-    if (is_command && must_commands_wait) continue;
+    must_commands_wait |= is_command && delivery.is_stalled && delivery.queue[i].msg_id != 0;
+    if (is_command ? must_commands_wait : is_for_commands) continue;
+    if (open && delivery.queue[i].message->topic == open_topic) continue;
     switch (registration_.prepare(session, delivery.queue[i], now)) {
       case TopicRegistration::Readiness::ready:
         if (!is_within_allowance(session, delivery.queue[i])) {
@@ -210,6 +218,11 @@ bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing&
 
 void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now) {
   Delivery& delivery = session.delivery;
+  if (delivery.publishing && outgoing.qos != Qos::at_most_once) {
+    Outgoing yielding = std::exchange(delivery.publishing, nullptr)->what;
+    registration_.set_aside(session, yielding.message->topic, now, now);
+    delivery.queue.insert(delivery.queue.begin(), std::move(yielding));
+  }
   if (session.state() == ClientState::awake) --delivery.wake_budget;
   const std::uint16_t topic_id = TopicRegistration::topic_id(session, outgoing).value_or(0);
   if (outgoing.qos == Qos::at_most_once) {
@@ -395,6 +408,8 @@ void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandR
                       std::string why, TimePoint now) {
   if (result == CommandResult::delivered || result == CommandResult::sent)
     output_.count(Count::delivered_down);
+  if (result == CommandResult::delivered)
+    TopicRegistration::on_delivered(session.delivery, outgoing.message->topic);
   if (outgoing.qos != Qos::at_most_once) output_.mark_unsaved(session);
   end_command(outgoing.command, result, std::move(why), now);
 }
@@ -470,8 +485,8 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
   return is_silent;
 }
 
-/// Gives up the open PUBLISH. A client that sent nothing at all rests until it is heard (R133). If
-/// it sent something else, only this topic is set aside.
+/// Gives up the open PUBLISH. A client that sent nothing at all gets commands only until it is
+/// heard (R133).
 bool Downlink::give_up(ClientSession& session, TimePoint now) {
   output_.count(Count::deliveries_given_up);
   const Publishing open = *std::exchange(session.delivery.publishing, nullptr);
@@ -479,7 +494,7 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
   session.delivery.is_stalled = !was_heard;
   if (is_kept(session)) {
     session.delivery.queue.insert(session.delivery.queue.begin(), open.what);  // R69, R124
-    if (was_heard)
+    if (was_heard || !open.what.command)
       registration_.set_aside(session, open.what.message->topic, open.attempt.begun, now);
   } else {
     remember_abandoned(session.delivery, open.what);

@@ -129,8 +129,7 @@ std::optional<std::string> TopicRegistration::on_regack(ClientSession& session,
   delivery.registering.erase(answered);
   TopicTable::Topic* topic = session.topics.find(id);
   if (!topic) return std::nullopt;
-  const auto known = find_set_aside(delivery, topic->name);
-  if (known != delivery.set_aside.end()) delivery.set_aside.erase(known);
+  on_delivered(delivery, topic->name);
   if (regack.code == ReturnCode::accepted) topic->is_known = true;
   return topic->name;
 }
@@ -183,9 +182,10 @@ void TopicRegistration::set_aside(ClientSession& session, const std::string& top
   }
   ++entry->failures;
   entry->ends_when_heard = entry->failures == 1 && session.last_heard <= begun;
-  entry->until = entry->ends_when_heard ? TimePoint::max() : now + pause_after(entry->failures);
+  const Duration pause = pause_after(entry->failures);
+  entry->until = entry->ends_when_heard ? TimePoint::max() : now + pause;
   output_.count(Count::topics_set_aside);
-  notify_set_aside(session, topic);
+  if (!entry->ends_when_heard) notify_set_aside(session, topic, pause);
 }
 
 bool TopicRegistration::is_set_aside(const Delivery& delivery, const std::string& topic) {
@@ -194,19 +194,28 @@ bool TopicRegistration::is_set_aside(const Delivery& delivery, const std::string
   });
 }
 
+bool TopicRegistration::has_failed(const Delivery& delivery, const std::string& topic) {
+  return std::ranges::count(delivery.set_aside, topic, &SetAside::topic) > 0;
+}
+
+void TopicRegistration::on_delivered(Delivery& delivery, const std::string& topic) {
+  std::erase_if(delivery.set_aside, [&](const SetAside& entry) { return entry.topic == topic; });
+}
+
 void TopicRegistration::on_heard(Delivery& delivery) {
   for (SetAside& entry : delivery.set_aside) {
     if (std::exchange(entry.ends_when_heard, false)) entry.until.reset();
   }
 }
 
-void TopicRegistration::notify_set_aside(ClientSession& session, const std::string& topic) {
+void TopicRegistration::notify_set_aside(ClientSession& session, const std::string& topic,
+                                         Duration pause) {
   if (std::exchange(session.delivery.is_set_aside_reported, true)) return;
   output_.emit(Notice{
       .severity = Severity::notice,
       .text = fmt::format("{} does not answer messages on '{}': messages on this topic pause, "
-                          "first for {} s, then longer; other topics go on",
-                          session.robot, topic, limits::first_set_aside.count()),
+                          "first for {:.0f} s, then longer; other topics go on",
+                          session.robot, topic, std::chrono::duration<double>(pause).count()),
       .robot = session.robot,
       .is_proven = session.has_answered});
 }

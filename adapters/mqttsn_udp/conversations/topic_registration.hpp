@@ -47,9 +47,13 @@ class TopicRegistration : Conversation {
   std::vector<Unanswered> on_time(ClientSession& session, TimePoint now);
   static std::optional<TimePoint> next_time(const Delivery& delivery);
 
-  /// Sets aside a topic whose messages the client has left unanswered since `begun`.
+  /// Sets aside a topic whose messages the client has left unanswered since `begun`. The first
+  /// time, until the client is heard, if it was not heard since.
   void set_aside(ClientSession& session, const std::string& topic, TimePoint begun, TimePoint now);
   static bool is_set_aside(const Delivery& delivery, const std::string& topic);
+  /// Whether messages on the topic were unanswered, and none was delivered since.
+  static bool has_failed(const Delivery& delivery, const std::string& topic);
+  static void on_delivered(Delivery& delivery, const std::string& topic);
   /// Call when the client is heard: topics that waited for any sign of life are tried again.
   static void on_heard(Delivery& delivery);
 
@@ -57,7 +61,7 @@ class TopicRegistration : Conversation {
   std::string probe_topic() const;
   void begin(ClientSession& session, std::uint16_t topic_id, TimePoint now);
   void transmit(const ClientSession& session, Registering& registering);
-  void notify_set_aside(ClientSession& session, const std::string& topic);
+  void notify_set_aside(ClientSession& session, const std::string& topic, Duration pause);
 };
 
 }  // namespace slamgw::mqttsn

@@ -226,29 +226,105 @@ TEST(SnGateway, AcceptsALatePubackOfARequeuedMessage) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
-TEST(SnGateway, DeliversCommandsBesideAMessageNeverAcknowledged) {
-  ConnectedRig rig(false, 6000);
-  rig.subscribe(1, r1_command, 1);
-  rig.subscribe(1, "a/x", 1);
-  rig.broker("a/x", "poison", 1);
-  unsigned delivered = 0;
-  for (int i = 0; i < 600; ++i) {
-    rig.pass_s(1);
-    rig.send(1, Pingreq{});
-    if (i % 60 == 0) rig.broker(r1_command, "go", 1);
-    while (!rig.datagrams.empty()) {
-      const Packet packet = *decode(rig.datagrams.back().bytes);
-      rig.datagrams.pop_back();
+/// A client that acknowledges all messages except those on a/x.
+struct PoisonRig : ConnectedRig {
+  explicit PoisonRig(bool clean = false, std::uint16_t duration_s = 6000)
+      : ConnectedRig(clean, duration_s) {
+    subscribe(1, r1_command, 1);
+    subscribe(1, "a/x", 1);
+    subscribe(1, "a/y", 1);
+    broker("a/x", "poison", 1);
+  }
+  void pass_a_second() {
+    pass_s(1);
+    while (!datagrams.empty()) {
+      const Packet packet = *decode(datagrams.back().bytes);
+      datagrams.pop_back();
       const auto* publish = std::get_if<Publish>(&packet);
-      if (!publish || publish->topic_id != 1) continue;
-      rig.send(1, Puback{1, publish->msg_id, ReturnCode::accepted});
+      if (!publish) continue;
+      if (publish->topic_id == 2) {
+        ++poison_copies;
+        continue;
+      }
+      others += publish->topic_id == 3 && !publish->dup ? 1 : 0;
+      send(1, Puback{publish->topic_id, publish->msg_id, ReturnCode::accepted});
     }
   }
-  for (const CommandOutcome& outcome : rig.outcomes)
-    delivered += outcome.result == CommandResult::delivered ? 1 : 0;
-  EXPECT_GE(delivered, 8U);
-  EXPECT_EQ(rig.outcomes.size(), 10U);
+  void expect_delivered(std::size_t commands) const {
+    ASSERT_EQ(outcomes.size(), commands);
+    for (const CommandOutcome& outcome : outcomes) {
+      EXPECT_EQ(outcome.result, CommandResult::delivered) << outcome.why;
+      EXPECT_LE(outcome.after, seconds(4));
+    }
+  }
+  unsigned poison_copies = 0;
+  unsigned others = 0;
+};
+
+TEST(SnGateway, DeliversCommandsBesideAMessageNeverAcknowledged) {
+  PoisonRig rig;
+  for (int i = 0; i < 600; ++i) {
+    rig.send(1, Pingreq{});
+    if (i % 60 == 0) rig.broker(r1_command, "go", 1);
+    rig.pass_a_second();
+  }
+  rig.expect_delivered(10);
   EXPECT_EQ(rig.gateway.queued_for("r1"), 1U) << "the message stays queued";
+}
+
+TEST(SnGateway, DeliversCommandsToAQuietClientBesideAMessageNeverAcknowledged) {
+  for (const bool clean : {true, false}) {
+    PoisonRig rig(clean, 60);
+    for (int i = 1; i <= 600; ++i) {
+      if (i % 60 == 0) rig.send(1, Pingreq{});
+      if (i % 10 == 5) rig.broker(r1_command, "go", 1);
+      rig.pass_a_second();
+    }
+    rig.expect_delivered(60);
+    EXPECT_LE(rig.poison_copies, 40U) << "its topic pauses";
+    EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
+    ASSERT_EQ(rig.notices.size(), 1U);
+    EXPECT_NE(rig.notices[0].text.find("'a/x'"), std::string::npos) << rig.notices[0].text;
+  }
+}
+
+TEST(SnGateway, DeliversCommandsWhileAClientIsSilentAfterAMessageNeverAcknowledged) {
+  for (const bool clean : {true, false}) {
+    PoisonRig rig(clean);
+    for (int i = 0; i < 100; ++i) rig.pass_a_second();
+    rig.broker(r1_command, "go", 1);
+    rig.pass_a_second();
+    rig.expect_delivered(1);
+  }
+}
+
+TEST(SnGateway, DeliversOtherMessagesToAQuietClientBesideOneNeverAcknowledged) {
+  PoisonRig rig(false, 60);
+  for (int i = 1; i <= 600; ++i) {
+    if (i % 60 == 0) rig.send(1, Pingreq{});
+    if (i % 20 == 0) rig.broker("a/y", "hi", 1);
+    rig.pass_a_second();
+  }
+  EXPECT_GE(rig.others, 29U);
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U + 30U - rig.others);
+}
+
+TEST(SnGateway, DeliversAtOnceToAClientThatWasMerelyAway) {
+  ConnectedRig rig(false, 6000);
+  rig.subscribe(1, "a/x", 1);
+  for (int i = 0; i < 3; ++i) {
+    rig.broker("a/x", "1", 1);
+    rig.pass_s(100);
+    rig.sent_to(1);
+    rig.send(1, Pingreq{});
+    const Lines lines = rig.sent_to(1);
+    ASSERT_EQ(lines.size(), 2U);
+    EXPECT_TRUE(lines[1].starts_with("PUBLISH dup=1")) << lines[1];
+    const auto publish = std::get<Publish>(*decode(rig.datagrams.back().bytes));
+    rig.send(1, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
+    EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+  }
+  EXPECT_TRUE(rig.notices.empty());
 }
 
 }  // namespace
