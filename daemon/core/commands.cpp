@@ -31,7 +31,10 @@ void Commands::on_robot_message(RobotMessage message, const Now& now) {
 CommandId Commands::on_operator_command(Asker asker, const std::string& robot,
                                         const std::string& type, Bytes payload, const Now& now) {
   auto sender = std::make_shared<const Asker>(std::move(asker));
-  if (directory_.places.is_elsewhere(robot) && !directory_.places.is_held(robot)) {
+  BrokerMessage message{scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once};
+  const bool is_elsewhere =
+      directory_.places.is_elsewhere(robot) && !directory_.places.is_held(robot);
+  if (is_elsewhere || !directory_.places.may_want(robot, message.topic)) {
     const CommandId id = ledger_.next_id();
     conclude({std::nullopt,
               id,
@@ -39,11 +42,11 @@ CommandId Commands::on_operator_command(Asker asker, const std::string& robot,
               type,
               CommandResult::refused,
               {},
-              "another gateway serves this robot"},
+              is_elsewhere ? "another gateway serves this robot"
+                           : "the robot has not subscribed to " + message.topic},
              sender);
     return id;
   }
-  BrokerMessage message{scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once};
   message.sender = std::move(sender);
   return deliver({robot, std::move(message)}, now);
 }

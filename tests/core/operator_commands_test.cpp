@@ -111,6 +111,21 @@ TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
   EXPECT_EQ(delivered.size(), 1u);
 }
 
+TEST_F(OperatorCommandsTest, ThatTheRobotHasNotSubscribedToEndAtOnce) {
+  RobotPlaces places;
+  places.may_want = [](const std::string&, const std::string& topic) {
+    return topic == "p/server/r/run";
+  };
+  gateway.set_places(places);
+  operator_sends("r", "cmd");
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported[0].result, CommandResult::refused);
+  EXPECT_EQ(reported[0].why, "the robot has not subscribed to p/server/r/cmd");
+  EXPECT_TRUE(delivered.empty());
+  operator_sends("r", "run");
+  EXPECT_EQ(delivered.size(), 1u);
+}
+
 TEST_F(OperatorCommandsTest, ForwardedToAnotherGatewayEndForTheirSender) {
   operator_sends("r", "cmd");
   gateway.commands().on_handed_on(delivered[0]);
