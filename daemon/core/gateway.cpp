@@ -22,6 +22,7 @@ TrafficEvent event_of(Report report, std::string type, Normalized normalized, co
           .at = now.mono,
           .receipt = report.receipt,
           .wire = report.wire,
+          .address = std::move(report.address),
           .radio = report.radio,
           .had_stray_octet = normalized.had_stray_octet,
           .is_rejected = normalized.is_rejected,

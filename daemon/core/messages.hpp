@@ -84,6 +84,7 @@ struct Report {
   bool is_will = false;  ///< a last will, so not a sign of life
   std::optional<RadioFacts> radio = {};
   WireFacts wire = {};
+  std::string address{};  ///< of a sender that is not connected as `robot`; else empty
   /// The client has shown that it receives, or the mesh knows the robot by a key. Strangers can't
   /// do either, however many there are, so log lines about them have their own budget.
   bool is_proven = true;

@@ -28,6 +28,7 @@ void Trace::on_traffic(const TrafficEvent& event) {
   emit({{.kind = is_up ? StepKind::arrived : StepKind::command,
          .mesh = event.mesh,
          .robot = event.robot,
+         .address = event.address,
          .topic = event.topic,
          .qos = event.qos,
          .wire = event.wire,

@@ -25,6 +25,7 @@ struct TrafficEvent {
   TimePoint at{};                ///< when it arrived in the gateway
   Receipt receipt = no_receipt;  ///< on its way up; fires when the broker or the disk has it
   WireFacts wire{};
+  std::string address{};  ///< see Report
   std::optional<RadioFacts> radio{};
   CommandId command = CommandId::none;  ///< set for a command on its way down
   bool had_stray_octet = false;         ///< one stray octet followed the `update`

@@ -53,6 +53,17 @@ TEST_F(TraceTest, ReportsAndKeepsNothingWhileTurnedOff) {
   EXPECT_EQ(trace.followed(), 0u);
 }
 
+TEST_F(TraceTest, ShowsTheSenderOfAMessageThatAnotherSendsAsTheRobot) {
+  trace.turn(true);
+  TrafficEvent event = message(1);
+  event.address = "[::1]:9";
+  trace.on_traffic(event);
+  trace.on_traffic(message(2));
+  ASSERT_EQ(events.size(), 2U);
+  EXPECT_EQ(events[0].address, "[::1]:9");
+  EXPECT_EQ(events[1].address, "[::1]:5");
+}
+
 TEST_F(TraceTest, NamesTheRobotWhoseUpdateIsRelayedToAGroup) {
   trace.turn(true);
   trace.on_step({.kind = StepKind::sent,

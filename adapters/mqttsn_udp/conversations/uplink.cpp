@@ -88,6 +88,7 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
                       .qos = Qos::at_most_once,
                       .retain = publish.retain,
                       .receipt = no_receipt,
+                      .address = session ? "" : to_string(peer),
                       .is_proven = session && session->has_answered});
 }
 

@@ -430,6 +430,7 @@ TEST(SnGateway, R81_TakesQosMinusOneOnlyWhereAllowed) {
   ASSERT_EQ(rig.reports.size(), 2U);
   EXPECT_EQ(rig.reports[0].topic, own_topic);
   EXPECT_EQ(rig.reports[0].robot, "r1");
+  EXPECT_EQ(rig.reports[0].address, "[fd00::1]:47193");
   EXPECT_EQ(rig.reports[0].qos, Qos::at_most_once);
   EXPECT_TRUE(rig.reports[1].retain);
   rig.send_octets(1, hex("09 0c 60 00 05 00 00 68 69"));  // a normal id
