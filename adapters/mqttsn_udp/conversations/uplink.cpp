@@ -121,13 +121,23 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
   if (publish.topic_id_type == TopicIdType::reserved) return ReturnCode::not_supported;
   std::string topic = name_of(session, publish);
   if (topic.empty()) {
-    output_.count(Count::unknown_topic_ids);
+    refuse_topic_id(session, publish, now);
     return ReturnCode::invalid_topic_id;
   }
   topic = to_broker_name(rules_.policy.scheme(), session, std::move(topic));
   if (!is_valid_topic_name(topic)) return ReturnCode::not_supported;
   if (!may_publish(session, topic, now)) return ReturnCode::not_supported;
   return topic;
+}
+
+void Uplink::refuse_topic_id(const ClientSession& session, const Publish& publish, TimePoint now) {
+  const bool is_predefined = publish.topic_id_type == TopicIdType::predefined;
+  refusals_.on_refusal(
+      Count::unknown_topic_ids, fmt::format("id {} {}", publish.topic_id, session.client_id),
+      fmt::format("a message of {} is refused: {} {} {}", session.robot,
+                  is_predefined ? "predefined topic id" : "topic id", publish.topic_id,
+                  is_predefined ? "is not in mqttsn.predefined_topics" : "is not registered"),
+      session.robot, now);
 }
 
 void Uplink::publish_with_receipt(ClientSession& session, Publish publish, std::string topic,

@@ -34,6 +34,7 @@ class Uplink : Conversation {
   std::string own_root(const ClientSession& session) const;
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
   std::string name_of(ClientSession& session, const Publish& publish) const;
+  void refuse_topic_id(const ClientSession& session, const Publish& publish, TimePoint now);
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
                                            TimePoint now);
   void publish_with_receipt(ClientSession& session, Publish publish, std::string topic,

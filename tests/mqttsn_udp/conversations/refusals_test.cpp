@@ -63,6 +63,21 @@ TEST(SnGateway, ReportsARefusedClientIdOnce) {
   EXPECT_EQ(rig.counter("connects_refused"), 9U);
 }
 
+TEST(SnGateway, ReportsAnUnknownTopicIdOnceForEachClient) {
+  ConnectedRig rig;
+  for (std::uint16_t msg_id = 1; msg_id <= 3; ++msg_id) {
+    rig.publish(1, 9, 1, msg_id);
+    rig.send(1, Publish{false, WireQos::one, false, TopicIdType::predefined, 8, msg_id, {}});
+  }
+  ASSERT_EQ(rig.notices.size(), 2U);
+  EXPECT_EQ(rig.notices[0].robot, "r1");
+  EXPECT_EQ(rig.notices[0].text, "a message of r1 is refused: topic id 9 is not registered");
+  EXPECT_EQ(rig.notices[1].text,
+            "a message of r1 is refused: predefined topic id 8 is not in "
+            "mqttsn.predefined_topics");
+  EXPECT_EQ(rig.counter("unknown_topic_ids"), 6U);
+}
+
 TEST(SnGateway, ReportsARefusedQosMinusOneOnceForEachClient) {
   SnRig rig;
   const Publish publish{false, WireQos::minus_one, false, TopicIdType::short_name, 0x6162, 0, {}};
