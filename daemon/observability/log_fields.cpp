@@ -54,8 +54,10 @@ LogFields notice_fields(const Notice& notice) {
 }
 
 std::string traffic_text(const TrafficEvent& event, const TrafficLine& line) {
-  std::string text = fmt::format("{}{} {} {} {}", event.direction == Direction::down ? "to " : "",
-                                 mesh_name(event), event.robot, event.type, content(event));
+  const std::string what =
+      event.robot.empty() ? "- " + event.topic : event.robot + " " + event.type;
+  std::string text = fmt::format("{}{} {} {}", event.direction == Direction::down ? "to " : "",
+                                 mesh_name(event), what, content(event));
   if (line.of_stream > 1) text += fmt::format(" ({} messages)", line.of_stream);
   if (line.of_others > 0)
     text += fmt::format(" (and {} more of any robot: too many to log)", line.of_others);

@@ -90,6 +90,12 @@ TEST(TrafficText, CountsMessagesThatLineStandsFor) {
             "thread r adv 0 bytes (and 7 more of any robot: too many to log)");
 }
 
+TEST(TrafficText, NamesTheTopicOfAMessageWithoutRobot) {
+  TrafficEvent event = message_of("");
+  event.topic = "lab/all/adv";
+  EXPECT_EQ(traffic_text(event, {}), "thread - lab/all/adv 0 bytes");
+}
+
 // ---- how long a message took
 
 std::string latency_of(const LogFields& fields) {
