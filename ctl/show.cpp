@@ -662,10 +662,11 @@ std::string one_client(const json& client, const Screen& screen) {
     out += line("sleeps", fmt::format("{} s", count_at(client, "sleep_s")));
   out += line("clean session", is_true(client, "clean_session") ? "yes" : "no");
   out += line("will", or_dash(text_at(client, "will")));
-  out += line("in flight",
-              fmt::format("{}, repeated {}; next copy after {}", count_at(client, "in_flight"),
-                          counted(count_at(client, "repeats"), "time", "times"),
-                          time_of("repeat_after_ms")));
+  if (session_state != "disconnected" && session_state != "lost")
+    out += line("in flight",
+                fmt::format("{}, repeated {}; next copy after {}", count_at(client, "in_flight"),
+                            counted(count_at(client, "repeats"), "time", "times"),
+                            time_of("repeat_after_ms")));
   out += line("not acknowledged", fmt::format("{} of its messages, before the broker has them",
                                               count_at(client, "unacknowledged_up")));
   for (const json& subscription : list_at(client, "subscriptions"))

@@ -307,6 +307,9 @@ TEST(CtlShow, Clients) {
                            "waits              p/server/tank/cmd\n",
                            "in flight          1, repeated 2 times; next copy after 1.5 s\n"})
     EXPECT_NE(shown.find(line), std::string::npos) << line << shown;
+  one["state"] = "disconnected";
+  const std::string gone = ctl::show::clients(json::array({one}), {false, noon});
+  EXPECT_EQ(gone.find("in flight"), std::string::npos) << gone;
   EXPECT_EQ(ctl::show::clients(json::array(), {false, noon}), "no MQTT-SN client is known\n");
 }
 
