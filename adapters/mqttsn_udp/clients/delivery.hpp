@@ -126,7 +126,7 @@ struct Delivery {
   std::uint16_t base_msg_id = 0;  ///< later MsgIds were sent to the present address only
   RetransmissionTimeout timeout;
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
-  bool is_stalled = false;                ///< a PUBLISH was not answered: rest until heard (R133)
+  bool is_stalled = false;                ///< a PUBLISH was not answered: commands only (R133)
   bool is_half_proven = false;            ///< a PINGREQ with the client id came from this address
   bool refuses_dup = false;               ///< the client answers 0x03 to DUP, as RIOT's emcute does
   bool forgets_ids_asleep = false;        ///< the client forgets topic ids, as simon622's does
