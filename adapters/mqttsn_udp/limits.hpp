@@ -49,6 +49,9 @@ constexpr std::size_t max_abandoned = 16;
 /// Pause of a topic that a client does not answer: the first pause, then doubled up to the longest.
 constexpr std::chrono::seconds first_set_aside{60};
 constexpr std::chrono::seconds longest_set_aside{3600};
+/// A message yields to others this often before its topic is set aside: on a bad radio several
+/// copies in a row are lost.
+constexpr unsigned max_yields = 10;
 /// Remembered topics that one client left unanswered: enough for a client that listens to a fleet.
 constexpr std::size_t max_set_aside = 128;
 /// QoS 1 and 2 messages of one client that are not yet safe; Nordic's client has four.

@@ -67,6 +67,7 @@ struct Outgoing {
   std::uint16_t predefined_id = 0;
   std::shared_ptr<Command> command;  ///< may be null
   std::uint16_t msg_id = 0;       ///< not 0: it was sent under this id, and is sent again with DUP
+  std::uint8_t yields = 0;        ///< how often it yielded to another message
   bool was_refused_once = false;  ///< it was refused, and is sent again only once (R86)
   std::size_t octets() const { return message->topic.size() + message->payload.size(); }
   void rename(const NewName& new_name);

@@ -219,8 +219,11 @@ bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing&
 void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (delivery.publishing && outgoing.qos != Qos::at_most_once) {
+    const TimePoint begun = delivery.publishing->attempt.begun;
     Outgoing yielding = std::exchange(delivery.publishing, nullptr)->what;
-    registration_.set_aside(session, yielding.message->topic, now, now);
+    const std::string& topic = yielding.message->topic;
+    if (++yielding.yields > limits::max_yields || TopicRegistration::has_failed(delivery, topic))
+      registration_.set_aside(session, topic, begun, now);
     delivery.queue.insert(delivery.queue.begin(), std::move(yielding));
   }
   if (session.state() == ClientState::awake) --delivery.wake_budget;
@@ -486,7 +489,7 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
 }
 
 /// Gives up the open PUBLISH. A client that sent nothing at all gets commands only until it is
-/// heard (R133).
+/// heard (R133). One that sleeps asks with its next PINGREQ (R124).
 bool Downlink::give_up(ClientSession& session, TimePoint now) {
   output_.count(Count::deliveries_given_up);
   const Publishing open = *std::exchange(session.delivery.publishing, nullptr);
@@ -494,7 +497,8 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
   session.delivery.is_stalled = !was_heard;
   if (is_kept(session)) {
     session.delivery.queue.insert(session.delivery.queue.begin(), open.what);  // R69, R124
-    if (was_heard || !open.what.command)
+    const bool is_awake_alone = session.state() == ClientState::awake;
+    if (was_heard || !(open.what.command || is_awake_alone))
       registration_.set_aside(session, open.what.message->topic, open.attempt.begun, now);
   } else {
     remember_abandoned(session.delivery, open.what);
