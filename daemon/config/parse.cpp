@@ -60,9 +60,9 @@ class Reader {
   /// Joins groups of several parts, which keep their first place. Any other value replaces that of
   /// an earlier part, with all that is below it.
   void take_place(const Value& value) {
-    Place& place = result_.places.try_emplace(value.path(), value.place()).first->second;
-    if (value.json().is_object() && !place.is_null) return;
-    place = value.place();
+    const auto [at, is_new] = result_.places.try_emplace(value.path(), value.place());
+    if (is_new || (value.json().is_object() && !at->second.is_null)) return;
+    at->second = value.place();
     std::erase_if(result_.places, [&path = value.path()](const auto& entry) {
       return entry.first.starts_with(path + ".") || entry.first.starts_with(path + "[");
     });
