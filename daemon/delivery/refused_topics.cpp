@@ -162,7 +162,8 @@ bool RefusedTopics::refuse(const std::string& topic, const Refusal& refusal, Tim
   if (is_new) known->since = now;
   known->refusal = refusal;
   known->losses = 0;
-  const bool is_try = known->phase == Phase::trying;
+  // While the store is asked for a letter, this is the answer to an earlier message.
+  const bool is_try = known->phase == Phase::trying && !known->asked_of;
   if (is_new || is_try) grow_pause(*known, longest_pause, now);  // else the pause has begun already
   // Wait until it is clear whether the broker closes the connection for this refusal.
   if (is_try && caution_ > Duration::zero()) tries_put_off_ = now + refusal_to_loss;

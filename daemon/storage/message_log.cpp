@@ -429,12 +429,18 @@ void MessageLog::restore_files() {
 }
 
 void MessageLog::repair() {
-  try {
-    restore_files();
+  const auto attempt = [](const auto& step) {
+    try {
+      step();
+    } catch (const LogError&) {
+      // The next request fails with the same error.
+    }
+  };
+  attempt([this] { restore_files(); });
+  // A new process would find erased messages again.
+  attempt([this] {
     if (log_.owes_erasures()) log_.commit(true);
-  } catch (const LogError&) {
-    // The next request fails with the same error. A new process would find erased messages again.
-  }
+  });
 }
 
 }  // namespace slamgw
