@@ -264,7 +264,8 @@ void RobotSessions::report_refusal(const std::string& robot, const std::string& 
 
 void RobotSessions::report_grant(const std::string& robot) {
   if (std::ranges::any_of(sessions_, [](const auto& each) {
-        return !each.second.session->refused_filters().empty();
+        const RobotSession& session = *each.second.session;
+        return session.is_held() && !session.refused_filters().empty();
       }))
     return;
   refusal_throttle_ = LogThrottle(refusal_interval);
@@ -390,7 +391,7 @@ bool RobotSessions::is_refused(const std::string& robot) const {
 
 std::optional<std::string> RobotSessions::refused_filter(const std::string& robot) const {
   const RobotSession* session = find(robot);
-  if (!session || session->refused_filters().empty()) return std::nullopt;
+  if (!session || !session->is_held() || session->refused_filters().empty()) return std::nullopt;
   return *session->refused_filters().begin();
 }
 
