@@ -92,7 +92,7 @@ pageTest('* the page is live without an error and shows the robots of both meshe
   await until(page, () => document.querySelectorAll('#list li').length >= 6);
   const names = await page.$$eval('#list .name', (all) => all.map((one) => one.textContent));
   for (let i = 1; i <= 6; i++) assert.ok(names.includes(`robot${i}`), names.join());
-  assert.equal(await page.isVisible('#empty'), false);
+  await until(page, () => document.querySelector('#empty').hidden); // as soon as a robot has said where it is
 });
 
 pageTest('* points lie where the ring is: 80 cm within 2 cm', {}, async (page) => {
