@@ -46,6 +46,13 @@ class OperatorCommandsTest : public testing::Test {
                   {"1", UpdateMode::positions, {}, max_open},
                   broker,
                   [this](Mesh, const std::string&) { return presence; }};
+  void expect_refused_at_once(const std::string& why) const {
+    ASSERT_EQ(reported.size(), 1U);
+    EXPECT_EQ(reported[0].result, CommandResult::refused);
+    EXPECT_EQ(reported[0].why, why);
+    EXPECT_TRUE(delivered.empty());
+  }
+
   std::vector<CommandId> delivered;
   std::vector<CommandOutcome> reported;
 };
@@ -102,10 +109,7 @@ TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
   places.is_elsewhere = [](const std::string&) { return true; };
   gateway.set_places(places);
   operator_sends("r", "cmd");
-  ASSERT_EQ(reported.size(), 1u);
-  EXPECT_EQ(reported[0].result, CommandResult::refused);
-  EXPECT_EQ(reported[0].why, "another gateway serves this robot");
-  EXPECT_TRUE(delivered.empty());
+  expect_refused_at_once("another gateway serves this robot");
   is_held = true;
   operator_sends("r", "cmd");
   EXPECT_EQ(delivered.size(), 1u);
@@ -118,10 +122,7 @@ TEST_F(OperatorCommandsTest, ThatTheRobotHasNotSubscribedToEndAtOnce) {
   };
   gateway.set_places(places);
   operator_sends("r", "cmd");
-  ASSERT_EQ(reported.size(), 1u);
-  EXPECT_EQ(reported[0].result, CommandResult::refused);
-  EXPECT_EQ(reported[0].why, "the robot has not subscribed to p/server/r/cmd");
-  EXPECT_TRUE(delivered.empty());
+  expect_refused_at_once("the robot has not subscribed to p/server/r/cmd");
   operator_sends("r", "run");
   EXPECT_EQ(delivered.size(), 1u);
 }

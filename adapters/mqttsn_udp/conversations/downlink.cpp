@@ -497,8 +497,8 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
   session.delivery.is_stalled = !was_heard;
   if (is_kept(session)) {
     session.delivery.queue.insert(session.delivery.queue.begin(), open.what);  // R69, R124
-    const bool is_awake_alone = session.state() == ClientState::awake;
-    if (was_heard || !(open.what.command || is_awake_alone))
+    const bool is_sleeper = session.state() == ClientState::awake;
+    if (was_heard || !(open.what.command || is_sleeper))
       registration_.set_aside(session, open.what.message->topic, open.attempt.begun, now);
   } else {
     remember_abandoned(session.delivery, open.what);
