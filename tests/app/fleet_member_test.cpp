@@ -182,6 +182,22 @@ TEST_F(FleetMemberTest, YieldsLostRobotToGatewayThatShowsItOnline) {
   EXPECT_EQ(std::ranges::count(uploads, scheme.presence_topic("r1")), 1) << "withdrawn";
 }
 
+/// `doctor ROBOT` reads it.
+TEST_F(FleetMemberTest, NamesSubscriptionThatTheBrokerRefuses) {
+  broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.type() != FakeBroker::subscribe) return false;
+    connection.send(FakeBroker::suback << 4, {packet.body[0], packet.body[1], 0, 0x80});
+    return true;
+  });
+  ASSERT_TRUE(comes_up());
+  gateway_driver->on_mesh_event(PresenceChange{Mesh::thread, "r1", Presence::online, "fd00::1"},
+                                read_clocks());
+  fleet.on_mesh_event(SignOfLife{Mesh::thread, "r1"});
+  ASSERT_TRUE(test::eventually(io, [&] { return row_of("r1").contains("refused"); }));
+  const std::string refused = row_of("r1").at("refused");
+  EXPECT_TRUE(refused.starts_with("the subscription to ntnu-slam/")) << refused;
+}
+
 /// The next CONNECT would take the robot's session from that gateway.
 TEST_F(FleetMemberTest, StopsConnectingRobotThatAnotherGatewayShowsOnline) {
   broker.misbehave([](FakeBroker::Connection& connection, const FakeBroker::Packet&) {
