@@ -6,7 +6,6 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
-#include <boost/asio/defer.hpp>
 
 #include <algorithm>
 #include <array>
@@ -233,7 +232,8 @@ UdpSocket::~UdpSocket() { flush(); }
 
 UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface,
                      int kept, const char* key)
-    : socket_(io),
+    : turn_(LoopTurn::of(io)),
+      socket_(io),
       is_bound_to_interface_(!interface.empty()),
       incoming_(std::make_unique<Incoming>()),
       outgoing_(std::make_unique<Outgoing>()) {
@@ -309,18 +309,14 @@ void UdpSocket::wait() {
   socket_.async_wait(udp::socket::wait_read,
                      [this, alive = shared_from_this()](boost::system::error_code error) {
                        if (error || !socket_.is_open() || !receive_) return;
-                       receive_batches();
+                       turn_.run([this] { receive_batches(); });
                        if (socket_.is_open() && receive_) wait();
                      });
 }
 
-/// Sends immediate answers at the end, without another turn of the loop.
 void UdpSocket::receive_batches() {
-  is_receiving_ = true;
   for (int i = 0; i < max_batches_per_wake_up && receive_batch(); ++i) {
   }
-  is_receiving_ = false;
-  flush();
 }
 
 /// Returns false when nothing more is waiting. Errors of earlier sends (a port unreachable) appear
@@ -356,8 +352,8 @@ bool UdpSocket::send(const Endpoint& to, const LocalAddress& from, Bytes bytes) 
 void UdpSocket::send_soon(const Endpoint& to, const LocalAddress& from, Bytes bytes) {
   outgoing_->datagrams[outgoing_->count++].fill(is_ipv6_, to, from, std::move(bytes));
   if (outgoing_->count == Outgoing::size) return flush();
-  if (outgoing_->count > 1 || is_receiving_) return;
-  asio::defer(socket_.get_executor(), [socket = weak_from_this()] {
+  if (outgoing_->count > 1) return;
+  turn_.at_end([socket = weak_from_this()] {
     if (const auto alive = socket.lock()) alive->flush();
   });
 }

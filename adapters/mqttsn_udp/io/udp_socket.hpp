@@ -17,6 +17,7 @@
 
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "daemon/core/bytes.hpp"
+#include "daemon/runtime/loop_turn.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -79,8 +80,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
 
   /// Never blocks. Returns false if the kernel does not take the datagram, which is then lost.
   bool send(const Endpoint& to, const LocalAddress& from, Bytes bytes);
-  /// Sends after the present handler of the loop, together with others by one call to the kernel.
-  /// can_reach(to.address) must hold. If the interface does not take it, the kernel chooses one.
+  /// Sends at the end of the present turn (LoopTurn), together with others by one call to the
+  /// kernel. can_reach(to.address) must hold. If the interface does not take it, the kernel chooses
+  /// one.
   void send_soon(const Endpoint& to, const LocalAddress& from, Bytes bytes);
   /// Sends now what send_soon() has put off.
   void flush();
@@ -118,12 +120,12 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool change_membership(int option, const boost::asio::ip::address& group,
                          std::uint32_t interface);
 
+  LoopTurn& turn_;
   boost::asio::ip::udp::socket socket_;
   bool is_ipv6_ = false;
   bool takes_ipv4_too_ = false;
   bool is_bound_to_interface_ = false;
   bool is_taken_over_ = false;
-  bool is_receiving_ = false;  // flush() follows
   std::uint16_t port_ = 0;
   std::uint8_t number_ = 0;
   Counts counts_;

@@ -18,6 +18,7 @@
 
 #include "daemon/core/time.hpp"
 #include "daemon/mqtt/mosquitto/publish_properties.hpp"
+#include "daemon/runtime/loop_turn.hpp"
 
 namespace slamgw {
 namespace {
@@ -252,7 +253,7 @@ void MosquittoClient::await_readable() {
   socket_.async_wait(boost::asio::posix::descriptor_base::wait_read,
                      [self = shared_from_this()](error_code error) {
                        if (error || self->is_ended_) return;
-                       self->on_readable();
+                       LoopTurn::of(self->io_).run([&] { self->on_readable(); });
                        if (!self->is_over_ && !self->is_ended_) self->await_readable();
                      });
 }
@@ -286,10 +287,10 @@ void MosquittoClient::tick() {
   deliver();
 }
 
-/// Calls write() after the present handler, so that its packets are sent together.
+/// Calls write() at the end of the turn, so that its packets are sent together.
 void MosquittoClient::write_soon() {
   if (std::exchange(is_write_due_, true)) return;
-  boost::asio::post(io_, [self = shared_from_this()] {
+  LoopTurn::of(io_).at_end([self = shared_from_this()] {
     self->is_write_due_ = false;
     if (self->is_ended_) return;
     if (!self->is_over_) self->write();
