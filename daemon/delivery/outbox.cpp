@@ -94,31 +94,35 @@ bool Outbox::drop_if_too_old(Item& item, TimePoint now) {
 }
 
 void Outbox::refuse(Item& item, TimePoint now) {
-  const bool is_full = backlog_.is_full();
-  const bool is_resting = turn_of(item, now) == Turn::rest;
-  LogThrottle& throttle = is_full      ? full_throttle_
-                          : is_resting ? refused_throttle_
-                                       : memory_throttle_;
-  if (const auto count = throttle.on_event(now)) {
-    const SlotSums::Sum largest = is_full ? backlog_.largest_share() : SlotSums::Sum{};
-    const std::size_t mib = (unsaved_bytes_ - item.cost()) >> 20;
-    notify(Notice{
-        Severity::warning,
-        is_full ? fmt::format(
-                      "the store is full ({} bytes, store.max_bytes {}; {} bytes of {}): {} new "
-                      "messages are not acknowledged; robots keep them",
-                      backlog_.taken(), store_max_bytes_, largest.value, largest.name, *count)
-        : is_resting
-            ? fmt::format("{} new messages are not acknowledged: the broker refuses their "
-                          "topics, and there is no more room for dead letters",
-                          *count)
-            : fmt::format("{} messages refused: {} MiB wait in memory for the broker", *count, mib),
-        {}});
-  }
+  log_refusal(item, now);
   if (!item.receipt.is_owed()) return drop(item, "there is no room for it", now);
   ++statistics_.refused;
   actions_.push(FireReceipt{item.receipt, ReceiptOutcome::refused});
   remove(item, now);
+}
+
+void Outbox::log_refusal(const Item& item, TimePoint now) {
+  const auto warn = [this](std::string text) {
+    notify(Notice{Severity::warning, std::move(text), {}});
+  };
+  if (backlog_.is_full()) {
+    const auto count = full_throttle_.on_event(now);
+    if (!count) return;
+    const SlotSums::Sum largest = backlog_.largest_share();
+    warn(
+        fmt::format("the store is full ({} bytes, store.max_bytes {}; {} bytes of {}): {} new "
+                    "messages are not acknowledged; robots keep them",
+                    backlog_.taken(), store_max_bytes_, largest.value, largest.name, *count));
+  } else if (turn_of(item, now) == Turn::rest) {
+    if (const auto count = refused_throttle_.on_event(now))
+      warn(
+          fmt::format("{} new messages are not acknowledged: the broker refuses their topics, and "
+                      "there is no more room for dead letters",
+                      *count));
+  } else if (const auto count = memory_throttle_.on_event(now)) {
+    warn(fmt::format("{} messages refused: {} MiB wait in memory for the broker", *count,
+                     (unsaved_bytes_ - item.cost()) >> 20));
+  }
 }
 
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {

@@ -159,6 +159,7 @@ class Outbox {
   void place(Item& item, TimePoint now);
   void remove(Item& item, TimePoint now);
   void refuse(Item& item, TimePoint now);
+  void log_refusal(const Item& item, TimePoint now);
   void drop(Item& item, const char* why, TimePoint now);
   bool drop_if_too_old(Item& item, TimePoint now);
   void on_durable(Item& item);
