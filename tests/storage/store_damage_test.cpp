@@ -581,6 +581,24 @@ TEST_F(StoreDamage, RestoresARemovedStoreWithItsErasures) {
   EXPECT_EQ(next.notices(), "");
 }
 
+/// The file cannot be made again, because a directory has the name of its copy.
+TEST_F(StoreDamage, WritesErasuresAlsoWhenARemovedFileCannotBeRestored) {
+  fill(100);
+  const std::string first = segment();
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(101, 50, 100));
+    FaultyDisk::is_read_only = true;
+    ASSERT_TRUE(user.forget(101, 2));
+    FaultyDisk::is_read_only = false;
+    std::filesystem::remove(first);
+    std::filesystem::create_directory(first + ".new");
+    user.store().stop();
+  }
+  StoreUser next(directory.path());
+  EXPECT_EQ(next.await<StoreOpened>()->count, 48u);
+}
+
 TEST_F(StoreDamage, MovesAwayAFileThatReplacedAnOpenSegment) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));
