@@ -22,14 +22,14 @@ class LoopTurn final : public boost::asio::execution_context::service {
     return boost::asio::use_service<LoopTurn>(io);
   }
 
-  /// Calls `handler`, then the tasks that it put off, and theirs.
+  /// Calls `handler`, then the tasks that it put off. What these put off is posted, so that a long
+  /// queue leaves room for other handlers.
   template <class Handler>
   void run(Handler handler) {
     if (std::exchange(is_running_, true)) return handler();
     handler();
-    while (!tasks_.empty())
-      for (const Task& task : std::exchange(tasks_, {})) task();
     is_running_ = false;
+    for (const Task& task : std::exchange(tasks_, {})) task();
   }
   /// Calls `task` at the end of the present run(); outside of one, after the present handler.
   void at_end(std::function<void()> task) {

@@ -30,14 +30,14 @@ TEST_F(LoopTurnTest, CallsTasksAfterTheHandlerInTheirOrder) {
   EXPECT_EQ(done, "abc");
 }
 
-TEST_F(LoopTurnTest, CallsTasksThatATaskPutsOff) {
-  turn.run([this] {
-    turn.at_end([this] {
-      put_off("b")();
-      done += "a";
-    });
+TEST_F(LoopTurnTest, PostsTasksThatATaskPutsOff) {
+  boost::asio::post(io, [this] {
+    turn.run([this] { turn.at_end(put_off("c")); });
+    done += "a";
   });
-  EXPECT_EQ(done, "ab");
+  boost::asio::post(io, [this] { done += "b"; });
+  io.run();
+  EXPECT_EQ(done, "abc");
 }
 
 TEST_F(LoopTurnTest, LeavesTasksOfInnerRunToTheOuterOne) {
