@@ -20,7 +20,6 @@
 
 #include "daemon/mqtt/connect_failure.hpp"
 #include "daemon/mqtt/connection_probe.hpp"
-#include "daemon/runtime/loop_turn.hpp"
 
 namespace slamgw {
 
@@ -178,10 +177,9 @@ PahoLink::~PahoLink() = default;
 void PahoLink::post_to_loop(Event event) {
   if (events_.give(std::move(event)) != 1) return;
   boost::asio::post(io_, [self = shared_from_this()] {
-    LoopTurn::of(self->io_).run([&self] {
-      for (const Event& happened : self->events_.take())
-        if (!self->is_abandoned_) happened(self->listener_);
-    });
+    for (const Event& happened : self->events_.take()) {
+      if (!self->is_abandoned_) happened(self->listener_);
+    }
   });
 }
 
