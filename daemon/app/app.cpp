@@ -87,7 +87,7 @@ OrderDone record(const std::string& who, const std::optional<AuditedOrder>& orde
   };
 }
 
-/// Without signals_, another SIGTERM would end the process with a status of its own.
+/// Without signal sets, another SIGTERM would end the process with a status of its own.
 void block_signals() {
   sigset_t all;
   sigfillset(&all);
@@ -114,7 +114,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_meshes();
   void start_border_router();
   void start_control();
-  void wait_for_signal();
+  void wait_for_stop();
+  void wait_for_reload();
   OrderAnswer reload(const std::string& who);
   OrderAnswer read_configuration();
   OrderAnswer forget(const std::string& who, const std::string& robot);
@@ -171,7 +172,10 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   const Now started_;
   BrokerLink broker_link_{false, started_.wall, "no broker has answered since the start", {}};
   boost::asio::io_context io_{1};
-  boost::asio::signal_set signals_;
+  /// Two sets: one set reports all signals of the lower number, SIGHUP, before a SIGTERM.
+  boost::asio::signal_set stop_signals_;
+  boost::asio::signal_set reload_signals_;
+  bool is_stopping_ = false;
   Timer stats_timer_;
   Timer stop_timer_;
   LogRetry log_retry_;
@@ -207,7 +211,8 @@ App::App(Config config, std::string config_file)
       config_file_(std::move(config_file)),
       scheme_(config_.topics.prefix, config_.gateway_id),
       started_(read_clocks()),
-      signals_(io_, SIGTERM, SIGINT, SIGHUP),
+      stop_signals_(io_, SIGTERM, SIGINT),
+      reload_signals_(io_, SIGHUP),
       stats_timer_(io_),
       stop_timer_(io_),
       log_retry_(io_),
@@ -284,7 +289,8 @@ void App::run() {
                                           config_.gateway_id));
   prepare_store_directory(config_.store.directory);
   store_.start();
-  wait_for_signal();
+  wait_for_stop();
+  wait_for_reload();
   start_control();
   report_configured_robots();
   start_meshes();
@@ -332,12 +338,17 @@ void App::start_control() {
   }
 }
 
-void App::wait_for_signal() {
-  signals_.async_wait([this](boost::system::error_code error, int signal) {
-    if (error) return;
-    if (signal != SIGHUP) return stop();
+void App::wait_for_stop() {
+  stop_signals_.async_wait([this](boost::system::error_code error, int) {
+    if (!error) stop();
+  });
+}
+
+void App::wait_for_reload() {
+  reload_signals_.async_wait([this](boost::system::error_code error, int) {
+    if (error || is_stopping_) return;
     reload("SIGHUP");
-    wait_for_signal();
+    wait_for_reload();
   });
 }
 
@@ -395,6 +406,7 @@ void App::apply(const Reload& reload) {
 }
 
 void App::stop() {
+  is_stopping_ = true;
   notifier_.stopping();
   log_event(Severity::notice, "slam-gatewayd is shutting down");
   stats_timer_.cancel();
