@@ -506,13 +506,12 @@ RobotSession::Unfenced* RobotSession::find_copy(const BrokerMessage& message, st
 }
 
 /// The message is this gateway's when a fence shows that the broker has the acknowledgements of all
-/// copies that a robot obeys. Otherwise the next gateway gets the rest of them, and takes it too.
+/// its copies. Otherwise the next gateway gets the rest of them, and takes or refuses it too.
 void RobotSession::join(Unfenced& copy, const BrokerMessage& message, std::uint32_t id,
                         bool is_unasked) {
   copy.is_unasked = copy.is_unasked && is_unasked;
   copy.ids.push_back(id);
   copy.message.qos = std::max(copy.message.qos, message.qos);
-  if (id == command_id) return;
   copy.awaits_copy = copy.awaits_copy || may_have_late_copy(message, id);
   copy.has_waited = copy.is_answered = false;
   copy.fence = ++last_fence_;

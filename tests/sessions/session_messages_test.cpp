@@ -361,19 +361,23 @@ TEST_F(RobotSessionRulesUp, Rule13_TakesAnEqualCommandForANewFilterAsAnotherComm
   EXPECT_EQ(drain<TakeMessage>().size(), 1U);
 }
 
-/// Otherwise the next gateway gets the rest of the copies, and the robot obeys twice.
+/// Otherwise the next gateway gets the rest of the copies. The robot obeys twice, or the command
+/// has two outcomes.
 TEST_F(RobotSessionRulesUp, Rule2_TakesACommandWhenTheFencesOfAllItsCopiesAreAnswered) {
   attach();
   const auto wide = subscribed_id("ntnu-slam/server/r1/+");
   const auto narrow = subscribed_id("ntnu-slam/server/r1/run");
-  arrives(command("1"), {std::min(wide, narrow)});
-  arrives(command("1"), {std::max(wide, narrow)});
-  const auto fences = drain<AskFence>();
-  ASSERT_EQ(fences.size(), 2U);
-  sessions.on_fence("r1", fences[0].number, now);
-  EXPECT_TRUE(drain<TakeMessage>().empty());
-  sessions.on_fence("r1", fences[1].number, now);
-  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+  for (const std::uint32_t other : {std::max(wide, narrow), RobotSession::command_id}) {
+    SCOPED_TRACE(other);
+    arrives(command("1"), {std::min(wide, narrow)});
+    arrives(command("1"), {other});
+    const auto fences = drain<AskFence>();
+    ASSERT_EQ(fences.size(), 2U);
+    sessions.on_fence("r1", fences[0].number, now);
+    EXPECT_TRUE(drain<TakeMessage>().empty());
+    sessions.on_fence("r1", fences[1].number, now);
+    EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+  }
 }
 
 TEST_F(RobotSessionRulesUp, SubscribesCommandsAtQos1ForARobotThatAsksForQos0) {

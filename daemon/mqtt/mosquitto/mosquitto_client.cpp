@@ -287,7 +287,6 @@ void MosquittoClient::tick() {
   deliver();
 }
 
-/// Calls write() at the end of the turn, so that its packets are sent together.
 void MosquittoClient::write_soon() {
   if (std::exchange(is_write_due_, true)) return;
   LoopTurn::of(io_).at_end([self = shared_from_this()] {
@@ -299,6 +298,9 @@ void MosquittoClient::write_soon() {
 }
 
 void MosquittoClient::write() {
+  const bool was_due = std::exchange(is_write_due_, true);
+  before_write();
+  is_write_due_ = was_due;
   const bool are_many = std::exchange(unwritten_, 0) > 1;
   if (are_many) cork(1);
   errno = 0;

@@ -125,6 +125,10 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
 
   boost::asio::io_context& io_;
 
+ protected:
+  /// Writes at the end of the turn, so that its packets are sent together.
+  void write_soon();
+
  private:
   struct Suback {
     int packet_id;
@@ -138,6 +142,8 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   virtual void on_confirmed(const Confirmed& confirmed) = 0;
   virtual void on_subscribed(const std::string& filter, bool is_granted) = 0;
   virtual void on_arrived(Arrived& arrived) = 0;
+  /// Requests made here go out with what is about to be written.
+  virtual void before_write() {}
 
   static MosquittoClient& of(void* object) { return *static_cast<MosquittoClient*>(object); }
   int start(const Opening& opening);
@@ -150,7 +156,6 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   void await_readable();
   void on_readable();
   void watch_handshake();
-  void write_soon();
   void write();
   void cork(int on);
   std::optional<int> sent(int result, int packet_id);

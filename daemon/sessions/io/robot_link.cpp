@@ -68,14 +68,21 @@ void RobotLink::subscribe(const SubscribeSession& wanted) {
   mosquitto_property_free_all(&properties);
 }
 
+void RobotLink::ask_fence(std::uint64_t number, const std::string& own_topic) {
+  due_fence_ = {number, own_topic};
+  write_soon();
+}
+
 /// A broker of MQTT 5 answers UNSUBSCRIBE in order. In a cluster of MQTT 3.1.1 (RabbitMQ) another
 /// node may keep the session, and only a PUBLISH takes the same way as our acknowledgements.
-void RobotLink::ask_fence(std::uint64_t number, const std::string& own_topic) {
+void RobotLink::before_write() {
+  const auto due = std::exchange(due_fence_, std::nullopt);
+  if (!due) return;
   const bool is_v5 = broker_->version == MqttVersion::v5;
   const auto packet_id = must_be_sent(
       is_v5 ? MosquittoClient::unsubscribe(fence_filter)
-            : MosquittoClient::publish(own_topic, {}, Qos::at_least_once, /*is_retained=*/false));
-  if (packet_id) fences_.emplace_back(*packet_id, number);
+            : MosquittoClient::publish(due->second, {}, Qos::at_least_once, /*is_retained=*/false));
+  if (packet_id) fences_.emplace_back(*packet_id, due->first);
 }
 
 void RobotLink::publish(const std::string& topic, const std::string& text) {

@@ -46,6 +46,7 @@ class RobotLink final : public MosquittoClient {
   void unsubscribe(const std::string& filter) {
     must_be_sent(MosquittoClient::unsubscribe(filter));
   }
+  /// The fences of one turn are one request: its answer stands for the lower numbers, too.
   void ask_fence(std::uint64_t number, const std::string& own_topic);
   void publish(const std::string& topic, const std::string& text);
   void on_tick();
@@ -59,12 +60,14 @@ class RobotLink final : public MosquittoClient {
   void on_confirmed(const Confirmed& confirmed) override;
   void on_subscribed(const std::string& filter, bool is_granted) override;
   void on_arrived(Arrived& arrived) override;
+  void before_write() override;
 
   SessionHost& host_;
   const std::shared_ptr<const RobotBroker> broker_;
   const std::string robot_;
   TimePoint give_up_at_{};
-  std::list<std::pair<int, std::uint64_t>> fences_;  ///< packet ids and numbers
+  std::optional<std::pair<std::uint64_t, std::string>> due_fence_;  ///< number and topic
+  std::list<std::pair<int, std::uint64_t>> fences_;                 ///< packet ids and numbers
 };
 
 }  // namespace slamgw::sessions
