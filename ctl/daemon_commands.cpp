@@ -26,6 +26,7 @@
 #include "ctl/terminal.hpp"
 #include "daemon/control/wire.hpp"
 #include "daemon/core/parse_number.hpp"
+#include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/utf8.hpp"
 
 namespace slamgw::ctl {
@@ -645,7 +646,11 @@ void add_daemon_commands(CLI::App& app, Order& order) {
   forget_verb.asks(show::done, forget);
   Verb watch_verb(app, order, "watch", "What happens to each message, as it happens, until Ctrl-C");
   watch_verb.value("--robot", "robot", "Only this robot");
-  watch_verb.value("--type", "type", "Only messages of this type");
+  watch_verb.value("--type", "type", "Only messages of this type")
+      ->check([](const std::string& type) {
+        return is_valid_level(type) ? ""
+                                    : "is not a type, the last level of a topic, such as update";
+      });
   watch_verb.asks(show::event, watch);
   Verb recorder(app, order, "record", "Robots' messages and commands into a file, until Ctrl-C");
   recorder.file("New, or continued");

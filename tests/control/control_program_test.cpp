@@ -407,6 +407,8 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
       {"ble", "import"},
       {"forget", ""},
       {"watch", "--robot", ""},
+      {"watch", "--type", "adv/x"},
+      {"watch", "--type", "+"},
       {"store", "list", "--topic", ""},
       {"store", "discard", "--all=false"},
       {"doctor", ""},
