@@ -73,7 +73,7 @@ bool Gateway::is_copy(const Report& report, const Now& now) {
 
 void Gateway::pass_up(Report report, const Now& now) {
   const Robot* known = directory_.registry.find(report.robot);
-  const bool is_first_by_radio = report.radio && known && !known->radio;
+  const bool is_first_by_radio = report.radio && known && !known->on_mesh[report.mesh].radio;
   const auto own = scheme_.parse_robot_topic(report.topic);
   // Where no robot's topic is, the last level is what an operator calls the type.
   std::string type(own ? own->type

@@ -112,7 +112,7 @@ void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint 
 void PresencePublisher::describe(const std::string& id, Robot& robot) {
   if (!settings_.describes_robots) return;
   auto& described = robot.is_described_with_signal;
-  const bool has_signal = described.value_or(false) || (robot.radio && robot.radio->rssi_dbm);
+  const bool has_signal = described.value_or(false) || robot.radio_now().rssi_dbm.has_value();
   if (described == has_signal) return;
   described = has_signal;
   publish_retained(home_assistant_topic(scheme_, id),

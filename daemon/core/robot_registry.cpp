@@ -80,9 +80,8 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   robot->numbers.on_up(report.payload.size(), now.mono);
   robot->on_heard(report.mesh, now);
   ++robot->on_mesh[report.mesh].up;
+  robot->on_mesh[report.mesh].radio = report.radio;
   robot->last_mesh = report.mesh;
-  robot->radio = report.radio;
-  robot->radio_mesh = report.mesh;
   return robot;
 }
 

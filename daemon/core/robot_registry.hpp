@@ -23,11 +23,12 @@ struct MeshPresence {
   Presence presence = Presence::offline;
   std::string address;
   WallTime since{};
-  bool is_deaf = false;       ///< the robot does not hear the gateway
-  bool is_contested = false;  ///< another client uses the robot's id there
-  TimePoint last_heard{};     ///< on this mesh
-  std::uint64_t up = 0;       ///< the robot's messages there
-  std::uint64_t down = 0;     ///< commands to the robot there
+  bool is_deaf = false;             ///< the robot does not hear the gateway
+  bool is_contested = false;        ///< another client uses the robot's id there
+  TimePoint last_heard{};           ///< on this mesh
+  std::optional<RadioFacts> radio;  ///< of its last message there
+  std::uint64_t up = 0;             ///< the robot's messages there
+  std::uint64_t down = 0;           ///< commands to the robot there
   std::uint64_t repeats = 0;  ///< its messages there that came again and were not published again
 
   bool was_used() const { return is_known || up + down + repeats > 0; }
@@ -44,8 +45,6 @@ struct Robot {
   TimePoint announced{};  ///< when its presence was last published
   bool is_announcement_due =
       false;  ///< its presence was held back, because the robot may be elsewhere
-  std::optional<RadioFacts> radio;  ///< of its last message, which came over `radio_mesh`
-  Mesh radio_mesh = Mesh::thread;
   /// Set while the broker has the robot's document for Home Assistant; true if that has a signal.
   std::optional<bool> is_described_with_signal;
   bool is_session_contested = false;  ///< another client takes its session at the broker
@@ -57,8 +56,7 @@ struct Robot {
   Mesh mesh() const;
   const MeshPresence& presence() const { return on_mesh[mesh()]; }
   bool is_contested() const { return is_session_contested || presence().is_contested; }
-  /// Returns nothing unless its last message came over the mesh it is on now.
-  RadioFacts radio_now() const { return radio && radio_mesh == mesh() ? *radio : RadioFacts{}; }
+  RadioFacts radio_now() const { return presence().radio.value_or(RadioFacts{}); }
 };
 
 class RobotRegistry {

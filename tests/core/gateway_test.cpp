@@ -247,6 +247,12 @@ TEST_F(GatewayTest, AddsTheSignalOfTheRadioToPresenceOnce) {
   EXPECT_NE(text.find(R"("rssi_dbm":-61,"ttl":3,"hops":2)"), std::string::npos) << text;
   say(report);
   EXPECT_EQ(drain<Upload>().size(), 1u) << "a new signal alone publishes no presence";
+  Report thread = update_from("a", {0x0b, 0x00, 0xec, 0xff});
+  thread.mesh = Mesh::thread;
+  say(thread);
+  report.payload = {0x0c, 0x00, 0xec, 0xff};
+  say(report);
+  EXPECT_EQ(drain<Upload>().size(), 2u) << "nor does a message over the other mesh between";
 }
 
 TEST_F(GatewayTest, PublishesStateAndPresenceAgainAtEachConnection) {

@@ -135,6 +135,7 @@ TEST_F(HomeAssistantDocuments, HaveTheSignalAsSoonAsItIsKnown) {
   comes("a");
   EXPECT_EQ(written(), Written{"a"});
   Report report = update_from("a", {1, 0, 2, 0});
+  report.mesh = Mesh::ble;
   report.radio = RadioFacts{-70, {}, {}};
   say(report);
   EXPECT_EQ(written(), Written{"a+"});
