@@ -3,9 +3,6 @@
 
 #include <CLI/CLI.hpp>
 #include <cctype>
-#include <cerrno>
-#include <cstring>
-#include <iostream>
 #include <limits>
 #include <map>
 #include <type_traits>
@@ -15,7 +12,6 @@
 namespace slamgw::sim {
 namespace {
 
-constexpr int failed = 1;
 constexpr int wrong_arguments = 2;
 constexpr int max_boards = 4;
 constexpr std::uint64_t max_number = std::numeric_limits<std::uint64_t>::max();
@@ -348,12 +344,7 @@ CommandLine parse_command_line(int argc, const char* const* argv) {
     split_gateway(gateway, thread);
     return thread;
   } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) {
-      app.exit(error);
-      if (std::cout.flush()) return 0;
-      fmt::print(stderr, "slam-gateway-sim: standard output: {}\n", std::strerror(errno));
-      return failed;
-    }
+    if (error.get_exit_code() == 0) return app.exit(error);
     fmt::print(stderr, "slam-gateway-sim: {}\nRun with --help for more information.\n",
                error.what());
     return wrong_arguments;
