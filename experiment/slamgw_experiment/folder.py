@@ -138,6 +138,9 @@ def check_members(path, result):
     settle_s = result["conditions"].get("settle_s", 0)
     if not isinstance(settle_s, NUMBER) or not 0 <= settle_s < 1e6:
         bad("conditions.settle_s")
+    end_us = result["conditions"].get("end_us") or 0
+    if not isinstance(end_us, NUMBER) or not abs(end_us) < 1e15:
+        bad("conditions.end_us")
     if not all(isinstance(text, str) for text in result["differs"]):
         bad("differs")
     for one in result["incidents"]:
@@ -164,7 +167,11 @@ def measure_again(directory):
     result = read_result(directory)
     conditions, experiment = result["conditions"], catalogue.find(result["experiment"])
     kind, period_ms = conditions["type"], float(conditions["period_ms"])
-    ones = measure.counted(read_events(directory), kind, conditions["messages"], period_ms, float(conditions.get("settle_s", 0)))
+    ones = read_events(directory)
+    end_us = conditions.get("end_us")
+    if end_us is None:  # the program was killed, or is older
+        end_us = (ones[-1].t_us if ones else 0) - float(conditions.get("settle_s", 0)) * 1e6
+    ones = measure.counted(ones, kind, conditions["messages"], period_ms, end_us)
     result["measured"] = measure.measured(ones, kind, period_ms,
                                           experiment is not None and experiment.is_in_ring())
     result["incidents"] += [one for one in measure.restarts_of_robots(ones) if one not in result["incidents"]]

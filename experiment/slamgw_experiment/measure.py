@@ -188,11 +188,11 @@ def probe_counts(events):
     return {life: (sorted(set(ones)), len(ones) - len(set(ones))) for life, ones in sorted(numbers.items())}
 
 
-def counted(events, message_type, messages, period_ms, settle_s):
-    """Drops messages that real robots sent while the run only waited for late repeats. `events` are in order of time."""
+def counted(events, message_type, messages, period_ms, end_us):
+    """Drops messages that real robots sent after `end_us`, while the run only waited for late repeats. `events` are in order of time."""
     if any(event.source == ROBOTS for event in events):
         return events
-    events = _with_probes_in_time(events, settle_s)
+    events = _with_probes_in_time(events, end_us)
     return events if message_type == "probe" else _with_first_of_each_robot(events, message_type, messages, period_ms * 1000)
 
 
@@ -220,7 +220,7 @@ def _with_first_of_each_robot(events, message_type, messages, period_us):
     return chosen
 
 
-def _with_probes_in_time(events, settle_s):
+def _with_probes_in_time(events, end_us):
     """Drops events of probes made before the run began, or too late for their last repeat to come before it ended.
 
     When a probe was made follows from its sender's clock and the fastest probe of the same robot since its start. What the gateway
@@ -232,7 +232,6 @@ def _with_probes_in_time(events, settle_s):
     offsets = {}
     for event, life, _, sender_ms in arrived:
         offsets[life] = min(offsets.get(life, math.inf), event.t_us - sender_ms * 1000)
-    end_us = events[-1].t_us - settle_s * 1e6
     in_time = {id(event): 0 <= sender_ms * 1000 + offsets[life] <= end_us for event, life, _, sender_ms in arrived}
     is_counted = {}  # (source, robot, message id or payload): whether the last such message is
     chosen = []

@@ -85,6 +85,7 @@ class Run:
         self._is_broker_up = True
         self._robots_ended_us = None
         self._settles_until_s = None
+        self._end_us = None      # messages made later may still be on their way
         self._trouble = None
         self._elsewhere = collections.Counter()  # arrivals on the other mesh
         self._misplaced = None   # why a robot cannot be measured
@@ -115,11 +116,12 @@ class Run:
         except folder.CannotWrite as error:
             return str(error)
         finally:
+            self._end_us = self._axis.now_us() - round(self._settle_s() * 1e6)
             recorder.close()
 
     def _finish(self, ended):
         ones = folder.read_events(self._directory)
-        counted = measure.counted(ones, self._asked.message_type, self._asked.messages, self._period_ms(), self._settle_s())
+        counted = measure.counted(ones, self._asked.message_type, self._asked.messages, self._period_ms(), self._end_us)
         measured = measure.measured(counted, self._asked.message_type, self._period_ms(), self._experiment.is_in_ring())
         if not ended and not measured["counts"]["arrived"]:
             ended = "no message of the wanted type arrived"
@@ -341,6 +343,7 @@ class Run:
             "period_ms": self._period_ms(),
             "time_compressed": asked.compress,
             "settle_s": self._settle_s(),
+            "end_us": self._end_us,
             "type": asked.message_type,
             "seed": asked.seed if simulator is not None else None,
             "simulator": simulator,

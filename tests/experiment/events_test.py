@@ -203,9 +203,9 @@ class Csv(unittest.TestCase):
             with self.assertRaisesRegex(folder.BadFolder, "incidents|differs"):
                 folder.check_members("result.json", whole | member)
 
-    def test_unknown_mesh_and_simulation_without_seed_are_reported(self):
-        for member in ({"mesh": "wifi"}, {"simulated": True}):
-            with self.assertRaisesRegex(folder.BadFolder, "(mesh|conditions.seed) is missing, or not what"):
+    def test_wrong_mesh_end_and_simulation_without_seed_are_reported(self):
+        for member in ({"mesh": "wifi"}, {"simulated": True}, {"conditions": recount.WHOLE["conditions"] | {"end_us": "soon"}}):
+            with self.assertRaisesRegex(folder.BadFolder, "(mesh|conditions.seed|conditions.end_us) is missing, or not what"):
                 folder.check_members("result.json", recount.WHOLE | member)
 
     def test_invalid_values_in_the_file_are_left_out_or_reported(self):

@@ -77,7 +77,7 @@ class Loss(unittest.TestCase):
         begin_ms = made_ms[45]
         events = [came(number, (made_ms[number] - begin_ms) * 1000) for number in range(45, 106) if number not in (50, 61)]
         events.append(came(5, 20_000))
-        found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 60, 200, 9), "probe")
+        found = measure.exact_loss(measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 60, 200, 3_000_000), "probe")
         self.assertEqual((found["sent"], found["lost"]), (61 - 45, 1))
 
     def probes(self, begin, clock_ms, restart=None, robot="r"):
@@ -91,7 +91,7 @@ class Loss(unittest.TestCase):
                 more = {"number": number % 2 ** 16, "sender_ms": ms % 2 ** 32, "payload": f"{number % 2 ** 16:04x}{ms % 2 ** 32:08x}"}
                 events += [arrival(1_000_000 + n * PERIOD_US, robot, "probe", **more),
                            Event(t_us=1_000_500 + n * PERIOD_US, source=BROKER, event="received", robot=robot, type="probe", **more)]
-        return measure.counted(events, "probe", 400, 200, 1)
+        return measure.counted(events, "probe", 400, 200, 399 * PERIOD_US + 500)
 
     def check_probes(self, events, sent, lost, restarts=0):
         found = measure.measured(events, "probe", 200)
@@ -130,7 +130,7 @@ class Loss(unittest.TestCase):
             events += [arrival(t_us + repeated_us, kind="probe", message_id=message_id, **probe),
                        Event(t_us + repeated_us + 100, source=GATEWAY, event="published", message_id=message_id, **more),
                        Event(t_us + repeated_us + 200, source=BROKER, event="received", **more, **probe)]
-        events = measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 40, 200, 25)
+        events = measure.counted(sorted(events, key=lambda event: event.t_us), "probe", 40, 200, 164 * PERIOD_US + 5200 - 25_000_000)
         found = measure.measured(events, "probe", 200)
         self.assertEqual((found["loss"]["exact"]["sent"], found["loss"]["exact"]["lost"]), (40, 0))
         self.assertEqual([found["counts"][name] for name in ("arrived", "published", "received_at_broker")], [40, 40, 40])
@@ -150,7 +150,7 @@ class Loss(unittest.TestCase):
                            Event(t_us + 100, event="published", type="update", **more, **more_of_gateway),
                            Event(t_us + 300_000, event="acknowledged", latency_us=300_000, **more, **more_of_gateway),
                            Event(t_us + 200, source=BROKER, event="received", type="update", **more, **payload)]
-        events = measure.counted(sorted(events, key=lambda event: event.t_us), "update", 40, 200, 25)
+        events = measure.counted(sorted(events, key=lambda event: event.t_us), "update", 40, 200, 8_000_000)
         for robot, wanted in (("a", 40), ("b", 36), ("c", 40)):
             of_robot = [event for event in events if event.robot == robot]
             found = measure.measured(of_robot, "update", 200)

@@ -94,9 +94,9 @@ class Runs(unittest.TestCase):
         self.addCleanup(self.directory.cleanup)
         self.is_stopped = False
 
-    def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False, settle_s=0.0, said=None):
+    def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False, settle_s=0.0, said=None, kind="update"):
         """Returns (status, result.json, printed text)."""
-        asked = main.Asked(messages, 200, "update", 1, wait_s, 1, "csv", "0.1.0", settle_s=settle_s)
+        asked = main.Asked(messages, 200, kind, 1, wait_s, 1, "csv", "0.1.0", settle_s=settle_s)
         said = said or io.StringIO()
         with contextlib.redirect_stderr(said):
             run = Run(catalogue.find("ble-unreliable"), "ble", site, self.directory.name, asked, Programs(),
@@ -124,6 +124,16 @@ class Runs(unittest.TestCase):
         shown = [call.args[1:3] for call in show.call_args_list]
         self.assertEqual(shown[-1], (20, 20))
         self.assertEqual(shown, sorted(shown))
+
+    def test_probes_count_until_the_end_of_the_run_although_nothing_came_later(self):
+        def script(site):
+            for number in range(10):
+                sender_ms = site.now_us() // 1000
+                site.say(type="probe", payload=(number.to_bytes(2, "little") + sender_ms.to_bytes(4, "little")).hex())
+        status, result, said = self.run_on(Site(script), settle_s=1.0, draws_again=True, kind="probe")
+        self.assertEqual(status, 0, said)
+        self.assertEqual(result["measured"]["loss"]["exact"]["sent"], 10)
+        self.assertGreaterEqual(result["conditions"]["end_us"], 0)
 
     def test_robot_that_never_appears_is_reported(self):
         status, result, said = self.run_on(Site(lambda site: None), wait_s=0.3, draws_again=True)
