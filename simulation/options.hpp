@@ -18,7 +18,7 @@
 namespace slamgw::sim {
 
 /// The path between a robot and its gateway, hop by hop from the robot; one value applies to all
-/// further hops. Empty: --loss and the mesh's own times.
+/// further hops. Losses add to --loss. Empty: --loss and the mesh's own times.
 struct HopOptions {
   std::vector<double> loss;      ///< 0..1, of each transmission
   std::vector<double> delay_ms;  ///< mean; each transmission takes 0.5 to 1.5 times that

@@ -41,9 +41,9 @@ RadioSettings radio_settings(const BleOptions& options) {
   RadioSettings settings;
   const HopOptions& hop = options.common.hop;
   settings.hops = options.hops;
-  settings.hop_loss.assign(options.hops, options.common.loss);
-  for (unsigned i = 0; i < options.hops && !hop.loss.empty(); ++i) {
-    settings.hop_loss[i] = hop.loss_of(i);
+  settings.hop_loss.resize(options.hops);
+  for (unsigned i = 0; i < options.hops; ++i) {
+    settings.hop_loss[i] = 1 - (1 - options.common.loss) * (1 - hop.loss_of(i));
   }
   for (unsigned i = 0; i < options.hops && !hop.delay_ms.empty(); ++i) {
     settings.hop_delay.push_back(std::chrono::duration_cast<Duration>(

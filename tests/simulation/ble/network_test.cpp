@@ -122,6 +122,17 @@ TEST_F(NetworkTest, CountsUpdatesLostOnAir) {
   EXPECT_NEAR(static_cast<double>(lost), 60, 30);
 }
 
+TEST_F(NetworkTest, LossesOfTheHopsAddToTheLoss) {
+  BleOptions lossy = options(50);
+  lossy.common.loss = 1;
+  lossy.common.hop.loss = {0.1};
+  begin(lossy);
+  set_up();
+  run(seconds{60});
+  EXPECT_TRUE(heard_.empty());
+  for (const Robot& robot : network_->robots()) EXPECT_EQ(robot.tally().lost, 50U);
+}
+
 TEST_F(NetworkTest, RepeatsRepairLossesWhenAcknowledged) {
   BleOptions lossy = options(50);
   lossy.common.loss = 0.2;
