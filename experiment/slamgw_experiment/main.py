@@ -137,8 +137,8 @@ def with_joined_options(arguments):
 
 
 def main(version, bin_directory=None, arguments=None):
-    asked = parser(version).parse_args(with_joined_options(sys.argv[1:] if arguments is None else arguments))
     try:
+        asked = parser(version).parse_args(with_joined_options(sys.argv[1:] if arguments is None else arguments))
         status = perform(asked, version, bin_directory)
         sys.stdout.flush()
         return status

@@ -34,6 +34,17 @@ TEST(Programs, RefuseUnknownArguments) {
   }
 }
 
+TEST(Programs, FailWhenTheirOutputIsLost) {
+  for (const char* program : {SLAMGW_DAEMON, SLAMGW_CTL, SLAMGW_SIM}) {
+    for (const char* to : {">/dev/full", ">&-"}) {
+      const std::string lost = std::string("exec \"$@\" ") + to;
+      const Finished finished = run_program({"sh", "-c", lost, "sh", program, "--version"});
+      EXPECT_EQ(finished.status, 1) << program << to;
+      EXPECT_NE(finished.err.find(": standard output: "), std::string::npos) << finished.err;
+    }
+  }
+}
+
 TEST(Daemon, PrintsAndAcceptsShippedConfiguration) {
   const Finished printed = run_program({SLAMGW_DAEMON, "--print-config"});
   EXPECT_EQ(printed.status, 0);
