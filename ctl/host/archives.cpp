@@ -397,30 +397,35 @@ std::string backup(const Installation& installation, const std::string& file) {
   write_manifest(work.path(), {installation.configuration(), installation.state(),
                                installation.parsed().config.gateway_id});
   NewFile archive(file);
-  bool is_changing = false;
+  std::string missing;
   {
     const ServicePause pause(installation);
-    is_changing = is_running_by_hand(installation);
+    if (is_running_by_hand(installation))
+      missing =
+          "slam-gatewayd ran during the copy, and not as the service: its last changes may be "
+          "missing.\n";
     std::ofstream names(work.path() / "files", std::ios::binary);
     for (const fs::path& path : installation.files())
       names << path.relative_path().string() << '\0';
     names.close();
-    run_or_fail({"tar", "-czf", archive.path(), "--dereference", "--hard-dereference", "-C",
-                 work.path().string(), manifest_name, "-C", "/", "--no-recursion", "--null",
-                 "--verbatim-files-from", "-T", work.path() / "files"});
+    constexpr int some_changed = 1;  // GNU tar: "file changed as we read it"
+    const ProgramResult packed =
+        run_program({"tar", "-czf", archive.path(), "--dereference", "--hard-dereference", "-C",
+                     work.path().string(), manifest_name, "-C", "/", "--no-recursion", "--null",
+                     "--verbatim-files-from", "-T", work.path() / "files"});
+    if (packed.status != 0 && packed.status != some_changed)
+      throw Failure(fmt::format("tar failed (status {}): {}", packed.status, packed.output));
+    if (packed.status == some_changed && missing.empty())
+      missing = "Files changed during the copy: their last changes may be missing.\n";
   }
   archive.give_to_caller();
   archive.finish();
-  std::string words = fmt::format(
+  const std::string words = fmt::format(
       "{}: configuration, credentials, mesh keys, kept messages and sessions ({} bytes).\n", file,
       fs::file_size(file));
-  if (is_changing)
-    words +=
-        "slam-gatewayd ran during the copy, and not as the service: its last changes may be "
-        "missing.\n";
   const std::string how =
       installation.is_service() ? "" : "--config " + shell_word(installation.configuration()) + " ";
-  return words +
+  return words + missing +
          fmt::format(
              "It holds secrets; only you can read it. Bring it back with: {}slam-gatewayctl "
              "restore {}{}\n",

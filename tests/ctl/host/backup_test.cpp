@@ -136,6 +136,21 @@ TEST_F(Backup, RestoresAllFilesAndModes) {
   EXPECT_EQ(installation().state(), root() / "state");
 }
 
+TEST_F(Backup, FilesMayChangeDuringTheCopy) {
+  {
+    const FakeProgram tar(root() / "bin", "tar", "/bin/tar \"$@\"; exit 1");
+    const std::string output = backup(installation(), archive());
+    EXPECT_NE(output.find("changed during the copy"), output.npos) << output;
+  }
+  write("state/mesh.json", "others");
+  EXPECT_EQ(refusal(), "");
+  EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
+  fs::remove(archive());
+  const FakeProgram tar(root() / "bin", "tar", "/bin/tar \"$@\"; exit 2");
+  EXPECT_THROW(backup(installation(), archive()), Failure);
+  EXPECT_FALSE(fs::exists(archive()));
+}
+
 TEST_F(Backup, RestoresEmptyDropInDirectory) {
   fs::remove(root() / "etc/gateway.d/site.json");
   backup(installation(), archive());
