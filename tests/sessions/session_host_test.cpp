@@ -457,6 +457,26 @@ TEST_F(OneSessionHost, KeepsToTheBrokersLimitsOfSubscriptions) {
   }
 }
 
+/// The marker, which tells old commands from new ones, goes to the broker as a PUBLISH.
+TEST_F(OneSessionHost, HoldsASessionThatItFindsAtABrokerWithoutQos1) {
+  test::Mosquitto broker("max_qos 0");
+  a.up(broker.port(), MqttVersion::v5);
+  a.hear("r1");
+  a.subscribe("r1", "p/server/r1/+");
+  ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 1; }));
+  a.host.stop();
+  Host next(io);
+  next.up(broker.port(), MqttVersion::v5, /*is_other=*/true);
+  next.host->begin_clean(std::string("r1"), read_clocks());
+  next.subscribe("r1", "p/server/r1/run");
+  ASSERT_TRUE(eventually(io, [&] { return !next.held.empty(); }));
+  ASSERT_TRUE(eventually(io, [&] { return next.answered.size() == 1; }));
+  EXPECT_TRUE(next.answered[0].is_granted);
+  test::mosquitto_publish(broker, {"-t", "p/server/r1/run", "-m", "1"});
+  ASSERT_TRUE(eventually(io, [&] { return !next.taken.empty(); }));
+  EXPECT_TRUE(next.lost.empty());
+}
+
 TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
   test::Mosquitto broker;
   BrokerSettings settings;

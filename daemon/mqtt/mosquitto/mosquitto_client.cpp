@@ -338,6 +338,7 @@ void MosquittoClient::deliver() {
 
 void MosquittoClient::report(Connack& connack) {
   is_open_ = connack.code == 0;
+  max_qos_ = connack.limits.max_qos;
   if (is_open_ && tls_) mosquitto_log_callback_set(client_.get(), nullptr);
   on_connack(connack);
 }
@@ -358,9 +359,9 @@ std::optional<int> MosquittoClient::publish(const std::string& topic, ByteView p
   if (is_over_) return std::nullopt;
   if (topic.find('\0') != std::string::npos) return std::nullopt;  // not possible in a C string
   int id = 0;
-  const int result =
-      mosquitto_publish_v5(client_.get(), &id, topic.c_str(), static_cast<int>(payload.size()),
-                           payload.data(), static_cast<int>(qos), is_retained, properties);
+  const int result = mosquitto_publish_v5(
+      client_.get(), &id, topic.c_str(), static_cast<int>(payload.size()), payload.data(),
+      static_cast<int>(std::min(qos, max_qos_)), is_retained, properties);
   return sent(result, id);
 }
 

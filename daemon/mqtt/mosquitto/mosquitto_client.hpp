@@ -180,6 +180,7 @@ class MosquittoClient : public std::enable_shared_from_this<MosquittoClient> {
   bool is_v5_ = true;
   bool is_reached_ = false;
   bool is_open_ = false;
+  Qos max_qos_ = Qos::exactly_once;  ///< the broker's; libmosquitto refuses a higher one
   bool is_over_ = false;
   bool is_ended_ = false;
   bool is_write_due_ = false;
