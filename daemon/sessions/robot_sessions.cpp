@@ -256,8 +256,9 @@ void RobotSessions::report_refusal(const std::string& robot, const std::string& 
     actions_.push(Notice{
         Severity::warning,
         fmt::format("{}: the broker refuses the subscription to {}, so its messages may not reach "
-                    "the robot; the broker's access control list may lack it, or its log says why "
-                    "(count since the last line: {})",
+                    "the robot; the broker's access control list may lack it, it may exceed the "
+                    "broker's largest packet, or the broker's log says why (count since the last "
+                    "line: {})",
                     robot, filter, *count),
         robot});
 }

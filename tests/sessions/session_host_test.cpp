@@ -477,6 +477,24 @@ TEST_F(OneSessionHost, HoldsASessionThatItFindsAtABrokerWithoutQos1) {
   EXPECT_TRUE(next.lost.empty());
 }
 
+TEST_F(OneSessionHost, RefusesAFilterThatExceedsTheBrokersLargestPacket) {
+  test::Mosquitto broker("max_packet_size 200");
+  a.up(broker.port(), MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 1; }));
+  a.subscribe("r1", "p/server/r1/" + std::string(200, 'x'));
+  a.subscribe("r1", "p/server/r1/+");
+  ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 2; }));
+  for (const FilterAnswered& each : a.answered)
+    EXPECT_EQ(each.is_granted, each.filter == "p/server/r1/+") << each.filter;
+  ASSERT_FALSE(a.notices.empty());
+  EXPECT_NE(a.notices[0].find("largest packet"), std::string::npos) << a.notices[0];
+  a.host->unsubscribe(std::string("r1"), "p/server/r1/" + std::string(200, 'x'));
+  test::mosquitto_publish(broker, {"-t", "p/server/r1/run", "-m", "1", "-q", "1"});
+  ASSERT_TRUE(eventually(io, [&] { return !a.taken.empty(); }));
+  EXPECT_TRUE(a.lost.empty());
+}
+
 TEST_F(OneSessionHost, FollowsABrokerToItsNewAddress) {
   test::Mosquitto broker;
   BrokerSettings settings;

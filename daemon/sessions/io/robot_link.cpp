@@ -3,6 +3,7 @@
 
 #include <mqtt_protocol.h>
 
+#include <boost/asio/post.hpp>
 #include <cerrno>
 
 #include "daemon/mqtt/connect_failure.hpp"
@@ -64,8 +65,12 @@ void RobotLink::subscribe(const SubscribeSession& wanted) {
     mosquitto_property_add_varint(&properties, MQTT_PROP_SUBSCRIPTION_IDENTIFIER, wanted.id);
     options = wanted.wants_retained ? 0 : retain_handling_never;
   }
-  must_be_sent(MosquittoClient::subscribe(wanted.filter, wanted.qos, options, properties));
+  const auto id = MosquittoClient::subscribe(wanted.filter, wanted.qos, options, properties);
   mosquitto_property_free_all(&properties);
+  if (id || is_over()) return;
+  boost::asio::post(io_, [this, self = shared_from_this(), filter = wanted.filter] {
+    if (!is_ended()) on_subscribed(filter, false);
+  });
 }
 
 void RobotLink::ask_fence(std::uint64_t number, const std::string& own_topic) {
