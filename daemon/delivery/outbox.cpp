@@ -175,7 +175,7 @@ bool Outbox::publish_next(TimePoint now) {
   if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
   if (trial_ && trial_->sequence == 0 && window_.empty()) trial_.reset();
   if (trial_ && (trial_->sequence != 0 || now < trial_->until)) return false;
-  Item* const next = next_in_turn();
+  Item* const next = next_in_turn(now);
   if (!next) return false;
   if (drop_if_too_old(*next, now)) return true;
   if (backlog_.is_ahead_of(*next)) {
@@ -203,14 +203,25 @@ bool Outbox::publish_next(TimePoint now) {
 }
 
 /// Returns the item whose turn it is. Passes over flows that have their share of the window, and
-/// flows whose first message would overtake one that is under way. There are few of them, because
-/// the window is small.
-Outbox::Item* Outbox::next_in_turn() {
+/// flows whose first message would overtake one that is under way, or waits for the answer to one.
+/// There are few of them, because the window is small.
+Outbox::Item* Outbox::next_in_turn(TimePoint now) {
   for (std::size_t passed = 0; passed < queue_.flows(); ++passed, queue_.pass_turn()) {
     Item* const next = queue_.front();
-    if (window_.has_share_for(*next) && !window_.would_be_overtaken_by(*next)) return next;
+    if (window_.has_share_for(*next) && !window_.would_be_overtaken_by(*next) &&
+        !awaits_try(*next, now))
+      return next;
   }
   return nullptr;
+}
+
+/// Returns true for a former dead letter while its topic is tried. If the broker takes the try, the
+/// letters follow in their order.
+bool Outbox::awaits_try(const Item& item, TimePoint now) const {
+  if (!item.is_durable() || turn_of(item, now) != Turn::rest) return false;
+  const std::string& topic = item.message.topic;
+  const auto is_of_topic = [&](const Item* other) { return other->message.topic == topic; };
+  return refused_.is_asked_for(topic) || std::ranges::any_of(window_.items(), is_of_topic);
 }
 
 /// Queues messages set aside that no longer wait for an earlier message, or for their topic.

@@ -172,7 +172,8 @@ class Outbox {
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
-  Item* next_in_turn();
+  Item* next_in_turn(TimePoint now);
+  bool awaits_try(const Item& item, TimePoint now) const;
   void refuse_with_its_flow(const Item& next, TimePoint now);
   bool wait_to_be_alone(const Item& next, TimePoint now);
   bool has_memory_for(const Item& item) const;

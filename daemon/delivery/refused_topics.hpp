@@ -91,6 +91,12 @@ class RefusedTopics {
     return known ? known->tries : 1;
   }
 
+  /// Returns true while the store is asked for a dead letter, which is then tried.
+  bool is_asked_for(std::string_view topic) const {
+    const Topic* const known = find(topic);
+    return known && known->asked_of;
+  }
+
   /// Returns the reason to count `topic` as refused, when another topic of its robot has cost the
   /// connection. Returns null when there is no reason.
   const Refusal* refusal_of_flow(std::string_view topic) const {

@@ -461,6 +461,30 @@ TEST_F(OutboxRefusalTest, PublishesDeadLettersAtOnceWhenAnOperatorResendsThem) {
   EXPECT_TRUE(store.dead_letters.empty());
 }
 
+/// The store makes messages of some of them at a time, and the outbox asks for one in between.
+TEST_F(OutboxRefusalTest, PublishesDeadLettersInTheirOrderWhenAnOperatorResendsThem) {
+  be_refused(700);
+  pass(1s);
+  refuse_all();
+  is_store_quick = false;
+  ASSERT_EQ(store.dead_letters.size(), 700u);
+  const auto revived = store.revive_all(now);
+  for (std::size_t first = 0; first < 700; first += 50) {
+    DeadLettersRevived part;
+    part.messages.assign(revived.messages.begin() + static_cast<std::ptrdiff_t>(first),
+                         revived.messages.begin() + static_cast<std::ptrdiff_t>(first + 50));
+    outbox->on_store_event(part, now);
+    drain();
+  }
+  serve_all();
+  EXPECT_EQ(under_way.size(), 1u) << "the topic is tried";
+  settle();
+  std::vector<std::string> in_order;
+  for (int number = 1; number <= 700; ++number) in_order.push_back(std::to_string(number));
+  EXPECT_EQ(received_of("t"), in_order);
+  EXPECT_TRUE(store.dead_letters.empty());
+}
+
 TEST_F(OutboxRefusalTest, DiscardedDeadLettersNoLongerCountAsWaiting) {
   be_refused(100);
   ASSERT_EQ(outbox->list_refused(1)[0].waiting, 100u);
