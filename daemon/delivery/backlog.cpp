@@ -64,7 +64,7 @@ bool Backlog::bury(Item& item, const Refusal& refusal, std::uint32_t tries, Time
                                            has_share_left(item.message.topic, free));
     if (!can_keep() || !has_room || !keep(item)) return false;
   }
-  erasures_[item.row] = {item.row, refusal.why, refusal.code, tries, cost};
+  erasures_[item.row] = {item.row, refusal.why, refusal.code, tries, cost, item.message.topic};
   if (can_keep()) erasure_due_ = now;
   dead_letters_.bytes += cost;  // the store counts exactly, but later
   ++dead_letters_.count;

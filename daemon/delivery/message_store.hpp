@@ -88,6 +88,7 @@ struct NewDeadLetter {
   int code = 0;             ///< MQTT 5 reason code of the refusal; 0: the connection was lost
   std::uint32_t tries = 0;  ///< how often it was published without success
   std::uint64_t bytes = 0;  ///< its stored_cost()
+  std::string topic = {};   ///< in case the disk cannot read it
 };
 
 /// After this many losses of the connection with a message alone under way, the message is at

@@ -185,8 +185,18 @@ std::optional<MessageRecord> MessageLog::find(std::uint64_t row, bool skips_unre
 
 std::optional<MessageRecord> MessageLog::find_letter(std::uint64_t id) const {
   auto record = find(id);
-  if (record && !record->dead) record.reset();
+  if (record && !record->dead) record->dead.emplace().reason = "the disk failed to read it";
   return record;
+}
+
+/// Returns what is known of a message that the disk fails to read: its topic and size.
+MessageRecord MessageLog::unreadable(const NewDeadLetter& letter, const LogError& error) {
+  notify(Severity::error, fmt::format("a message on {} that the broker refused cannot be read: "
+                                      "{}; it is a dead letter now",
+                                      letter.topic, error.what()));
+  const std::uint64_t rest = stored_cost(letter.topic.size(), 0);
+  return {.message = {letter.topic, Bytes(letter.bytes - std::min(letter.bytes, rest))},
+          .dead = DeadLetterFacts{{}, letter.code, letter.tries, {}}};
 }
 
 /// Returns null for a damaged letter. Of a letter that the disk cannot read, only topic and size
@@ -237,25 +247,31 @@ void MessageLog::serve(const WriteToStore& write) {
   restore_files();
   const WallTime now = wall_now();
   std::map<std::uint64_t, MessageRecord> letters;
+  std::map<std::uint64_t, MessageRecord> left;
   std::map<std::uint64_t, const BrokerMessage*> kept;
   std::vector<std::uint64_t> gone = write.forget;
   std::size_t damaged = 0;
   for (const StoredMessage& stored : write.keep) kept[stored.row] = &stored.message;
   for (const NewDeadLetter& letter : write.dead_letters) {
-    const auto fresh = kept.extract(letter.row);
-    auto record = fresh ? MessageRecord{now, *fresh.mapped()} : find(letter.row);
-    if (record) {
-      record->dead = {now, letter.code, letter.tries, letter.reason};
-      letters[letter.row] = std::move(*record);
-    } else if (log_.has(letter.row)) {
-      gone.push_back(letter.row);
-      ++damaged;
+    try {
+      const auto fresh = kept.extract(letter.row);
+      auto record = fresh ? MessageRecord{now, *fresh.mapped()} : find(letter.row);
+      if (record) {
+        record->dead = {now, letter.code, letter.tries, letter.reason};
+        letters[letter.row] = std::move(*record);
+      } else if (log_.has(letter.row)) {
+        gone.push_back(letter.row);
+        ++damaged;
+      }
+    } catch (const LogError& error) {
+      left[letter.row] = unreadable(letter, error);  // its record stays
     }
   }
   for (const auto& [row, message] : kept) put(row, {now, *message});
   for (const auto& [row, record] : letters) put(row, record);
   for (const std::uint64_t row : gone) log_.erase(row);
   log_.commit(true);
+  letters.merge(left);
   for (const auto& [row, record] : letters) add_letter(row, record);
   post_(StoreWritten{});
   report_damaged(damaged);

@@ -69,7 +69,8 @@ class MessageLog {
   /// Reports the losses at the start, and StoreOpened. Call once.
   void report_opened();
 
-  /// All of these throw LogError. After a failed write no message is kept.
+  /// All of these throw LogError. After a failed write no message is kept. A message that the disk
+  /// fails to read becomes a dead letter in memory only: the next start finds it as a message.
   void serve(const WriteToStore& write);
   /// `skips_unreadable`: messages that the disk cannot read are lost, as damaged ones are.
   void serve(const LoadFromStore& request, bool skips_unreadable);
@@ -101,6 +102,7 @@ class MessageLog {
   void read_all(bool skips_unreadable);
   std::optional<MessageRecord> find(std::uint64_t row, bool skips_unreadable = false) const;
   std::optional<MessageRecord> find_letter(std::uint64_t id) const;
+  MessageRecord unreadable(const NewDeadLetter& letter, const LogError& error);
   nlohmann::json show_letter(std::uint64_t id, const Letter& letter, bool with_payload) const;
   void put(std::uint64_t row, const MessageRecord& record) {
     log_.put(row, encode_message(record));

@@ -527,6 +527,30 @@ TEST_F(StoreDamage, CountsNoDeadLetterForAMessageThatWasLost) {
   EXPECT_EQ(changed->dead_letters, DeadLetterCounts{});
 }
 
+TEST_F(StoreDamage, SetsAMessageAsideThatTheDiskFailsToReadWhenTheBrokerRefusesIt) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 3, 100));
+  const auto place = read_file(segment()).find(as_text(StoreUser::message(2, 100).payload));
+  ASSERT_NE(place, std::string::npos);
+  FaultyDisk::make_unreadable(segment(), place + 50, place + 51);
+  const BrokerMessage refused = StoreUser::message(2, 100);
+  WriteToStore write{{{4, StoreUser::message(4, 100), {}}}, {}, {}};
+  write.dead_letters.push_back({2, "refused", 0x87, 1, stored_cost(refused), refused.topic});
+  user.store().ask(std::move(write));
+  const auto written = user.await_either<StoreWritten, StoreWriteFailed>();
+  ASSERT_TRUE(std::holds_alternative<StoreWritten>(written)) << "message 4 is stored";
+  const auto changed = user.await<DeadLettersChanged>();
+  EXPECT_EQ(changed->dead_letters.count, 1u);
+  EXPECT_TRUE(user.reports("cannot be read")) << user.notices();
+  const std::string listed = user.perform(ListDeadLetters{0, "", true}).json;
+  EXPECT_NE(listed.find(R"("topic":")" + refused.topic), std::string::npos) << listed;
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":1,"resent":0})");
+  FaultyDisk::make_unreadable(segment(), 0, 0);
+  EXPECT_NE(user.perform(ListDeadLetters{0, "", true}).json.find("payload_hex"), std::string::npos);
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":0,"resent":1})");
+  EXPECT_EQ(rows_of(*user.load(0)), (std::vector<std::uint64_t>{1, 2, 3, 4}));
+}
+
 TEST_F(StoreDamage, RestoresARemovedFileBeforeItResendsOrDiscardsDeadLetters) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 3, 100));
