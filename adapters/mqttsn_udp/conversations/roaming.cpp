@@ -168,13 +168,16 @@ void Restoring::complete(ClientSession& session, const std::optional<SessionSnap
 /// Leaves all former names before it takes new ones, because robots may swap names.
 void Renaming::on_names(TimePoint now) {
   std::vector<ClientSession*> gone;
-  std::vector<ClientSession*> unproven;  // their keys have come or gone
+  std::vector<ClientSession*> unproven;  // their keys have come
   std::vector<Renamed> renamed;
   for (const auto& [id, session] : clients_.all()) {
-    const bool is_shut_out =
-        session->peer && (rules_.names.bans().covers(session->peer->endpoint.address) ||
-                          !rules_.names.may_come_from(id, session->peer->endpoint.address));
-    if (is_shut_out) {
+    const auto& peer = session->peer;
+    // Without its key, anyone could use the client id over plain UDP, and collect its messages.
+    const bool is_key_gone =
+        peer && !peer->identity.empty() && !rules_.identities.contains(peer->identity);
+    const bool is_shut_out = peer && (rules_.names.bans().covers(peer->endpoint.address) ||
+                                      !rules_.names.may_come_from(id, peer->endpoint.address));
+    if (is_key_gone || is_shut_out) {
       gone.push_back(session.get());
       continue;
     }
@@ -186,11 +189,13 @@ void Renaming::on_names(TimePoint now) {
       }
       renamed.push_back({session.get(), std::move(*robot)});
     }
-    if (session->peer && !rules_.may_speak(id, *session->peer)) unproven.push_back(session.get());
+    if (peer && !rules_.may_speak(id, *peer)) unproven.push_back(session.get());
   }
   for (ClientSession* session : gone) {
     if (session->is_connected()) output_.send(*session, Disconnect{});
-    lifecycle_.expel(*session, "the robot is banned, or its name or address now belongs to another",
+    lifecycle_.expel(*session,
+                     "the robot is banned, its key was removed, or its name or address now belongs "
+                     "to another",
                      now);
   }
   for (const Renamed& one : renamed) leave_name(*one.session, now);

@@ -174,6 +174,24 @@ TEST(Identity, EndsSessionsWhoseKeyIsRemovedOrAdded) {
   EXPECT_TRUE(rig.last_to(3).ends_with("data=6869")) << "its kept session still has the message";
 }
 
+TEST(Identity, LeavesNoMessageOfASleeperToPlainUdpWhenItsKeyIsRemoved) {
+  Rig rig;
+  rig.send(1, Connect{false, false, protocol_id, 60, "r1"});
+  rig.sent_to(1);
+  rig.subscribe(1, "a/x", 1);
+  rig.sleep(1, 100);
+  rig.broker("a/x", "a secret", 1);
+  rig.use_keys({});
+  rig.sent_to(2);
+  rig.send(2, Pingreq{"r1"});
+  rig.send(2, Connect{false, false, protocol_id, 60, "r1"});
+  rig.pass_s(3);
+  for (const std::string& packet : rig.sent_to(2)) {
+    EXPECT_EQ(packet.find("REGISTER"), std::string::npos) << packet;
+    EXPECT_EQ(packet.find("PUBLISH"), std::string::npos) << packet;
+  }
+}
+
 TEST(Identity, IsRequiredAfterARestart) {
   Rig before;
   before.send(1, connect_r1);
