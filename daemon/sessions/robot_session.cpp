@@ -93,6 +93,7 @@ void RobotSession::drop_unfenced() {
   counts_.fenced_off += unfenced_.size();
   unfenced_.clear();
   asked_.clear();
+  answers_until_.reset();
   end_sorting();
 }
 
@@ -123,7 +124,7 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   subscribe_to_commands();
   if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
-  for (auto& [filter, entry] : filters_) ask(filter, entry);
+  for (auto& [filter, entry] : filters_) ask(filter, entry, now);
   if (!note_until_) return;
   if (!is_present) return end_note({});
   note_until_ = now + longest_note_wait;
@@ -268,13 +269,13 @@ void RobotSession::subscribe(const std::string& filter, Qos qos, bool may_wait, 
     entry.answer_due = now + subscribe_patience;
   else
     actions_.push(FilterAnswered{robot_, filter, true});
-  if (is_held()) ask(filter, entry);
+  if (is_held()) ask(filter, entry, now);
 }
 
-void RobotSession::resume(const std::string& filter, Qos qos) {
+void RobotSession::resume(const std::string& filter, Qos qos, TimePoint now) {
   Filter& entry = filter_of(filter, qos);
   entry.was_granted = true;
-  if (is_held()) ask(filter, entry);
+  if (is_held()) ask(filter, entry, now);
 }
 
 void RobotSession::unsubscribe(const std::string& filter) {
@@ -338,11 +339,12 @@ void RobotSession::grant_waiting(TimePoint end) {
   }
 }
 
-void RobotSession::ask(const std::string& filter, Filter& entry) {
+void RobotSession::ask(const std::string& filter, Filter& entry, TimePoint now) {
   if (entry.wants_retained) entry.retained_until = TimePoint::max();
   actions_.push(SubscribeSession{robot_, filter, qos_at_broker(filter, entry.qos), entry.id,
                                  entry.wants_retained});
   asked_.push_back(filter);
+  if (!answers_until_) answers_until_ = now + longest_answer;
 }
 
 /// Returns at least QoS 1 for commands, also when the robot gets them with QoS 0: brokers keep no
@@ -360,6 +362,7 @@ void RobotSession::on_subscribed(const std::string& filter, bool is_granted, Tim
   }
   if (const auto asked = std::ranges::find(asked_, filter); asked != asked_.end())
     asked_.erase(asked);
+  if (asked_.empty()) answers_until_.reset();
   if (!is_granted) return on_refused_filter(filter, now);
   std::erase_if(refused_, [&](const auto& each) {
     return each == filter || !(has_filter(each) || is_own(each));
@@ -391,10 +394,10 @@ void RobotSession::on_refused_filter(const std::string& filter, TimePoint now) {
   ask_wait_ = std::min(2 * ask_wait_, longest_ask_wait);
 }
 
-void RobotSession::ask_again() {
+void RobotSession::ask_again(TimePoint now) {
   for (const std::string& filter : refused_) {
     if (const auto found = filters_.find(filter); found != filters_.end())
-      ask(filter, found->second);
+      ask(filter, found->second, now);
     else if (filter == names_.mailbox_topic(robot_))
       subscribe_own(filter, /*wants_retained=*/false);
     else
@@ -623,7 +626,8 @@ void RobotSession::pass_on(Unfenced& one) {
 }
 
 std::optional<TimePoint> RobotSession::deadline() const {
-  std::optional<TimePoint> next = earlier(earlier(marker_until_, note_until_), asks_again_at_);
+  std::optional<TimePoint> next =
+      earlier(earlier(marker_until_, note_until_), earlier(asks_again_at_, answers_until_));
   if (is_contested_) next = earlier(next, quiet_at_);
   for (const auto& [filter, entry] : filters_) next = earlier(next, entry.answer_due);
   return next;
@@ -638,7 +642,13 @@ void RobotSession::on_deadline(TimePoint now) {
   if (now >= quiet_at_) set_contested(false);
   if (asks_again_at_ && now >= *asks_again_at_) {
     asks_again_at_.reset();
-    if (is_held()) ask_again();
+    if (is_held()) ask_again(now);
+  }
+  if (answers_until_ && now >= *answers_until_) {
+    answers_until_.reset();
+    for (const std::string& filter : std::exchange(asked_, {}))
+      if (const auto found = filters_.find(filter); is_held() && found != filters_.end())
+        ask(filter, found->second, now);
   }
   grant_waiting(now);
 }

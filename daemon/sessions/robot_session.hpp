@@ -60,6 +60,8 @@ class RobotSession {
   /// Waits after which filters that the broker has refused are asked for again.
   static constexpr std::chrono::seconds first_ask_wait{1};
   static constexpr std::chrono::seconds longest_ask_wait{60};
+  /// A filter is asked for again when the broker has not answered for this time.
+  static constexpr std::chrono::seconds longest_answer{30};
   /// A filter is refused when the broker has ended this many connections instead of answering it.
   static constexpr unsigned max_fatal_losses = 2;
   /// The same limit for a filter that was granted before. Such a filter is subscribed on each
@@ -149,7 +151,7 @@ class RobotSession {
   /// gives no answers, so that the filter is granted at once.
   void subscribe(const std::string& filter, Qos qos, bool may_wait, TimePoint now);
   /// Restores a subscription that the robot has made before, perhaps at another gateway.
-  void resume(const std::string& filter, Qos qos);
+  void resume(const std::string& filter, Qos qos, TimePoint now);
   void unsubscribe(const std::string& filter);
   /// Starts a clean session: nothing of the robot's former session counts.
   void begin_clean(TimePoint now);
@@ -226,9 +228,9 @@ class RobotSession {
   void subscribe_own(const std::string& topic, bool wants_retained);
   void subscribe_to_commands();
   void unsubscribe_given_up();
-  void ask(const std::string& filter, Filter& entry);
+  void ask(const std::string& filter, Filter& entry, TimePoint now);
   void on_refused_filter(const std::string& filter, TimePoint now);
-  void ask_again();
+  void ask_again(TimePoint now);
   bool is_own(const std::string& filter) const;
   void blame_unanswered();
   bool wants_retained(const BrokerMessage& message, TimePoint now) const;
@@ -269,7 +271,8 @@ class RobotSession {
   bool knows_all_ = false;  ///< the broker's session has no filters besides `filters_`
   std::map<std::string, Filter> filters_;
   // Lists, because an empty std::deque holds half a KiB for each of thousands of robots.
-  std::list<std::string> asked_;  ///< SUBSCRIBEs without an answer, in their order
+  std::list<std::string> asked_;            ///< SUBSCRIBEs without an answer, in their order
+  std::optional<TimePoint> answers_until_;  ///< then those in `asked_` are sent again
   std::set<std::string> refused_;
   std::optional<TimePoint> asks_again_at_;  ///< for `refused_`
   std::chrono::seconds ask_wait_ = first_ask_wait;

@@ -32,7 +32,7 @@ void RobotSessions::subscribe(const std::string& robot, const std::string& filte
     return;
   }
   if (is_standing) {
-    session->resume(filter, qos);
+    session->resume(filter, qos, now);
   } else {
     session->note_heard(is_served_elsewhere_(robot), now);
     session->subscribe(filter, qos, is_broker_up_ && !is_silent_, now);
