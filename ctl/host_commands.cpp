@@ -126,7 +126,7 @@ std::optional<Credentials> service_credentials() {
 }
 
 BrokerSettings broker_for(const Installation& installation, const Order& order) {
-  const auto& [config, problems, warnings, notices, places, file] = installation.parsed();
+  const auto& [config, problems, warnings, notices, places, secrets, file] = installation.parsed();
   if (order.broker.empty()) {
     if (!problems.empty())
       throw Failure(to_string(problems.front()) + " (or name another broker with --broker)");

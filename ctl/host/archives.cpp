@@ -332,12 +332,12 @@ const std::vector<Source>& sources() {
   return all;
 }
 
-/// Hides the values that the configuration's keys do not allow, and the one secret among the
-/// allowed. `path` names `value` as in a problem.
+/// Hides the values that the configuration's keys do not allow, and the secrets among the allowed.
+/// `path` names `value` as in a problem.
 void hide_secrets(ordered_json& value, const std::string& path, const ParseResult& read) {
   const auto is_here = [&path](const Problem& problem) { return problem.key == path; };
   const bool is_refused = std::ranges::any_of(read.problems, is_here);
-  if (is_refused || path == "ble_mesh.provisioning.static_oob") {
+  if (is_refused || read.secrets.contains(path)) {
     if (!value.is_null()) value = "(not shown)";
   } else if (value.is_array()) {
     for (std::size_t i = 0; i < value.size(); ++i)

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -19,7 +20,8 @@ struct ParseResult {
   Problems notices;   ///< keys without any effect
   /// The place of each key, group and list element that a file sets: `robots[0].id`.
   std::map<std::string, Place> places;
-  std::string file;  ///< the first file, beside which relative paths start
+  std::set<std::string> secrets;  ///< of these keys, those whose values never show
+  std::string file;               ///< the first file, beside which relative paths start
 
   bool is_set(const std::string& key) const {
     const auto found = places.find(key);

@@ -90,6 +90,7 @@ void Value::text(std::optional<std::string>& out, const TextRule& rule) {
 }
 
 void Value::secret(std::optional<std::string>& out, const TextRule& rule) {
+  result_.secrets.insert(path_);
   if (is_null() || is_good(rule)) return text(out, rule);
   problem(fmt::format("this value (not shown: it is secret) is not allowed; allowed: {}, or null",
                       rule.allowed));
