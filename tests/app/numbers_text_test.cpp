@@ -36,8 +36,7 @@ TEST(NumbersText, MatchesDocumentedExample) {
                  "thread": {"up": 1, "down": 2, "repeats": 1}}}}})"));
   for (int i = 0; i < 98; ++i) robot.numbers.on_safe(1500us, now);
   for (int i = 0; i < 2; ++i) robot.numbers.on_safe(9ms, now);
-  robot.radio = RadioFacts{-61, 2, 3};
-  robot.radio_mesh = robot.mesh();
+  robot.on_mesh[robot.mesh()].radio = RadioFacts{-61, 2, 3};
   const json row = read(robots)["robots"]["r"];
   EXPECT_EQ(row["latency_p50_us"], 1500);
   EXPECT_EQ(row["latency_p99_us"], 9000);

@@ -126,8 +126,7 @@ TEST(RobotRow, HasNullForUnknownValues) {
   EXPECT_TRUE(row["latency_p99_us"].is_null());
   EXPECT_EQ(row["deaf"], false);
   EXPECT_EQ(row["contested"], false);
-  robot.radio = RadioFacts{-61, 2, 3};
-  robot.radio_mesh = robot.mesh();
+  robot.on_mesh[robot.mesh()].radio = RadioFacts{-61, 2, 3};
   row = robot_row("r", robot, {.queue = 5}, {});
   EXPECT_EQ(row["rssi_dbm"], -61);
   EXPECT_EQ(row["hops"], 2);
