@@ -67,6 +67,12 @@ void feed(SSL* ssl, ByteView bytes) {
   BIO_write(SSL_get_rbio(ssl), bytes.data(), static_cast<int>(bytes.size()));
 }
 
+/// Returns true for a record that is too short for the connection's cipher. OpenSSL 3.0 ends the
+/// connection at such a record, which any sender can forge.
+bool is_too_short(const SSL* ssl, ByteView record) {
+  return record.size() < limits::max_dtls_record_octets - DTLS_get_data_mtu(ssl);
+}
+
 /// Allocates the buffers of a connection only while it is in use: they take 34 KiB.
 class Buffers {
  public:
@@ -108,9 +114,10 @@ DtlsPort::DtlsPort(boost::asio::io_context& io, RobotKeys keys, Receive receive,
       SSL_CTX_set_max_proto_version(context, DTLS1_2_VERSION) == 1 &&
       SSL_CTX_set_cipher_list(context, cipher_suites) == 1;
   if (!is_ready) throw std::runtime_error("mqttsn.dtls: OpenSSL offers no DTLS 1.2 with keys");
+  // With encrypt-then-MAC, OpenSSL 3.0 ends a connection at the first forged record.
   SSL_CTX_set_options(context, SSL_OP_COOKIE_EXCHANGE | SSL_OP_CIPHER_SERVER_PREFERENCE |
                                    SSL_OP_NO_QUERY_MTU | SSL_OP_NO_RENEGOTIATION |
-                                   SSL_OP_NO_TICKET);
+                                   SSL_OP_NO_TICKET | SSL_OP_NO_ENCRYPT_THEN_MAC);
   SSL_CTX_set_session_cache_mode(context, SSL_SESS_CACHE_OFF);
   SSL_CTX_set_app_data(context, this);
   SSL_CTX_set_cookie_generate_cb(context, make_cookie);
@@ -283,6 +290,7 @@ void DtlsPort::read(Connections::iterator connection, const UdpSocket::Datagram&
 int DtlsPort::read_record(Connection& connection, const UdpSocket::Datagram& record) {
   SSL* const ssl = connection.ssl.get();
   const std::string identity = connection.identity;
+  if (!record.bytes.empty() && is_too_short(ssl, record.bytes)) return SSL_ERROR_WANT_READ;
   if (!record.bytes.empty()) feed(ssl, record.bytes);
   int count = 0;
   while ((count = SSL_read(ssl, plain_.data(), static_cast<int>(plain_.size()))) > 0) {
