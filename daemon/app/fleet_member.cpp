@@ -252,13 +252,10 @@ void FleetMember::handle(const Report& report) {
 }
 
 /// From now on the core shows the robot. While the broker is offline, also before its first
-/// connection, the robot may be at another gateway already. If not, commands may wait in its
-/// session although it has neither subscribed nor published.
+/// connection, the robot may be at another gateway already.
 void FleetMember::handle(const PresenceChange& change) {
   if (!adopted_.empty()) adopted_.erase(change.robot);
-  if (up_since_ || meshes_.is_shared(change.mesh)) return;
-  lost_.insert(change.robot);
-  if (change.presence != Presence::offline) keep(change.robot, {}, former_delay);
+  if (!up_since_ && !meshes_.is_shared(change.mesh)) lost_.insert(change.robot);
 }
 
 void FleetMember::handle(const LinkChange& change) {

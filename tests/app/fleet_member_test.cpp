@@ -172,13 +172,6 @@ TEST_F(FleetMemberTest, DelaysSessionOfRobotThatAnotherGatewayMayServe) {
   EXPECT_GE(*opened() - wanted, sessions::RobotSessions::unheard_delay);
 }
 
-/// A robot that neither subscribes nor publishes: commands may have waited for it over a restart.
-TEST_F(FleetMemberTest, OpensSessionOfRestoredRobotThatIsNotHeard) {
-  comes("r1");
-  ASSERT_TRUE(comes_up());
-  EXPECT_TRUE(test::eventually(io, [&] { return opened().has_value(); }));
-}
-
 TEST_F(FleetMemberTest, YieldsLostRobotToGatewayThatShowsItOnline) {
   comes("r1");
   ASSERT_TRUE(comes_up());
