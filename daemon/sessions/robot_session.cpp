@@ -360,8 +360,7 @@ void RobotSession::on_subscribed(const std::string& filter, bool is_granted, Tim
     if (note_until_) note_until_ = std::min(*note_until_, now + note_patience);
     return;
   }
-  if (const auto asked = std::ranges::find(asked_, filter); asked != asked_.end())
-    asked_.erase(asked);
+  std::erase(asked_, filter);
   if (asked_.empty()) answers_until_.reset();
   if (!is_granted) return on_refused_filter(filter, now);
   std::erase_if(refused_, [&](const auto& each) {

@@ -372,7 +372,10 @@ std::optional<int> MosquittoClient::subscribe(const std::string& filter, Qos qos
   const int result = mosquitto_subscribe_v5(client_.get(), &id, filter.c_str(),
                                             static_cast<int>(qos), options, properties);
   const auto packet_id = sent(result, id);
-  if (packet_id) subscribing_.emplace_back(*packet_id, filter);
+  if (!packet_id) return packet_id;
+  // A broker that answers none of them must not make this list grow.
+  std::erase_if(subscribing_, [&](const auto& earlier) { return earlier.second == filter; });
+  subscribing_.emplace_back(*packet_id, filter);
   return packet_id;
 }
 
